@@ -1,0 +1,113 @@
+"""The errors and warnings of updyn.
+
+Everything raised because of what a user supplied derives from `UpdynError`::
+
+    UpdynError
+    ├── InputError            what was supplied cannot be used
+    │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
+    │   ├── ModelError        a matrix, a group or a model
+    │   ├── DataError         a frequency response function or its selection
+    │   ├── FormatError       a file: says path, and line or record where there is one
+    │   ├── ParameterError    an unknown, its bounds or its group
+    │   ├── OptionError       an option, a method or a keyword
+    │   └── JobError          the job file: says file and line
+    └── SolverError           a line that could not be solved (a resonance without damping, a singular model)
+
+`UpdynWarning` marks what a user should know and may accept.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from os import PathLike
+
+__all__ = [
+    "DataError",
+    "DofError",
+    "FormatError",
+    "InputError",
+    "JobError",
+    "ModelError",
+    "OptionError",
+    "ParameterError",
+    "SolverError",
+    "UpdynError",
+    "UpdynWarning",
+    "nearest",
+    "suggest",
+]
+
+
+class UpdynError(Exception):
+    """Base of every error that updyn raises on purpose."""
+
+
+class InputError(UpdynError, ValueError):
+    """Something that was supplied cannot be used."""
+
+
+class DofError(InputError):
+    """A degree of freedom is unreadable, unknown, or named twice."""
+
+
+class ModelError(InputError):
+    """A matrix, a group or a model is not valid."""
+
+
+class DataError(InputError):
+    """A frequency response function, or a selection of it, is not valid."""
+
+
+class ParameterError(InputError):
+    """An unknown, its bounds or its group is not valid."""
+
+
+class OptionError(InputError):
+    """An option, a method name or a keyword is not valid."""
+
+
+class _FileError(InputError):
+    """An error at a place in a file; the message starts ``path:line:``."""
+
+    def __init__(self, message: str, path: str | PathLike[str] | None = None, line: int | None = None) -> None:
+        self.path = None if path is None else str(path)
+        self.line = line
+        place = "" if path is None else f"{path}:" if line is None else f"{path}:{line}:"
+        super().__init__(f"{place} {message}" if place else message)
+
+
+class FormatError(_FileError):
+    """A file cannot be read: what was found, where, and what was expected."""
+
+
+class JobError(_FileError):
+    """The job file cannot be used: file, line, what was found, what was expected."""
+
+
+class SolverError(UpdynError):
+    """A line could not be solved."""
+
+
+class UpdynWarning(UserWarning):
+    """Something that the user should know and may accept."""
+
+
+def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
+    """Return up to `n` of `choices` that look most like `word`, best first."""
+    options: Sequence[str] = list(dict.fromkeys(choices))
+    exact = [c for c in options if c.casefold() == word.casefold()]
+    close = difflib.get_close_matches(word, options, n=n, cutoff=0.6)
+    return list(dict.fromkeys(exact + close))[:n]
+
+
+def suggest(word: str, choices: Iterable[str]) -> str:
+    """Return the end of an error message: the nearest valid choices, or all of them where few."""
+    options = list(dict.fromkeys(choices))
+    close = nearest(word, options)
+    if close:
+        return f"did you mean {' or '.join(repr(c) for c in close)}?"
+    if not options:
+        return "there is none to choose from"
+    shown = ", ".join(repr(c) for c in options[:12])
+    return f"valid: {shown}" + (f", ... ({len(options)} in all)" if len(options) > 12 else "")

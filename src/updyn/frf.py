@@ -1,0 +1,358 @@
+"""`FRF`: frequency response functions with the DOFs, the quantity and the confidence that belong to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DataError, suggest
+from updyn.geometry import Geometry
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FRF", "QUANTITIES", "check_quantity"]
+
+#: Power of (i omega) by which each quantity exceeds receptance.
+QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+_INVERSES = {
+    "dynamic stiffness": "receptance",
+    "impedance": "mobility",
+    "apparent mass": "accelerance",
+    "mechanical impedance": "mobility",
+    "dynamic mass": "accelerance",
+}
+
+
+def check_quantity(quantity: object) -> str:
+    """Return `quantity` if it is one of receptance, mobility, accelerance.
+
+    Raises
+    ------
+    DataError
+        If it is an inverse (impedance, ...: refused with the reason) or unknown (the nearest is named).
+    """
+    if isinstance(quantity, str):
+        if quantity in QUANTITIES:
+            return quantity
+        plain = quantity.casefold().replace("_", " ").replace("-", " ").strip()
+        if plain in _INVERSES:
+            raise DataError(
+                f"quantity {quantity!r} is a force over a motion. One measured element of it is not the inverse of one "
+                f"{_INVERSES[plain]} (all other DOFs would have to be held), so it is not converted: supply "
+                f"{_INVERSES[plain]}, measured with one force at a time"
+            )
+    raise DataError(f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class FRF:
+    """Frequency response functions, immutable.
+
+    Parameters
+    ----------
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz, finite, not negative, strictly increasing.
+    values : array_like of complex, shape (n_f, n_responses, n_references)
+        Motion over force: m/N, m/s/N or m/s2/N for translations (rad and N m for rotations).
+    responses, references : iterable of str or Dof
+        Signed DOF labels of the sensors and of the forces, each DOF once.
+    quantity : {"receptance", "mobility", "accelerance"}
+        What `values` holds. It has no default: a file that does not say what it measured must be told.
+    coherence : array_like of float, shape of `values`, optional
+        Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence").
+    variance : array_like of float, shape of `values`, optional
+        E|dH|^2 of each value, in the unit of `values` squared.
+    averages : int, optional
+        Number of averages behind each value; together with `coherence` it gives the variance.
+    geometry : Geometry, optional
+        Where the nodes stand.
+    source : str, optional
+        Where the data came from, for the record.
+
+    Raises
+    ------
+    DataError
+        If shapes disagree, a number is not finite or a line is out of order; the message says where.
+    DofError
+        If a label cannot be read or stands twice.
+    """
+
+    freq: NDArray[np.float64]
+    values: NDArray[np.complex128]
+    responses: DofSet
+    references: DofSet
+    quantity: str
+    coherence: NDArray[np.float64] | None
+    variance: NDArray[np.float64] | None
+    averages: int | None
+    geometry: Geometry | None
+    source: str
+
+    def __init__(
+        self,
+        freq: ArrayLike,
+        values: ArrayLike,
+        responses: Iterable[str | Dof],
+        references: Iterable[str | Dof],
+        quantity: str,
+        coherence: ArrayLike | None = None,
+        variance: ArrayLike | None = None,
+        averages: int | None = None,
+        geometry: Geometry | None = None,
+        source: str = "",
+    ) -> None:
+        set_ = partial(object.__setattr__, self)
+        set_("quantity", check_quantity(quantity))
+        set_("responses", DofSet(responses))
+        set_("references", DofSet(references))
+        set_("freq", _lines(freq))
+        shape = (len(self.freq), len(self.responses), len(self.references))
+        set_("values", self._array("values", values, np.complex128, shape))
+        set_("coherence", self._bounded("coherence", coherence, 1.0, shape))
+        set_("variance", self._bounded("variance", variance, np.inf, shape))
+        if averages is not None and (not isinstance(averages, int | np.integer) or averages < 1):
+            raise DataError(f"averages {averages!r}: expected a whole number of at least 1")
+        set_("averages", None if averages is None else int(averages))
+        set_("geometry", geometry)
+        set_("source", source)
+
+    def _bounded(
+        self, name: str, given: ArrayLike | None, high: float, shape: tuple[int, ...]
+    ) -> NDArray[np.float64] | None:
+        if given is None:
+            return None
+        array = self._array(name, given, np.float64, shape)
+        outside = (array < 0.0) | (array > high)
+        if outside.any():
+            at = np.argwhere(outside)[0]
+            raise DataError(f"{name} {self._where(at)} is {array[tuple(at)]:g}; expected 0 to {high:g}")
+        return array
+
+    def _where(self, at: Sequence[int] | NDArray[Any]) -> str:
+        line, row, column = (int(i) for i in at)
+        return f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference {self.references[column]}"
+
+    def _array(self, name: str, given: ArrayLike, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+        try:
+            array: NDArray[Any] = np.array(given, dtype=dtype)
+        except (TypeError, ValueError) as error:
+            raise DataError(f"{name}: not an array of {np.dtype(dtype).name} ({error})") from error
+        if array.shape != shape:
+            raise DataError(f"{name}: expected shape (lines, responses, references) = {shape}, found {array.shape}")
+        if not np.isfinite(array).all():
+            raise DataError(f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite")
+        array.flags.writeable = False
+        return array
+
+    def __repr__(self) -> str:
+        span = f"{self.freq[0]:g}-{self.freq[-1]:g} Hz" if len(self.freq) else "no lines"
+        return (
+            f"FRF({self.quantity}, {len(self.freq)} lines {span}, {len(self.responses)} responses x "
+            f"{len(self.references)} references)"
+        )
+
+    # -- conversion ----------------------------------------------------------------------------------------
+    def converted(self, quantity: str) -> FRF:
+        """Return the same measurement as another quantity.
+
+        Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd ed. 2000,
+        section 2.3).
+
+        Raises
+        ------
+        DataError
+            If the quantity is not known, or there is a 0 Hz line: it has no inverse, and is refused, not shifted.
+        """
+        power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
+        if power == 0:
+            return self
+        if len(self.freq) and self.freq[0] == 0.0:
+            raise DataError(
+                f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it first, for instance "
+                f"with a band that starts at {self.freq[1] if len(self.freq) > 1 else 'a positive frequency'} Hz"
+            )
+        factor = ((2j * np.pi * self.freq) ** power)[:, None, None]
+        variance = None if self.variance is None else self.variance * np.abs(factor) ** 2
+        return replace(self, values=self.values * factor, variance=variance, quantity=quantity)
+
+    # -- selection -----------------------------------------------------------------------------------------
+    def select(
+        self,
+        *,
+        band: tuple[float, float] | None = None,
+        lines: ArrayLike | None = None,
+        responses: Iterable[str | Dof] | None = None,
+        references: Iterable[str | Dof] | None = None,
+    ) -> FRF:
+        """Return a part of the data; what is asked for and not there is an error.
+
+        Parameters
+        ----------
+        band : (float, float), optional
+            Lowest and highest line to keep, in Hz, both included.
+        lines : array_like of float, optional
+            Lines to keep, in Hz; each must be a line of the data (to 1e-9 relative). Nothing is interpolated.
+        responses, references : iterable of str or Dof, optional
+            DOFs to keep, in the order given. With the opposite sign the values change sign.
+
+        Raises
+        ------
+        DataError
+            If nothing is left, or a line is not in the data (the nearest ones are named).
+        DofError
+            If a DOF is not in the data.
+        """
+        keep = np.arange(len(self.freq))
+        if band is not None:
+            low, high = band
+            if not low < high:
+                raise DataError(f"band {low:g} to {high:g} Hz: the first must be below the second")
+            keep = np.flatnonzero((self.freq >= low) & (self.freq <= high))
+            if keep.size == 0:
+                raise DataError(
+                    f"band {low:g} to {high:g} Hz holds no line; the data run {self.freq[0]:g} to {self.freq[-1]:g} Hz"
+                )
+        if lines is not None:
+            chosen = self.find_lines(lines)
+            outside = np.setdiff1d(chosen, keep)
+            if outside.size:
+                raise DataError(f"line {self.freq[outside[0]]:g} Hz lies outside the band {band}")
+            keep = chosen
+        chosen_rows = self.responses if responses is None else DofSet(responses)
+        chosen_columns = self.references if references is None else DofSet(references)
+        rows = self.responses.match(chosen_rows, "response")
+        columns = self.references.match(chosen_columns, "reference")
+        sign = rows.sign[:, None] * columns.sign[None, :]
+        at = np.ix_(keep, rows.index, columns.index)
+        return replace(
+            self,
+            freq=self.freq[keep],
+            values=self.values[at] * sign,
+            responses=chosen_rows,
+            references=chosen_columns,
+            coherence=None if self.coherence is None else self.coherence[at],
+            variance=None if self.variance is None else self.variance[at],
+        )
+
+    def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
+        """Return the positions of `lines` (Hz) in the data, ascending.
+
+        Raises
+        ------
+        DataError
+            If one is not in the data (to 1e-9 relative), or is named twice.
+        """
+        wanted = np.sort(np.atleast_1d(np.asarray(lines, dtype=np.float64)))
+        if wanted.size == 0 or not np.isfinite(wanted).all():
+            raise DataError("lines: expected at least one finite frequency in Hz")
+        right = np.clip(np.searchsorted(self.freq, wanted), 1, max(len(self.freq) - 1, 1))
+        left = right - 1
+        right = np.minimum(right, len(self.freq) - 1)
+        at = np.where(np.abs(self.freq[left] - wanted) <= np.abs(self.freq[right] - wanted), left, right)
+        off = np.abs(self.freq[at] - wanted) > 1e-9 * np.maximum(np.abs(wanted), 1e-300)
+        if off.any():
+            i = int(np.flatnonzero(off)[0])
+            raise DataError(
+                f"line {wanted[i]:.9g} Hz is not in the data ({int(off.sum())} such); nearest: "
+                f"{self.freq[left[i]]:.9g} and {self.freq[right[i]]:.9g} Hz. Lines are not interpolated"
+            )
+        if (np.diff(at) == 0).any():
+            raise DataError(f"line {self.freq[at[:-1][np.diff(at) == 0][0]]:g} Hz is named twice")
+        return at
+
+    # -- xarray --------------------------------------------------------------------------------------------
+    def to_xarray(self) -> xr.Dataset:
+        """Return an `xarray.Dataset` with dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels)."""
+        import xarray as xr
+
+        dims = ("freq", "response", "reference")
+        data = {"frf": (dims, self.values)}
+        for name in ("coherence", "variance"):
+            if getattr(self, name) is not None:
+                data[name] = (dims, getattr(self, name))
+        attrs: dict[str, Any] = {"quantity": self.quantity, "source": self.source}
+        if self.averages is not None:
+            attrs["averages"] = int(self.averages)
+        out = xr.Dataset(
+            data,
+            coords={
+                "freq": self.freq,
+                "response": self.responses.labels,
+                "reference": self.references.labels,
+            },
+            attrs=attrs,
+        )
+        out["freq"].attrs["units"] = "Hz"
+        if self.geometry is not None:
+            out["node"] = ("node", self.geometry.nodes)
+            out["xyz"] = (("node", "axis"), self.geometry.xyz, {"units": "m"})
+            if len(self.geometry.lines):
+                out["trace"] = (("trace_line", "end"), self.geometry.lines)
+        return out
+
+    @classmethod
+    def from_xarray(cls, data: xr.Dataset, *, quantity: str | None = None) -> FRF:
+        """Build from a dataset as `to_xarray` makes it.
+
+        Raises
+        ------
+        DataError
+            If a variable or the quantity is missing, or `quantity` contradicts the dataset.
+        """
+        for name in ("frf", "freq", "response", "reference"):
+            if name not in data.variables:
+                raise DataError(f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}")
+        said = data.attrs.get("quantity")
+        if said is None and quantity is None:
+            raise DataError(
+                "the dataset does not say what it measured: give quantity='receptance', 'mobility' or 'accelerance'"
+            )
+        if said is not None and quantity is not None and said != quantity:
+            raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
+        ordered = data.transpose("freq", "response", "reference", ...)
+        geometry = None
+        if "xyz" in data.variables:
+            lines = data["trace"].values if "trace" in data.variables else np.empty((0, 2))
+            geometry = Geometry(data["node"].values, data["xyz"].values, lines)
+        averages = data.attrs.get("averages")
+        return cls(
+            ordered["freq"].values,
+            ordered["frf"].values,
+            [str(x) for x in ordered["response"].values],
+            [str(x) for x in ordered["reference"].values],
+            str(said or quantity),
+            coherence=ordered["coherence"].values if "coherence" in data.variables else None,
+            variance=ordered["variance"].values if "variance" in data.variables else None,
+            averages=None if averages is None else int(averages),
+            geometry=geometry,
+            source=str(data.attrs.get("source", "")),
+        )
+
+
+def _lines(freq: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.array(freq, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"freq: expected numbers in Hz ({error})") from error
+    if array.ndim != 1 or array.size == 0:
+        raise DataError(f"freq: expected at least one line in one dimension, found shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise DataError(f"freq: line {int(np.flatnonzero(~np.isfinite(array))[0]) + 1} is not finite")
+    if array[0] < 0:
+        raise DataError(f"freq: the first line is {array[0]:g} Hz; expected 0 or above")
+    down = np.flatnonzero(np.diff(array) <= 0)
+    if down.size:
+        i = int(down[0])
+        raise DataError(
+            f"freq: lines must increase; line {i + 2} ({array[i + 1]:g} Hz) does not exceed "
+            f"line {i + 1} ({array[i]:g} Hz)"
+        )
+    array.flags.writeable = False
+    return array
