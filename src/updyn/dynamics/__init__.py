@@ -1,0 +1,1 @@
+"""Dynamic stiffness, responses, modes and exact dynamic condensation."""

@@ -1,0 +1,1 @@
+"""Builders of models: beams, and later drive trains, frames and solids."""

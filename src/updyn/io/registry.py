@@ -1,0 +1,115 @@
+"""Which module reads and writes which format: a lazy registry.
+
+Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
+that format is met, and offers, as far as it can, ``read_frf(path, **options)``, ``write_frf(frf, path)``,
+``read_model(path)`` and ``write_model(model, path)``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from updyn.errors import FormatError, suggest
+
+__all__ = ["FORMATS", "Format", "find_format", "load"]
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One file format.
+
+    Parameters
+    ----------
+    name : str
+        What users call it, in ``format=`` and in job files.
+    module : str
+        Module that handles it.
+    suffixes : tuple of str
+        File suffixes, lower case, with the dot.
+    magic : tuple of bytes
+        What files of this format may start with; empty: not told by content.
+    can : tuple of str
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``.
+    """
+
+    name: str
+    module: str
+    suffixes: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    can: tuple[str, ...]
+
+
+_FRF = ("read_frf", "write_frf")
+_MODEL = ("read_model", "write_model")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+FORMATS = (
+    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), _FRF),
+    Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5,), _FRF),
+    Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
+    Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
+    Format("mat", "updyn.io.mat", (".mat",), (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), (*_FRF, *_MODEL)),
+    Format("csv", "updyn.io.csv", (".csv", ".txt"), (), _FRF),
+    Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
+)
+
+
+def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
+    """Choose the format of a file, by name if given, else by content, else by suffix.
+
+    Parameters
+    ----------
+    path : path
+        The file; it need not exist for a verb that writes.
+    verb : {"read_frf", "write_frf", "read_model", "write_model"}
+        What is to be done.
+    name : str, optional
+        Format name, to force it.
+
+    Raises
+    ------
+    FormatError
+        If the file is not there, or no format fits.
+    """
+    path = Path(path)
+    able = [f for f in FORMATS if verb in f.can]
+    if name is not None:
+        for candidate in able:
+            if candidate.name == name:
+                return candidate
+        raise FormatError(f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path)
+    if verb.startswith("read"):
+        if not path.is_file():
+            raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
+        with path.open("rb") as file:
+            start = file.read(64)
+        if not start:
+            raise FormatError("the file is empty", path)
+        told = [f for f in able if any(start.startswith(m) for m in f.magic)]
+        fits = [f for f in told if path.suffix.lower() in f.suffixes] or told
+        if fits:
+            return fits[0]
+        # A binary format that is not told by its first bytes is not that format, whatever the suffix says.
+        able = [f for f in able if not f.magic or f.name == "uff"]
+    for candidate in able:
+        if path.suffix.lower() in candidate.suffixes:
+            return candidate
+    known = sorted({s for f in FORMATS if verb in f.can for s in f.suffixes})
+    raise FormatError(
+        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known suffixes: {', '.join(known)}",
+        path,
+    )
+
+
+def load(chosen: Format) -> ModuleType:
+    """Import the module of a format."""
+    return importlib.import_module(chosen.module)
+
+
+def _absent(path: Path) -> str:
+    siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    close = suggest(path.name, siblings) if siblings else "its folder does not exist or is empty"
+    return f"no such file; {close}"

@@ -1,0 +1,1 @@
+"""Factorisations behind one small protocol."""

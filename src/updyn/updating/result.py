@@ -1,0 +1,212 @@
+"""What an update gives back: `UpdateResult` and its parts. Pure data, with advice; computes no physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.parameters import ParameterSet
+
+__all__ = ["STATUSES", "Identifiability", "Iteration", "UpdateResult"]
+
+STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One accepted or refused step.
+
+    Attributes
+    ----------
+    stage : str
+        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``, ...).
+    number : int
+        Counted from 0 (the start) through all stages.
+    cost : float
+        Half the sum of squared weighted residuals.
+    step : float
+        Largest change of an unknown (of its logarithm for a factor).
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm.
+    accepted : bool
+        Whether the step was taken.
+    values : dict of str to float
+        The unknowns after the step.
+    """
+
+    stage: str
+    number: int
+    cost: float
+    step: float
+    condition: float
+    accepted: bool
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiability:
+    """What the data can determine.
+
+    Attributes
+    ----------
+    rank : int
+        Number of independent combinations of the unknowns that the data determine.
+    n_parameters : int
+        Number of unknowns.
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is short by arithmetic).
+    singular_values : tuple of float
+        Of the Jacobian with columns scaled to unit norm, falling.
+    null_directions : list of dict of str to float
+        Each combination that the data leave open, as weights by unknown: moving all of them together by these
+        weights changes nothing that was measured. Largest weight 1; weights below 1e-3 left out.
+    determined_directions : list of dict of str to float
+        Among the unknowns that take part in an open combination, the combinations that the data do determine.
+    collinearity : float
+        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in practice).
+    advice : str
+        What to do about it, in a sentence or two.
+    """
+
+    rank: int
+    n_parameters: int
+    condition: float
+    singular_values: tuple[float, ...]
+    null_directions: list[dict[str, float]]
+    determined_directions: list[dict[str, float]]
+    collinearity: float
+    advice: str
+
+    @property
+    def complete(self) -> bool:
+        """Whether all unknowns are determined."""
+        return self.rank == self.n_parameters
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdateResult:
+    """The outcome of an update.
+
+    Attributes
+    ----------
+    status : str
+        One of `STATUSES`.
+    message : str
+        The cause, in a sentence.
+    remedy : str
+        What to do next; empty where all is well.
+    method : str
+        Name of the method.
+    options : dict
+        Options as they were used.
+    start : Model
+        The model before.
+    model : Model
+        The model after.
+    frf : FRF
+        All data that were given (converted to nothing, selected by nothing).
+    lines : ndarray of float
+        Lines used in the fit, in Hz.
+    fitted_responses, validation_responses : tuple of str
+        Labels of the responses used in the fit and of those held out.
+    validation_band : tuple of (float, float) or None
+        Band held out of the fit, in Hz.
+    parameters : ParameterSet
+        The unknowns with their start and bounds.
+    values, std : dict of str to float
+        Estimate and standard deviation by unknown (same unit; inf where the data leave it open).
+    covariance : ndarray of float, shape (n, n)
+        Of the values; rows of undetermined unknowns are inf.
+    at_bound : dict of str to str
+        ``"lower"`` or ``"upper"`` for the unknowns that ended on a bound.
+    identifiability : Identifiability
+        At the estimate.
+    history : tuple of Iteration
+        Every step.
+    noise : dict
+        The noise model used: ``kind`` (how known), ``relative``, ``floor`` where they apply, ``chi_square`` (reduced;
+        1 where the noise explains the residual), ``inflation`` (factor on the standard deviations).
+    correlation : dict
+        ``before``, ``after`` and, where something was held out, ``validation`` (itself with ``before``, ``after``):
+        each a flat dict of figures (``frac_median``, ``db_error_median``, ``csac_mean``, ...).
+    timing_s : dict of str to float
+        Seconds by stage, and ``total``.
+    versions : dict of str to str
+        updyn, numpy, scipy, Python, platform.
+    title : str
+        For the record.
+    """
+
+    status: str
+    message: str
+    remedy: str
+    method: str
+    options: Mapping[str, Any]
+    start: Model
+    model: Model
+    frf: FRF
+    lines: NDArray[np.float64]
+    fitted_responses: tuple[str, ...]
+    validation_responses: tuple[str, ...]
+    validation_band: tuple[float, float] | None
+    parameters: ParameterSet
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    covariance: NDArray[np.float64]
+    at_bound: Mapping[str, str]
+    identifiability: Identifiability
+    history: tuple[Iteration, ...]
+    noise: Mapping[str, Any]
+    correlation: Mapping[str, Any]
+    timing_s: Mapping[str, float]
+    versions: Mapping[str, str]
+    title: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the fit converged with all unknowns determined."""
+        return self.status == "converged"
+
+    @property
+    def iterations(self) -> int:
+        """Number of accepted steps."""
+        return sum(1 for h in self.history if h.accepted and h.number > 0)
+
+    def __repr__(self) -> str:
+        return f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns, {self.iterations} iterations)"
+
+    def summary(self) -> str:
+        """Return the outcome as text: verdict, unknowns with their standard deviations, what is not determined."""
+        lines = [
+            f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations ({self.method})",
+            self.message + (f" {self.remedy}" if self.remedy else ""),
+            "",
+            f"{'unknown':<28}{'start':>12}{'value':>12}{'std':>12}  note",
+        ]
+        for p in self.parameters:
+            std = self.std[p.name]
+            note = "not determined by the data" if np.isinf(std) else ""
+            if p.name in self.at_bound:
+                note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
+            shown = "-" if np.isinf(std) else f"{std:.3g}"
+            lines.append(f"{p.name:<28}{p.start:>12.6g}{self.values[p.name]:>12.6g}{shown:>12}  {note}".rstrip())
+        ident = self.identifiability
+        lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {ident.advice}".rstrip()]
+        for number, direction in enumerate(ident.null_directions, 1):
+            lines.append(f"  open combination {number}: {_combination(direction)}")
+        for number, direction in enumerate(ident.determined_directions, 1):
+            lines.append(f"  of these, determined {number}: {_combination(direction)}")
+        for when in ("before", "after"):
+            if figures := self.correlation.get(when):
+                lines.append(f"{when}: " + ", ".join(f"{k} {v:.3g}" for k, v in figures.items()))
+        return "\n".join(lines)
+
+
+def _combination(direction: Mapping[str, float]) -> str:
+    return ", ".join(f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
