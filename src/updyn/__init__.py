@@ -1,3 +1,84 @@
-"""updyn: finite-element model updating from measured frequency response functions."""
+"""updyn: finite-element model updating from measured frequency response functions.
+
+Read a model and measured FRFs, choose the unknowns, update, judge, hand over::
+
+    model = updyn.read_model("model.h5")
+    frf = updyn.read_frf("test.uff")
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    result = updyn.update(model, frf, unknowns)
+    print(result.summary())
+
+Importing updyn loads numpy and scipy only; every name below is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from updyn.correlation import correlate as correlate
+    from updyn.dofs import Dof as Dof
+    from updyn.dofs import DofSet as DofSet
+    from updyn.dynamics.condensation import condense as condense
+    from updyn.dynamics.modes import modes as modes
+    from updyn.dynamics.response import response as response
+    from updyn.errors import UpdynError as UpdynError
+    from updyn.errors import UpdynWarning as UpdynWarning
+    from updyn.frf import FRF as FRF
+    from updyn.geometry import Geometry as Geometry
+    from updyn.io import read_frf as read_frf
+    from updyn.io import read_geometry as read_geometry
+    from updyn.io import read_model as read_model
+    from updyn.io import read_result as read_result
+    from updyn.io import write_frf as write_frf
+    from updyn.io import write_model as write_model
+    from updyn.io import write_result as write_result
+    from updyn.model import Group as Group
+    from updyn.model import Model as Model
+    from updyn.report import write_report as write_report
+    from updyn.updating.parameters import parameters as parameters
+    from updyn.updating.result import UpdateResult as UpdateResult
+    from updyn.updating.update import update as update
 
 __version__ = "0.1.0"
+
+_WHERE = {
+    "FRF": "updyn.frf",
+    "Dof": "updyn.dofs",
+    "DofSet": "updyn.dofs",
+    "Geometry": "updyn.geometry",
+    "Group": "updyn.model",
+    "Model": "updyn.model",
+    "UpdateResult": "updyn.updating.result",
+    "UpdynError": "updyn.errors",
+    "UpdynWarning": "updyn.errors",
+    "condense": "updyn.dynamics.condensation",
+    "correlate": "updyn.correlation",
+    "modes": "updyn.dynamics.modes",
+    "parameters": "updyn.updating.parameters",
+    "read_frf": "updyn.io",
+    "read_geometry": "updyn.io",
+    "read_model": "updyn.io",
+    "read_result": "updyn.io",
+    "response": "updyn.dynamics.response",
+    "update": "updyn.updating.update",
+    "write_frf": "updyn.io",
+    "write_model": "updyn.io",
+    "write_report": "updyn.report",
+    "write_result": "updyn.io",
+}
+
+__all__ = ["__version__", *_WHERE]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'updyn' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_WHERE[name]), name)
+    globals()[name] = value  # found once, then as fast as any attribute
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

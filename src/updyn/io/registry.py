@@ -99,7 +99,8 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
             return candidate
     known = sorted({s for f in FORMATS if verb in f.can for s in f.suffixes})
     raise FormatError(
-        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known suffixes: {', '.join(known)}",
+        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known suffixes: "
+        + ", ".join(known),
         path,
     )
 

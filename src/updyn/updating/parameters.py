@@ -55,7 +55,8 @@ class Parameter:
     def __post_init__(self) -> None:
         if not (np.isfinite([self.start, self.lower, self.upper]).all() and self.lower < self.upper):
             raise ParameterError(
-                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected two finite numbers, lower first"
+                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); "
+                "expected two finite numbers, lower first"
             )
         if not self.lower <= self.start <= self.upper:
             raise ParameterError(
