@@ -69,7 +69,7 @@ _WHERE = {
     "write_result": "updyn.io",
 }
 
-__all__ = ["__version__", *_WHERE]  # noqa: PLE0604
+__all__ = ["__version__", *_WHERE]
 
 
 def __getattr__(name: str) -> Any:
