@@ -1,0 +1,128 @@
+"""Small tables beside a model: its DOFs, and where its nodes stand. Comma-separated, with a header line.
+
+DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``).
+Nodes: header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns ``xx,xy,xz,yx,...,zz``.
+Lines to draw: header ``from,to``, node numbers. Empty lines and lines that start with ``#`` are passed over.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DofError, FormatError
+from updyn.geometry import Geometry
+from updyn.io.guard import placed
+
+__all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
+
+_POINT = ("node", "x", "y", "z")
+_AXES = tuple(a + b for a in "xyz" for b in "xyz")
+_LINE = ("from", "to")
+
+
+def read_dofs(path: str | Path) -> DofSet:
+    """Read a table of DOFs, in order.
+
+    Raises
+    ------
+    FormatError
+        If the header or a line is not as described; the message says which line.
+    """
+    header, rows = _table(path, (("dof",), ("node", "direction")))
+    dofs: list[Dof] = []
+    seen: dict[tuple[int, str], int] = {}
+    for line, cells in rows:
+        try:
+            dof = Dof.parse(cells[0] if len(header) == 1 else f"{cells[0]}:{cells[1]}")
+        except DofError as error:
+            raise FormatError(str(error), path, line) from error
+        if (dof.node, dof.direction) in seen:
+            raise FormatError(f"DOF {dof} stands twice: also on line {seen[dof.node, dof.direction]}", path, line)
+        seen[dof.node, dof.direction] = line
+        dofs.append(dof)
+    return DofSet(dofs)
+
+
+def write_dofs(dofs: DofSet, path: str | Path) -> None:
+    """Write a table of DOFs."""
+    Path(path).write_text("dof\n" + "".join(f"{label}\n" for label in dofs.labels), encoding="utf-8")
+
+
+def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geometry:
+    """Read node positions, and lines to draw where there is a table of them.
+
+    Raises
+    ------
+    FormatError
+        If a header or a line is not as described, or the geometry is not valid.
+    """
+    header, rows = _table(path, (_POINT, _POINT + _AXES))
+    nodes = [_whole(cells[0], path, line) for line, cells in rows]
+    numbers = np.array([[_number(c, path, line) for c in cells[1:]] for line, cells in rows], dtype=np.float64)
+    numbers = numbers.reshape(len(nodes), len(header) - 1)
+    axes = numbers[:, 3:].reshape(-1, 3, 3) if len(header) > len(_POINT) else None
+    pairs: list[list[int]] = []
+    if lines_path is not None:
+        pairs = [[_whole(c, lines_path, line) for c in cells] for line, cells in _table(lines_path, (_LINE,))[1]]
+    with placed(path):
+        return Geometry(nodes, numbers[:, :3], np.array(pairs, dtype=np.int64).reshape(-1, 2), axes)
+
+
+def write_geometry(geometry: Geometry, path: str | Path) -> None:
+    """Write node positions, exactly."""
+    axes = geometry.axes
+    columns = _POINT if axes is None else _POINT + _AXES
+    numbers = geometry.xyz if axes is None else np.hstack([geometry.xyz, axes.reshape(-1, 9)])
+    body = [
+        ",".join([str(node), *(repr(float(x)) for x in row)])
+        for node, row in zip(geometry.nodes.tolist(), numbers, strict=True)
+    ]
+    Path(path).write_text("\n".join([",".join(columns), *body]) + "\n", encoding="utf-8")
+
+
+def write_lines(geometry: Geometry, path: str | Path) -> None:
+    """Write the lines to draw."""
+    body = [f"{a},{b}" for a, b in geometry.lines.tolist()]
+    Path(path).write_text("\n".join([",".join(_LINE), *body]) + "\n", encoding="utf-8")
+
+
+def _table(
+    path: str | Path, headers: tuple[tuple[str, ...], ...]
+) -> tuple[tuple[str, ...], list[tuple[int, list[str]]]]:
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(f"not a text in UTF-8 ({error.reason} at byte {error.start})", path) from error
+    rows = [
+        (number, [cell.strip() for cell in line.split(",")])
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    expected = " or ".join(repr(",".join(h)) for h in headers)
+    if not rows:
+        raise FormatError(f"the table is empty; expected the header {expected}", path)
+    line, first = rows[0]
+    header = tuple(first)
+    if header not in headers:
+        raise FormatError(f"header {','.join(first)!r}; expected {expected}", path, line)
+    for line, cells in rows[1:]:
+        if len(cells) != len(header):
+            raise FormatError(f"{len(cells)} column(s); expected {len(header)}: {','.join(header)}", path, line)
+    return header, rows[1:]
+
+
+def _number(cell: str, path: str | Path, line: int) -> float:
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise FormatError(f"{cell!r} is not a number", path, line) from error
+
+
+def _whole(cell: str, path: str | Path, line: int) -> int:
+    try:
+        return int(cell)
+    except ValueError as error:
+        raise FormatError(f"{cell!r} is not a whole number", path, line) from error

@@ -1,0 +1,382 @@
+"""The native model file: one HDF5 file a model, exact to the last bit.
+
+Layout (``*`` where present)::
+
+    /                      attributes updyn_kind = "model", updyn_format = 1, updyn_version, title
+    /dofs/node             int64 (N,)         node numbers
+    /dofs/direction        text (N,)          X Y Z RX RY RZ
+    /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2), axes * float64 (n, 3, 3)
+    /groups/0000 ...       in order; attributes name, loss_factor
+        stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr; attribute size = N
+        mass *
+        viscous *
+
+Groups are numbered, as their names may hold characters that HDF5 keeps for itself.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DIRECTIONS, DofSet
+from updyn.errors import FormatError, InputError, suggest
+from updyn.geometry import Geometry
+from updyn.io.atomic import atomic_path
+from updyn.io.guard import known_only, library, placed
+from updyn.io.items import compressed
+from updyn.model import Group, Matrix, Model
+
+__all__ = [
+    "check_kind",
+    "put_geometry",
+    "put_kind",
+    "put_model",
+    "read_model",
+    "take_array",
+    "take_attribute",
+    "take_geometry",
+    "take_model",
+    "take_number",
+    "take_text",
+    "write_model",
+]
+
+FORMAT_VERSION = 1
+_READERS = {"model": "read_model", "frf": "read_frf", "result": "read_result"}
+_MATRICES = ("stiffness", "mass", "viscous")
+_COMPRESS_FROM = 2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model to an HDF5 file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : path
+        File to write, usually ``.h5``.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        put_kind(file, "model")
+        put_model(file, model)
+
+
+def read_model(path: str | Path) -> Model:
+    """Read a model from an HDF5 file as `write_model` makes it.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Model
+        Equal to the one written, bit for bit.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, is not a model file (the right reader is named), or holds a model that is not valid.
+    """
+    import h5py
+
+    with library(path, "HDF5 file"), h5py.File(path, "r") as file:
+        check_kind(file, path, "model")
+        return take_model(file, path)
+
+
+# -- what every HDF5 file of updyn says about itself -------------------------------------------------------
+def put_kind(file: Any, kind: str) -> None:
+    """Write the attributes that say what the file is."""
+    from updyn import __version__
+
+    file.attrs["updyn_kind"] = kind
+    file.attrs["updyn_format"] = FORMAT_VERSION
+    file.attrs["updyn_version"] = __version__
+
+
+def check_kind(file: Any, path: str | Path, expected: str) -> None:
+    """Refuse a file that is something else; the right reader is named.
+
+    Raises
+    ------
+    FormatError
+        If the file says that it is another kind, says nothing, or is of a later format.
+    """
+    if "updyn_kind" not in file.attrs:
+        held = ", ".join(sorted(map(str, file))[:8]) or "nothing"
+        raise FormatError(
+            f"HDF5 file without the attribute 'updyn_kind': it was not written by updyn as a {expected}. It holds: "
+            f"{held}; expected for a model: 'dofs' and 'groups', see updyn.io.hdf5",
+            path,
+        )
+    kind = take_text(file, "updyn_kind", path)
+    if kind != expected:
+        right = f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
+        raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
+    version = take_number(file, "updyn_format", path)
+    if version != FORMAT_VERSION:
+        raise FormatError(
+            f"format version {version:g}, written by updyn {file.attrs.get('updyn_version', '(unknown)')}; this "
+            f"updyn reads version {FORMAT_VERSION}",
+            path,
+        )
+
+
+# -- model -------------------------------------------------------------------------------------------------
+def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -> None:
+    """Write a model into an HDF5 group.
+
+    Parameters
+    ----------
+    parent : h5py.Group
+        Where to.
+    model : Model
+        The model.
+    stored : dict, optional
+        Matrices already in this file, by identity. A matrix met again (the groups that an update left alone) becomes
+        a second link to the same data.
+    """
+    stored = {} if stored is None else stored
+    parent.attrs["title"] = _text(model.title, "title")
+    dofs = parent.create_group("dofs")
+    _put_array(dofs, "node", model.dofs.nodes)
+    _put_array(dofs, "direction", np.array(DIRECTIONS, dtype="S2")[model.dofs.axes])
+    if model.geometry is not None:
+        put_geometry(parent.create_group("geometry"), model.geometry)
+    groups = parent.create_group("groups")
+    for number, (name, group) in enumerate(model.groups.items()):
+        place = groups.create_group(f"{number:04d}")
+        place.attrs["name"] = _text(name, "group name")
+        place.attrs["loss_factor"] = group.loss_factor
+        for what in _MATRICES:
+            matrix = getattr(group, what)
+            if matrix is None:
+                continue
+            if id(matrix) in stored:
+                place[what] = stored[id(matrix)]
+            else:
+                stored[id(matrix)] = _put_matrix(place.create_group(what), matrix)
+
+
+def take_model(parent: Any, path: str | Path) -> Model:
+    """Read a model from an HDF5 group as `put_model` makes it.
+
+    Raises
+    ------
+    FormatError
+        If something is missing, unknown or not valid.
+    """
+    known_only(list(parent), ("dofs", "groups", "geometry"), path, parent.name)
+    dofs = take_dofs(_group(parent, "dofs", path), path)
+    place = _group(parent, "groups", path)
+    numbered = sorted(place, key=lambda n: (len(n), n))
+    if not numbered:
+        raise FormatError(f"{place.name}: holds no group; a model needs at least one", path)
+    groups: dict[str, Group] = {}
+    for number in numbered:
+        item = _group(place, number, path)
+        name = take_text(item, "name", path)
+        if name in groups:
+            raise FormatError(f"{item.name}: group name {name!r} stands twice", path)
+        groups[name] = _take_group(item, path, name)
+    geometry = take_geometry(_group(parent, "geometry", path), path) if "geometry" in parent else None
+    title = take_text(parent, "title", path) if "title" in parent.attrs else ""
+    with placed(path):
+        return Model.from_groups(groups, dofs, geometry=geometry, title=title)
+
+
+def _take_group(place: Any, path: str | Path, name: str) -> Group:
+    known_only(list(place), _MATRICES, path, place.name)
+    matrices = {what: _take_matrix(_group(place, what, path), path) for what in _MATRICES if what in place}
+    loss_factor = take_number(place, "loss_factor", path)
+    with placed(path, f"group {name!r}"):
+        return Group(
+            matrices.get("stiffness"), matrices.get("mass"), loss_factor=loss_factor, viscous=matrices.get("viscous")
+        )
+
+
+def take_dofs(place: Any, path: str | Path) -> DofSet:
+    """Read DOFs from their nodes and directions.
+
+    Raises
+    ------
+    FormatError
+        If an array is missing, a direction is not one, or a DOF stands twice.
+    """
+    nodes = take_array(place, "node", path, "iu", 1)
+    texts = take_array(place, "direction", path, "SO", 1).astype("S")
+    axes = np.full(len(texts), -1)
+    for i, direction in enumerate(DIRECTIONS):
+        axes[texts == direction.encode()] = i
+    if (axes < 0).any():
+        at = int(np.flatnonzero(axes < 0)[0])
+        found = texts[at].decode("utf-8", "replace")
+        raise FormatError(f"{place.name}: direction {at + 1} is {found!r}; {suggest(found, DIRECTIONS)}", path)
+    with placed(path, place.name):
+        return DofSet.from_arrays(nodes, axes)
+
+
+def _put_matrix(place: Any, matrix: Matrix) -> Any:
+    row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    upper = matrix.indices >= row  # a mask on the entries: scipy.sparse.triu would drop explicit zeros
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
+    place.attrs["size"] = matrix.shape[0]
+    place.attrs["storage"] = "upper triangle with diagonal, CSR"
+    _put_array(place, "data", matrix.data[upper])
+    _put_array(place, "indices", matrix.indices[upper])
+    _put_array(place, "indptr", indptr.astype(matrix.indptr.dtype))
+    return place
+
+
+def _take_matrix(place: Any, path: str | Path) -> Matrix:
+    size = int(take_number(place, "size", path))
+    data = take_array(place, "data", path, "iuf", 1)
+    indices = take_array(place, "indices", path, "iu", 1)
+    indptr = take_array(place, "indptr", path, "iu", 1)
+    upper = compressed(sp.csr_array, data, indices, indptr, (size, size), place.name, path)
+    row = np.repeat(np.arange(size, dtype=upper.indices.dtype), np.diff(upper.indptr))
+    column = upper.indices
+    below = np.flatnonzero(column < row)
+    if below.size:
+        at = int(below[0])
+        raise FormatError(
+            f"{place.name}: entry ({row[at] + 1}, {column[at] + 1}) lies below the diagonal; expected the upper "
+            "triangle only",
+            path,
+        )
+    off = column > row
+    full = sp.coo_array(
+        (
+            np.concatenate([upper.data, upper.data[off]]),
+            (np.concatenate([row, column[off]]), np.concatenate([column, row[off]])),
+        ),
+        shape=(size, size),
+    )
+    return full.tocsr()
+
+
+# -- geometry ----------------------------------------------------------------------------------------------
+def put_geometry(place: Any, geometry: Geometry) -> None:
+    """Write node positions into an HDF5 group."""
+    _put_array(place, "node", geometry.nodes)
+    _put_array(place, "xyz", geometry.xyz)
+    _put_array(place, "line", geometry.lines)
+    if geometry.axes is not None:
+        _put_array(place, "axes", geometry.axes)
+
+
+def take_geometry(place: Any, path: str | Path) -> Geometry:
+    """Read node positions from an HDF5 group.
+
+    Raises
+    ------
+    FormatError
+        If an array is missing, unknown or not valid.
+    """
+    known_only(list(place), ("node", "xyz", "line", "axes"), path, place.name)
+    nodes = take_array(place, "node", path, "iu", 1)
+    xyz = take_array(place, "xyz", path, "iuf", 2)
+    lines = take_array(place, "line", path, "iu", 2) if "line" in place else np.empty((0, 2), dtype=np.int64)
+    axes = take_array(place, "axes", path, "iuf", 3) if "axes" in place else None
+    if lines.shape[1] != 2:
+        raise FormatError(f"{place.name}: line has shape {lines.shape}; expected (m, 2)", path)
+    with placed(path, place.name):
+        return Geometry(nodes, xyz, lines, axes)
+
+
+# -- items -------------------------------------------------------------------------------------------------
+def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
+    big = array.size >= _COMPRESS_FROM
+    place.create_dataset(
+        name, data=array, **({"compression": "gzip", "compression_opts": 1, "shuffle": True} if big else {})
+    )
+
+
+def _text(text: str, what: str) -> str:
+    if "\0" in text:
+        raise InputError(f"{what} {text!r} holds a NUL character, which HDF5 cannot store")
+    return text
+
+
+def _group(parent: Any, name: str, path: str | Path) -> Any:
+    import h5py
+
+    found = parent.get(name)
+    if not isinstance(found, h5py.Group):
+        state = f"no group {name!r}" if found is None else f"{name!r} is not a group"
+        raise FormatError(f"{parent.name}: {state}; found: {', '.join(map(str, parent)) or 'nothing'}", path)
+    return found
+
+
+def take_array(parent: Any, name: str, path: str | Path, kinds: str, n_dims: int) -> NDArray[Any]:
+    """Read a dataset and check its type (numpy kind letters) and number of dimensions.
+
+    Raises
+    ------
+    FormatError
+        If it is missing or of another type or shape.
+    """
+    import h5py
+
+    found = parent.get(name)
+    if not isinstance(found, h5py.Dataset):
+        raise FormatError(f"{parent.name}: no dataset {name!r}; {suggest(name, map(str, parent))}", path)
+    if found.dtype.kind not in kinds:
+        complex_hint = "; damping goes into loss_factor and viscous" if found.dtype.kind == "c" else ""
+        raise FormatError(f"{found.name}: holds {found.dtype}, expected another type of number{complex_hint}", path)
+    if found.ndim != n_dims:
+        raise FormatError(f"{found.name}: has shape {found.shape}, expected {n_dims} dimension(s)", path)
+    return np.asarray(found[()])
+
+
+def take_attribute(place: Any, name: str, path: str | Path) -> Any:
+    """Read an attribute.
+
+    Raises
+    ------
+    FormatError
+        If there is none.
+    """
+    if name not in place.attrs:
+        raise FormatError(f"{place.name}: no attribute {name!r}; {suggest(name, map(str, place.attrs))}", path)
+    return place.attrs[name]
+
+
+def take_text(place: Any, name: str, path: str | Path) -> str:
+    """Read an attribute that is a text.
+
+    Raises
+    ------
+    FormatError
+        If there is none, or it is not a text.
+    """
+    value = take_attribute(place, name, path)
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    if not isinstance(value, str):
+        raise FormatError(f"{place.name}: attribute {name!r} is {value!r}, expected a text", path)
+    return value
+
+
+def take_number(place: Any, name: str, path: str | Path) -> float:
+    """Read an attribute that is one number.
+
+    Raises
+    ------
+    FormatError
+        If there is none, or it is not one number.
+    """
+    value = np.asarray(take_attribute(place, name, path))
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise FormatError(f"{place.name}: attribute {name!r} is {value.tolist()!r}, expected one number", path)
+    return float(value.reshape(())[()])

@@ -1,0 +1,225 @@
+"""Single items of a file (number arrays, matrices, texts, DOFs), checked and converted, or refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError
+from updyn.io.guard import placed
+from updyn.model import Matrix
+
+__all__ = [
+    "Items",
+    "compressed",
+    "dofs",
+    "kind_of",
+    "listed",
+    "matrix",
+    "number",
+    "numbers",
+    "real",
+    "text",
+    "vector",
+    "whole",
+]
+
+Items = Mapping[str, Any]
+
+
+def compressed(
+    make: Any,
+    data: NDArray[Any],
+    indices: NDArray[Any],
+    indptr: NDArray[Any],
+    shape: tuple[int, int],
+    where: str,
+    path: str | Path,
+) -> Matrix:
+    """Return a sparse matrix from its three arrays, after checking that they fit each other.
+
+    Parameters
+    ----------
+    make : type
+        ``scipy.sparse.csr_array`` or ``csc_array``.
+    data, indices, indptr : ndarray, one-dimensional
+        The entries, their columns (CSR) or rows (CSC), and where each row (column) starts.
+    shape : (int, int)
+        Shape of the matrix.
+    where : str
+        Which matrix, for the message.
+    path : path
+        The file, for the message.
+
+    Raises
+    ------
+    FormatError
+        If the arrays are not of numbers, do not fit each other or the shape, or an entry stands twice.
+    """
+    for name, array, kinds in (("data", data, "iufc"), ("indices", indices, "iu"), ("indptr", indptr, "iu")):
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.ndim != 1:
+            raise FormatError(f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path)
+    try:
+        out = make((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=shape)
+        out.check_format(full_check=True)
+    except ValueError as error:
+        raise FormatError(f"{where}: not a sparse matrix of shape {shape} ({error})", path) from error
+    entries = out.nnz
+    out.sum_duplicates()
+    if out.nnz != entries:
+        raise FormatError(f"{where}: an entry stands twice", path)
+    if max(*shape, entries) < 2**31:  # the index type that scipy itself chooses; checked above with room to spare
+        out.indices, out.indptr = out.indices.astype(np.int32), out.indptr.astype(np.int32)
+    return out
+
+
+def dofs(given: Any, name: str, path: str | Path) -> DofSet:
+    """Return DOFs from a list of labels, one label, or a table of node and direction 1..6, which may be negative.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    with placed(path, name):
+        if isinstance(given, str):
+            return DofSet([given])
+        if isinstance(given, list):
+            return DofSet(given)
+        table = whole(given, name, path)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise FormatError(
+                f"{name}: found numbers of shape {table.shape}; expected labels such as '12:Z', or an (N, 2) table of "
+                "node and direction 1..6",
+                path,
+            )
+        axes = np.abs(table[:, 1]) - 1
+        if ((axes < 0) | (axes > 5)).any():
+            at = int(np.flatnonzero((axes < 0) | (axes > 5))[0])
+            raise FormatError(
+                f"{name}: row {at + 1} has direction {table[at, 1]}; expected 1..6 for X, Y, Z, RX, RY, RZ", path
+            )
+        return DofSet.from_arrays(table[:, 0], axes, np.sign(table[:, 1]))
+
+
+def matrix(given: Any, name: str, path: str | Path) -> Matrix:
+    """Return a matrix, sparse as CSR or a two-dimensional array.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    if sp.issparse(given):
+        return sp.csr_array(given)
+    array = numbers(given, name, path)
+    if array.ndim != 2:
+        raise FormatError(f"{name}: found shape {array.shape}; expected (N, N)", path)
+    return array
+
+
+def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+    """Return a number array.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    if sp.issparse(given):
+        return np.asarray(given.toarray())
+    if not isinstance(given, np.ndarray | float | int | complex) or np.asarray(given).dtype.kind not in "iufc":
+        raise FormatError(f"{name}: found {kind_of(given)}; expected numbers", path)
+    return np.asarray(given)
+
+
+def real(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+    """Return an array of real numbers.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    array = numbers(given, name, path)
+    if array.dtype.kind == "c":
+        raise FormatError(f"{name}: found complex numbers; expected real ones", path)
+    return array
+
+
+def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
+    """Return an array of whole numbers, from whichever type they are stored in.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    array = real(given, name, path)
+    if not np.isfinite(array).all() or (array != np.round(array)).any() or (np.abs(array) > 2**53).any():
+        raise FormatError(f"{name}: expected whole numbers", path)
+    return array.astype(np.int64)
+
+
+def vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+    """Return real numbers in one row or column, as one dimension.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    array = real(given, name, path)
+    if array.size != max(array.shape, default=1):
+        raise FormatError(f"{name}: found shape {array.shape}; expected one row or column", path)
+    return array.reshape(-1)
+
+
+def number(given: Any, name: str, path: str | Path) -> float:
+    """Return one real number.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    array = real(given, name, path)
+    if array.size != 1:
+        raise FormatError(f"{name}: found shape {array.shape}; expected one number", path)
+    return float(array.reshape(())[()])
+
+
+def text(given: Any, name: str, path: str | Path) -> str:
+    """Return one text.
+
+    Raises
+    ------
+    FormatError
+        If the item called `name` is not that.
+    """
+    if isinstance(given, list) and len(given) <= 1:
+        given = given[0] if given else ""
+    if not isinstance(given, str):
+        raise FormatError(f"{name}: found {kind_of(given)}; expected a text", path)
+    return given
+
+
+def kind_of(given: Any) -> str:
+    """Say what an item is, for a message."""
+    if isinstance(given, Mapping):
+        return f"a struct with {listed(given)}"
+    if isinstance(given, np.ndarray):
+        return f"{given.dtype} of shape {given.shape}"
+    return f"{len(given)} texts" if isinstance(given, list) else f"a {type(given).__name__}"
+
+
+def listed(items: Items) -> str:
+    """Say which names there are, for a message."""
+    names = sorted(str(n) for n in items)
+    return ", ".join(names[:10]) + (f", ... ({len(names)} in all)" if len(names) > 10 else "") or "nothing"

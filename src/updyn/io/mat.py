@@ -1,0 +1,177 @@
+"""MATLAB ``.mat`` files of a model or of FRFs: version 5 to 7.2 and 7.3 are read, version 5 is written.
+
+Variables, or the fields of the one struct that the file holds, are named as in `updyn.io.named`::
+
+    K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
+    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where the name is not a MATLAB name
+    freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
+
+Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node direction] with direction
+1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops trailing axes of length 1: with one reference, H
+is n_f x n_responses. MATLAB string arrays ("text") are not stored in a documented way: use cellstr.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from updyn.errors import FormatError
+from updyn.frf import FRF
+from updyn.io.atomic import atomic_path
+from updyn.io.mat_variables import read_variables
+from updyn.io.named import build_frf, build_model, frf_items, model_items
+from updyn.model import Model
+
+__all__ = ["read_frf", "read_model", "write_frf", "write_model"]
+
+_FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+
+
+def read_model(path: str | Path) -> Model:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or a variable is missing, unknown or not valid.
+    """
+    return build_model(_contents(path), path)
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    responses: Sequence[str] | None = None,
+    references: Sequence[str] | None = None,
+    order: Sequence[str] | None = None,
+) -> FRF:
+    """Read FRFs.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    quantity : str, optional
+        What was measured, where the file does not say; a contradiction is an error.
+    duplicates : {"raise"}
+        For the sake of the other formats; an array holds every response and reference once.
+    responses, references : sequence of str, optional
+        Labels, where the file has none; a contradiction is an error.
+    order : sequence of str, optional
+        What the axes of the stored array are, by default ``("freq", "response", "reference")``.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or a variable is missing, unknown or not valid.
+    """
+    return build_frf(
+        _contents(path),
+        path,
+        quantity=quantity,
+        duplicates=duplicates,
+        responses=responses,
+        references=references,
+        order=order,
+    )
+
+
+def _contents(path: str | Path) -> Mapping[str, Any]:
+    variables = read_variables(path)
+    if not variables:
+        raise FormatError("holds no variable", path)
+    if len(variables) == 1 and "groups" not in variables:
+        (only,) = variables.values()
+        if isinstance(only, Mapping):
+            return only
+    return variables
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model as a version 5 file with variables ``dofs``, ``groups`` and so on, matrices sparse.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : path
+        File to write.
+
+    Raises
+    ------
+    FormatError
+        If a matrix is larger than the format allows (2 GB).
+    """
+    items = model_items(model)
+    groups: dict[str, Any] = {}
+    for number, (name, parts) in enumerate(items["groups"].items(), 1):
+        field = name if _FIELD.fullmatch(name) and not re.fullmatch(r"group_\d+", name) else f"group_{number}"
+        groups[field] = parts if field == name else {**parts, "name": name}
+    _save({**items, "groups": groups}, path)
+
+
+def write_frf(frf: FRF, path: str | Path) -> None:
+    """Write FRFs as a version 5 file.
+
+    Parameters
+    ----------
+    frf : FRF
+        The data.
+    path : path
+        File to write.
+
+    Raises
+    ------
+    FormatError
+        If an array is larger than the format allows (2 GB).
+    """
+    _save(frf_items(frf), path)
+
+
+def _save(items: Mapping[str, Any], path: str | Path) -> None:
+    from scipy.io import savemat
+    from scipy.io.matlab import MatWriteError
+
+    try:
+        with atomic_path(path) as temporary:
+            savemat(
+                temporary,
+                _storable(items),
+                appendmat=False,
+                do_compression=True,
+                long_field_names=True,
+                oned_as="column",
+            )
+    except MatWriteError as error:
+        raise FormatError(
+            f"a .mat file of version 5 cannot hold this ({error}); write HDF5 (.h5) instead", path
+        ) from error
+
+
+def _storable(items: Mapping[str, Any]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for name, value in items.items():
+        if isinstance(value, Mapping):
+            out[name] = _storable(value)
+        elif isinstance(value, list):
+            out[name] = np.array(value, dtype=object)[:, None]
+        elif sp.issparse(value):
+            out[name] = sp.csc_matrix(value)
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "i":
+            out[name] = value.astype(np.float64)  # node numbers: double is what MATLAB computes with
+        else:
+            out[name] = float(value) if isinstance(value, int) else value
+    return out

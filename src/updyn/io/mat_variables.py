@@ -1,0 +1,178 @@
+"""The variables of a ``.mat`` file as plain items: arrays, sparse matrices, texts (lists of them) and mappings.
+
+Version 5 to 7.2 through scipy; version 7.3 is HDF5 in MATLAB's own layout: axes reversed (column-major), complex
+numbers as pairs ``real``, ``imag``, sparse matrices as groups with ``data``, ``ir``, ``jc``, char as uint16, cells as
+references.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+from updyn.io.guard import library
+from updyn.io.items import compressed
+
+__all__ = ["read_variables"]
+
+_DEPTH = 8  # structs in structs; a file that goes deeper refers to itself
+_NUMBERS = (
+    "double",
+    "single",
+    "logical",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+)
+
+
+def read_variables(path: str | Path) -> dict[str, Any]:
+    """Read all variables.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    dict
+        By name: ndarray (axes as in MATLAB), sparse array, list of str, or dict for a struct.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or a variable is of a class that cannot be used.
+    """
+    import h5py
+
+    with library(path, "MATLAB file"):
+        if not h5py.is_hdf5(path):
+            with Path(path).open("rb") as file:
+                if file.read(10) == b"MATLAB 7.3":
+                    raise FormatError("MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path)
+            return _read_5(path)
+        with h5py.File(path, "r") as file:
+            return {
+                name: _item_73(file, item, name, path, 0) for name, item in file.items() if not name.startswith("#")
+            }
+
+
+# -- version 5 ---------------------------------------------------------------------------------------------
+def _read_5(path: str | Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError, MatReadWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MatReadWarning)
+        try:
+            # A struct as an object with fields, and all axes as stored: a squeezed array no longer says what it was.
+            stored = loadmat(path, appendmat=False, squeeze_me=False, struct_as_record=False, chars_as_strings=True)
+        except (MatReadError, MatReadWarning) as error:
+            raise FormatError(f"not a readable MATLAB file ({error})", path) from error
+    return {name: _item_5(value, name, path) for name, value in stored.items() if not name.startswith("__")}
+
+
+def _item_5(value: Any, name: str, path: str | Path) -> Any:
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque, mat_struct
+
+    if sp.issparse(value):
+        csc = sp.csc_array(value) if value.format != "csc" else value
+        return compressed(sp.csc_array, csc.data, csc.indices, csc.indptr, csc.shape, name, path)
+    if isinstance(value, MatlabFunction | MatlabOpaque) or not isinstance(value, np.ndarray):
+        raise FormatError(f"{name}: {_unusable('object')}", path)
+    if value.dtype.kind == "U":
+        return _rows(value.ravel().tolist())
+    if value.dtype != object:
+        return value
+    cells = _vector(value, name, path)
+    if cells and all(isinstance(c, mat_struct) for c in cells):
+        if len(cells) > 1:
+            raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+        return {field: _item_5(getattr(cells[0], field), f"{name}.{field}", path) for field in cells[0]._fieldnames}
+    return [_cell(_item_5(c, name, path), name, i, path) for i, c in enumerate(cells)]
+
+
+# -- version 7.3 -------------------------------------------------------------------------------------------
+def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> Any:
+    import h5py
+
+    if depth > _DEPTH:
+        raise FormatError(f"{name}: structs nested more than {_DEPTH} deep", path)
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+    if not kind:
+        raise FormatError(
+            f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it written by MATLAB?",
+            path,
+        )
+    if isinstance(item, h5py.Group):
+        if "MATLAB_sparse" in item.attrs:
+            return _sparse_73(item, name, path)
+        if kind != "struct":
+            raise FormatError(f"{name}: {_unusable(kind)}", path)
+        return {key: _item_73(file, child, f"{name}.{key}", path, depth + 1) for key, child in item.items()}
+    if item.attrs.get("MATLAB_empty"):
+        # An empty array is stored as its size.
+        return [] if kind in ("char", "cell") else np.empty(tuple(int(n) for n in item[()]))
+    values = item[()]
+    if kind == "char":
+        rows = np.atleast_2d(np.asarray(values, dtype="<u2").T)
+        return _rows([row.tobytes().decode("utf-16-le") for row in rows])
+    if kind == "cell":
+        cells = [file[ref] for ref in _vector(np.asarray(values), name, path)]
+        return [_cell(_item_73(file, c, name, path, depth + 1), name, i, path) for i, c in enumerate(cells)]
+    if kind not in _NUMBERS:
+        raise FormatError(f"{name}: {_unusable(kind)}", path)
+    return _complex(np.asarray(values)).T
+
+
+def _sparse_73(item: Any, name: str, path: str | Path) -> Any:
+    rows = int(item.attrs["MATLAB_sparse"])
+    indptr = np.asarray(item["jc"][()])
+    # A matrix without entries has no data and ir.
+    data = _complex(np.asarray(item["data"][()])) if "data" in item else np.empty(0)
+    indices = np.asarray(item["ir"][()]) if "ir" in item else np.empty(0, dtype=np.int64)
+    return compressed(sp.csc_array, data, indices, indptr, (rows, len(indptr) - 1), name, path)
+
+
+def _complex(values: NDArray[Any]) -> NDArray[Any]:
+    if values.dtype.names != ("real", "imag"):
+        return values
+    out = np.empty(values.shape, dtype=np.complex128)
+    out.real, out.imag = values["real"], values["imag"]
+    return out
+
+
+# -- both --------------------------------------------------------------------------------------------------
+def _rows(texts: list[str]) -> list[str]:
+    """Return the rows of a char matrix, which MATLAB pads with blanks to one length."""
+    return [text.rstrip(" \0") for text in texts] if len(texts) > 1 else texts
+
+
+def _vector(cells: NDArray[Any], name: str, path: str | Path) -> list[Any]:
+    if cells.size not in (0, max(cells.shape, default=1)):
+        raise FormatError(f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path)
+    return list(cells.ravel())
+
+
+def _cell(value: Any, name: str, at: int, path: str | Path) -> str:
+    if isinstance(value, list) and len(value) <= 1:
+        return str(value[0]) if value else ""
+    raise FormatError(f"{name}: cell {at + 1} is not a text; expected a cell array of texts", path)
+
+
+def _unusable(kind: str) -> str:
+    hint = " (a MATLAB string array? save cellstr(...) or char(...) of it)" if kind in ("string", "object") else ""
+    return f"MATLAB class {kind!r} cannot be used{hint}; expected numbers, char, a cell array of char, or a struct"

@@ -1,0 +1,355 @@
+"""Models and FRFs as named items: what ``.npz`` and ``.mat`` files have in common.
+
+An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB struct). A model is::
+
+    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
+    K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
+    groups                  mapping of group name to K, M, C, loss_factor, name                 } these
+    nodes, xyz, lines, axes geometry, optional
+    title                   optional
+
+and an FRF is::
+
+    freq                    n_f lines in Hz
+    H (or values)           complex, (n_f, n_responses, n_references)
+    responses, references   signed labels, or tables of node and direction, negative for the opposite sense
+    quantity                "receptance", "mobility" or "accelerance"
+    coherence, variance     of the shape of H, optional
+    averages, source        optional
+    nodes, xyz, lines, axes geometry, optional
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.frf import FRF
+from updyn.geometry import Geometry
+from updyn.io.guard import known_only, placed
+from updyn.io.items import Items, dofs, kind_of, listed, matrix, number, numbers, real, text, vector, whole
+from updyn.model import Group, Model
+
+__all__ = ["build_frf", "build_model", "frf_items", "model_items"]
+
+_GEOMETRY = ("nodes", "xyz", "lines", "axes")
+_MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
+_MARKS = ("updyn_kind", "updyn_version")
+_MODEL = ("dofs", "groups", *_MATRICES, "loss_factor", "title", *_GEOMETRY, *_MARKS)
+_FRF = ("freq", "H", "values", "responses", "references", "quantity", "coherence", "variance", "averages", "source")
+_AXES = ("freq", "response", "reference")
+
+
+# -- model -------------------------------------------------------------------------------------------------
+def build_model(items: Items, path: str | Path) -> Model:
+    """Build a model from named items.
+
+    Raises
+    ------
+    FormatError
+        If an item is missing, unknown, of the wrong type, or not valid; the message names it.
+    """
+    _check_kind(items, "model", path)
+    known_only(items, _MODEL, path)
+    plain = [name for name in (*_MATRICES, "loss_factor") if name in items]
+    if "groups" in items and plain:
+        raise FormatError(f"holds both 'groups' and {plain[0]!r}; expected one or the other", path)
+    if "groups" in items:
+        groups = _groups(items["groups"], path)
+    elif plain:
+        groups = {"model": _group({name: items[name] for name in plain}, "model", path)}
+    else:
+        raise FormatError(f"no matrix: expected K, M or C, or groups of them; found: {listed(items)}", path)
+    if "dofs" not in items:
+        size = next(iter(groups.values())).n_dofs
+        raise FormatError(
+            f"no 'dofs': the {size} DOFs need labels such as '12:Z' (or a table of node and direction 1..6); found: "
+            f"{listed(items)}",
+            path,
+        )
+    with placed(path):
+        return Model.from_groups(
+            groups, dofs(items["dofs"], "dofs", path), geometry=_geometry(items, path), title=_title(items, path)
+        )
+
+
+def _title(items: Items, path: str | Path) -> str:
+    return text(items["title"], "title", path) if "title" in items else ""
+
+
+def _groups(given: Any, path: str | Path) -> dict[str, Group]:
+    if not isinstance(given, Mapping) or not given:
+        raise FormatError(f"groups: expected one item a group, found {kind_of(given)}", path)
+    out: dict[str, Group] = {}
+    for key, parts in given.items():
+        if not isinstance(parts, Mapping):
+            raise FormatError(f"groups: {key!r} is {kind_of(parts)}; expected K, M, C and loss_factor in it", path)
+        name = text(parts["name"], f"name of group {key!r}", path) if "name" in parts else key
+        if name in out:
+            raise FormatError(f"group {name!r} stands twice", path)
+        out[name] = _group({k: v for k, v in parts.items() if k != "name"}, name, path)
+    return out
+
+
+def _group(parts: Items, name: str, path: str | Path) -> Group:
+    where = f"group {name!r}"
+    known_only(parts, (*_MATRICES, "loss_factor"), path, where)
+    matrices = {what: matrix(parts[key], f"{where}: {key}", path) for key, what in _MATRICES.items() if key in parts}
+    loss_factor = number(parts["loss_factor"], f"{where}: loss_factor", path) if "loss_factor" in parts else 0.0
+    with placed(path, where):
+        return Group(
+            matrices.get("stiffness"), matrices.get("mass"), loss_factor=loss_factor, viscous=matrices.get("viscous")
+        )
+
+
+def model_items(model: Model) -> dict[str, Any]:
+    """Return a model as named items, with its matrices in CSR form and geometry where there is one."""
+    groups: dict[str, dict[str, Any]] = {}
+    for name, group in model.groups.items():
+        parts: dict[str, Any] = {
+            key: getattr(group, what) for key, what in _MATRICES.items() if getattr(group, what) is not None
+        }
+        groups[name] = {**parts, "loss_factor": group.loss_factor}
+    items: dict[str, Any] = {"dofs": model.dofs.labels, "groups": groups, **_geometry_items(model.geometry)}
+    return {**_marks("model"), **({"title": model.title} if model.title else {}), **items}
+
+
+# -- FRF ---------------------------------------------------------------------------------------------------
+def build_frf(
+    items: Items,
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    responses: Sequence[str] | None = None,
+    references: Sequence[str] | None = None,
+    order: Sequence[str] | None = None,
+) -> FRF:
+    """Build an FRF from named items.
+
+    Parameters
+    ----------
+    items : mapping
+        What the file holds.
+    path : path
+        The file, for messages.
+    quantity : str, optional
+        What was measured, where the file does not say.
+    duplicates : {"raise"}
+        An array holds each response and reference once, so that there is nothing to choose.
+    responses, references : sequence of str, optional
+        Labels, where the file has none.
+    order : sequence of str, optional
+        What the axes of the stored array are, where they are not ``("freq", "response", "reference")``.
+
+    Raises
+    ------
+    FormatError
+        If an item is missing, unknown, contradicts an argument, or is not valid.
+    OptionError
+        If an option is not one of those.
+    """
+    if duplicates != "raise":
+        raise OptionError(
+            f"duplicates={duplicates!r}: this format holds every response and reference once; only 'raise' applies"
+        )
+    _check_kind(items, "frf", path)
+    known_only(items, (*_FRF, *_GEOMETRY, *_MARKS), path)
+    key = _values_key(items, path)
+    lacking = [
+        name
+        for name, given in (("freq", None), ("responses", responses), ("references", references))
+        if name not in items and given is None
+    ]
+    if lacking:
+        shape = numbers(items[key], key, path).shape
+        hint = (
+            "" if lacking == ["freq"] else "; labels can also be given when reading: responses=[...], references=[...]"
+        )
+        raise FormatError(
+            f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape {shape}); expected "
+            f"freq, H (lines, responses, references), responses, references, quantity{hint}",
+            path,
+        )
+    freq = vector(items["freq"], "freq", path)
+    rows = _chosen(items, "responses", responses, path)
+    columns = _chosen(items, "references", references, path)
+    shape = (len(freq), len(rows), len(columns))
+    arrays = {
+        name: _arranged(items[name], name, shape, order, path)
+        for name in (key, "coherence", "variance")
+        if name in items
+    }
+    _check_phase(arrays[key], key, path)
+    with placed(path):
+        return FRF(
+            freq,
+            arrays[key],
+            rows,
+            columns,
+            _quantity(items, quantity, path),
+            coherence=arrays.get("coherence"),
+            variance=arrays.get("variance"),
+            averages=_averages(items, path),
+            geometry=_geometry(items, path),
+            source=text(items["source"], "source", path) if "source" in items else "",
+        )
+
+
+def _values_key(items: Items, path: str | Path) -> str:
+    found = [name for name in ("H", "values") if name in items]
+    if len(found) == 2:
+        raise FormatError("holds both 'H' and 'values'; expected one of them", path)
+    if not found:
+        raise FormatError(f"no 'H' (or 'values') with the FRFs; found: {listed(items)}", path)
+    return found[0]
+
+
+def _quantity(items: Items, given: str | None, path: str | Path) -> str:
+    said = text(items["quantity"], "quantity", path) if "quantity" in items else None
+    if said is None and given is None:
+        raise FormatError(
+            "no 'quantity': the file does not say what it measured; give quantity='receptance', 'mobility' or "
+            "'accelerance'",
+            path,
+        )
+    if said is not None and given is not None and said != given:
+        raise FormatError(f"quantity {given!r} contradicts the file, which says {said!r}", path)
+    return str(said or given)
+
+
+def _averages(items: Items, path: str | Path) -> int | None:
+    if "averages" not in items:
+        return None
+    value = number(items["averages"], "averages", path)
+    if not value.is_integer():
+        raise FormatError(f"averages: {value:g}; expected a whole number of at least 1", path)
+    return int(value)
+
+
+def _chosen(items: Items, name: str, given: Iterable[str | Dof] | None, path: str | Path) -> DofSet:
+    with placed(path, name):
+        option = None if given is None else DofSet(given)
+    if name not in items:
+        return option if option is not None else DofSet([])
+    stored = dofs(items[name], name, path)
+    if option is not None and option != stored:
+        raise FormatError(f"{name}: the argument {option!r} contradicts the file, which says {stored!r}", path)
+    return stored
+
+
+def _arranged(
+    given: Any, name: str, shape: tuple[int, int, int], order: Sequence[str] | None, path: str | Path
+) -> NDArray[Any]:
+    """Return an array as (lines, responses, references). Nothing is guessed from lengths."""
+    array = numbers(given, name, path)
+    if order is not None:
+        if sorted(order) != sorted(_AXES):
+            raise OptionError(
+                f"order={tuple(order)!r}: expected {', '.join(map(repr, _AXES))} in the order of the file"
+            )
+        if array.ndim == 3:
+            array = array.transpose([list(order).index(axis) for axis in _AXES])
+    # MATLAB has no trailing axis of length 1: with one reference (and one response) the file shows fewer axes.
+    if array.ndim == 2 and shape[2] == 1 and order is None:
+        array = array[:, :, None]
+    if array.shape != shape:
+        raise FormatError(
+            f"{name}: found shape {array.shape}, expected (lines, responses, references) = {shape}"
+            + ("" if order else _advice(array.shape, shape)),
+            path,
+        )
+    return array
+
+
+def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
+    if len(found) != 3:
+        return ""
+    fits = [p for p in permutations(range(3)) if tuple(expected[i] for i in p) == found]
+    if not fits:
+        return ""
+    if len(fits) > 1:
+        return "; more than one order of its axes would fit: say which with order=(...)"
+    return f"; if its axes are as their lengths suggest, read with order={tuple(_AXES[i] for i in fits[0])!r}"
+
+
+def _check_phase(array: NDArray[Any], name: str, path: str | Path) -> None:
+    """Refuse what looks like magnitudes. MATLAB stores an FRF without damping as real numbers, of both signs."""
+    if array.dtype.kind != "c" and array.size and not (array < 0).any():
+        raise FormatError(
+            f"{name}: holds real numbers, none of them negative: a magnitude without phase cannot be used; expected "
+            "complex numbers",
+            path,
+        )
+
+
+def frf_items(frf: FRF) -> dict[str, Any]:
+    """Return an FRF as named items."""
+    items: dict[str, Any] = {
+        **_marks("frf"),
+        "freq": frf.freq,
+        "H": frf.values,
+        "responses": frf.responses.labels,
+        "references": frf.references.labels,
+        "quantity": frf.quantity,
+    }
+    for name in ("coherence", "variance", "averages"):
+        if getattr(frf, name) is not None:
+            items[name] = getattr(frf, name)
+    if frf.source:
+        items["source"] = frf.source
+    return {**items, **_geometry_items(frf.geometry)}
+
+
+# -- shared ------------------------------------------------------------------------------------------------
+def _marks(kind: str) -> dict[str, str]:
+    from updyn import __version__
+
+    return {"updyn_kind": kind, "updyn_version": __version__}
+
+
+def _check_kind(items: Items, expected: str, path: str | Path) -> None:
+    """Refuse the other kind by name, from the mark of updyn or from what is there."""
+    kind = text(items["updyn_kind"], "updyn_kind", path) if "updyn_kind" in items else None
+    if kind is None and expected == "model" and ("freq" in items and "dofs" not in items):
+        kind = "frf"
+    if kind is None and expected == "frf" and ("dofs" in items and "freq" not in items):
+        kind = "model"
+    if kind is not None and kind != expected:
+        readers = {"model": "read_model", "frf": "read_frf"}
+        right = f"read it with updyn.{readers[kind]}" if kind in readers else suggest(kind, readers)
+        raise FormatError(f"holds a {kind!r}, expected a {expected!r}; {right}", path)
+
+
+def _geometry(items: Items, path: str | Path) -> Geometry | None:
+    given = [name for name in _GEOMETRY if name in items]
+    if not given:
+        return None
+    lacking = [name for name in ("nodes", "xyz") if name not in given]
+    if lacking:
+        raise FormatError(f"holds {given[0]!r} but no {lacking[0]!r}; a geometry needs nodes and xyz", path)
+    lines = whole(items["lines"], "lines", path) if "lines" in items else np.empty((0, 2), dtype=np.int64)
+    if lines.ndim != 2 or lines.shape[1] != 2:
+        raise FormatError(f"lines: found shape {lines.shape}; expected (m, 2) node numbers", path)
+    nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)
+    axes = numbers(items["axes"], "axes", path) if "axes" in items else None
+    with placed(path):
+        return Geometry(nodes, real(items["xyz"], "xyz", path), lines, axes)
+
+
+def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
+    if geometry is None:
+        return {}
+    items: dict[str, Any] = {"nodes": geometry.nodes, "xyz": geometry.xyz}
+    if len(geometry.lines):
+        items["lines"] = geometry.lines
+    if geometry.axes is not None:
+        items["axes"] = geometry.axes
+    return items

@@ -1,0 +1,224 @@
+"""NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
+
+A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group is called "model".
+
+A model with several groups, ``NAME`` being a group's name (without dots)::
+
+    dofs                          N labels
+    groups                        names, in order (optional: else in the order of the file)
+    NAME.K, NAME.M, NAME.C        dense (N, N), or sparse in CSR form, the whole matrix:
+    NAME.K.data, NAME.K.indices, NAME.K.indptr
+    NAME.loss_factor
+
+FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All other names, common
+to both: see `updyn.io.named`. `write_model` writes sparse groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+from updyn.frf import FRF
+from updyn.io.atomic import atomic_path
+from updyn.io.guard import library
+from updyn.io.items import compressed, kind_of, listed
+from updyn.io.named import build_frf, build_model, frf_items, model_items
+from updyn.model import Model
+
+__all__ = ["read_frf", "read_model", "write_frf", "write_model"]
+
+_CSR = ("data", "indices", "indptr")
+
+
+def read_model(path: str | Path) -> Model:
+    """Read a model from an archive.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not valid.
+    """
+    arrays = _arrays(path)
+    if {"format", "shape", *_CSR} <= set(arrays):
+        raise FormatError(
+            "holds one sparse matrix as scipy.sparse.save_npz writes it; a model needs K, M and dofs in one archive, "
+            "see updyn.io.npz",
+            path,
+        )
+    return build_model(_nested(arrays, path), path)
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model; matrices are stored sparse and exactly.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : path
+        File to write.
+    """
+    items = model_items(model)
+    groups = items.pop("groups")
+    flat: dict[str, Any] = {**items, "groups": list(groups)}
+    for name, parts in groups.items():
+        for key, value in parts.items():
+            if sp.issparse(value):
+                flat.update({f"{name}.{key}.{part}": getattr(value, part) for part in _CSR})
+            else:
+                flat[f"{name}.{key}"] = value
+    _save(flat, path)
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    responses: Sequence[str] | None = None,
+    references: Sequence[str] | None = None,
+    order: Sequence[str] | None = None,
+) -> FRF:
+    """Read FRFs from an archive.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    quantity : str, optional
+        What was measured, where the file does not say; a contradiction is an error.
+    duplicates : {"raise"}
+        For the sake of the other formats; an array holds every response and reference once.
+    responses, references : sequence of str, optional
+        Labels, where the file has none; a contradiction is an error.
+    order : sequence of str, optional
+        What the axes of the stored array are, for instance ``("reference", "response", "freq")``; by default
+        ``("freq", "response", "reference")``.
+
+    Raises
+    ------
+    FormatError
+        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not valid.
+    """
+    items = _nested(_arrays(path), path)
+    return build_frf(
+        items,
+        path,
+        quantity=quantity,
+        duplicates=duplicates,
+        responses=responses,
+        references=references,
+        order=order,
+    )
+
+
+def write_frf(frf: FRF, path: str | Path) -> None:
+    """Write FRFs.
+
+    Parameters
+    ----------
+    frf : FRF
+        The data.
+    path : path
+        File to write.
+    """
+    _save(frf_items(frf), path)
+
+
+def _save(items: dict[str, Any], path: str | Path) -> None:
+    # Through an open file: given a name, numpy appends a suffix where it misses one.
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **{name: np.asarray(value) for name, value in items.items()})
+
+
+def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    with Path(path).open("rb") as file:
+        start = file.read(8)
+    if start.startswith(b"\x93NUMPY"):
+        raise FormatError("holds one array (.npy); expected an archive of named arrays, see numpy.savez", path)
+    if not start.startswith(b"PK"):
+        raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
+    out: dict[str, NDArray[Any]] = {}
+    with library(path, ".npz archive"), np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            if name in out:
+                raise FormatError(f"holds {name!r} twice", path)
+            try:
+                array = archive[name]
+            except ValueError as error:
+                if "pickle" not in str(error):
+                    raise
+                raise FormatError(
+                    f"{name}: holds Python objects (pickled), which are never read; store numbers, or texts as an "
+                    "array of text",
+                    path,
+                ) from error
+            if not isinstance(array, np.ndarray):
+                raise FormatError(f"holds {name!r}, which is not an array", path)
+            out[name] = array
+    return out
+
+
+def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
+    """Return the arrays with texts as lists and ``NAME.K.data`` folded into groups with sparse matrices."""
+    top: dict[str, Any] = {}
+    groups: dict[str, dict[str, Any]] = {}
+    for name, array in arrays.items():
+        group, dot, part = name.partition(".")
+        if dot:
+            groups.setdefault(group, {})[part] = _plain(array, name, path)
+        else:
+            top[name] = _plain(array, name, path)
+    if not groups and "groups" not in top:
+        return top
+    names = top.pop("groups", list(groups))
+    if not isinstance(names, list):
+        raise FormatError(f"groups: found {kind_of(names)}; expected an array of group names", path)
+    if len(set(names)) != len(names):
+        raise FormatError(f"groups: {next(n for n in names if names.count(n) > 1)!r} stands twice", path)
+    if set(names) != set(groups):
+        lone = sorted(set(names) ^ set(groups))[0]
+        state = f"names {lone!r}, of which there is no array" if lone in names else f"lacks {lone!r}"
+        raise FormatError(f"groups: {state}; found: {listed(groups)}", path)
+    return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
+
+
+def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    triples: dict[str, dict[str, Any]] = {}
+    for key, value in parts.items():
+        matrix, dot, part = key.partition(".")
+        if dot and part in _CSR:
+            triples.setdefault(matrix, {})[part] = value
+        else:
+            out[key] = value
+    for key, triple in triples.items():
+        lacking = [part for part in _CSR if part not in triple]
+        if lacking or key in out:
+            fault = f"no '{name}.{key}.{lacking[0]}'" if lacking else f"'{name}.{key}' stands both dense and sparse"
+            raise FormatError(f"{fault}; a sparse matrix is stored as .data, .indices and .indptr", path)
+        data, indices, indptr = (triple[part] for part in _CSR)
+        size = int(np.size(indptr)) - 1
+        out[key] = compressed(sp.csr_array, data, indices, indptr, (size, size), f"{name}.{key}", path)
+    return out
+
+
+def _plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
+    if array.dtype.kind not in "US":
+        return array
+    if array.ndim > 1:
+        raise FormatError(f"{name}: found texts of shape {array.shape}; expected one row", path)
+    texts = array.astype(np.str_) if array.dtype.kind == "U" else np.char.decode(array, "ascii", "backslashreplace")
+    return str(texts) if array.ndim == 0 else [str(t) for t in texts]

@@ -1,0 +1,249 @@
+"""The record of a run: one NetCDF-4 (HDF5) file, all of an `UpdateResult`, exactly.
+
+xarray opens the root, which holds what one plots::
+
+    frf, coherence *, variance *          (freq, response, reference): the measurement, as given
+    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound     (parameter)
+    covariance                            (parameter, parameter_other)
+    history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
+    history_value                         (iteration, parameter)
+    line                                  lines of the fit, in Hz
+    options, noise, correlation, identifiability, ...     JSON texts, see updyn.io.values_text
+
+and the sub-groups ``start`` and ``updated`` are models as in `updyn.io.hdf5`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from updyn.errors import FormatError, InputError, suggest
+from updyn.frf import FRF
+from updyn.io.atomic import atomic_path
+from updyn.io.guard import library, placed
+from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
+from updyn.io.values_text import from_text, to_text
+from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["read_result", "write_result"]
+
+_TEXTS = ("status", "message", "remedy", "method", "title")
+_JSON = (
+    "options",
+    "noise",
+    "correlation",
+    "timing_s",
+    "versions",
+    "fitted_responses",
+    "validation_responses",
+    "validation_band",
+    "identifiability",
+)
+_STEP = {"stage": object, "number": np.int64, "cost": np.float64, "step": np.float64, "condition": np.float64}
+
+
+def write_result(result: UpdateResult, path: str | Path) -> None:
+    """Write all of a result to one file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The outcome of an update.
+    path : path
+        File to write, usually ``run.nc``.
+
+    Raises
+    ------
+    InputError
+        If a value, a deviation or a step names an unknown that is not among the parameters.
+
+    Warns
+    -----
+    UpdynWarning
+        If an option is an object that no file can keep; its text is kept.
+    """
+    import h5py
+
+    data = _to_dataset(result)
+    with atomic_path(path) as temporary:
+        data.to_netcdf(temporary, engine="h5netcdf")
+        with h5py.File(temporary, "r+") as file:
+            put_kind(file, "result")
+            stored: dict[int, Any] = {}
+            put_model(file.create_group("start"), result.start, stored)
+            put_model(file.create_group("updated"), result.model, stored)
+
+
+def read_result(path: str | Path) -> UpdateResult:
+    """Read a result as `write_result` writes it.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    UpdateResult
+        Equal in every field to the one written.
+
+    Raises
+    ------
+    FormatError
+        If the file is not there, is damaged, or is not the record of a run (the right reader is named).
+    """
+    import h5py
+    import xarray as xr
+
+    path = Path(path)
+    if not path.is_file():
+        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
+    with library(path, "record of a run (NetCDF-4)"):
+        with h5py.File(path, "r") as file:
+            check_kind(file, path, "result")
+            for name in ("start", "updated"):
+                if name not in file:
+                    raise FormatError(f"no group {name!r}; found: {', '.join(file)}", path)
+            start, model = take_model(file["start"], path), take_model(file["updated"], path)
+        with xr.open_dataset(path, engine="h5netcdf") as data:
+            data.load()
+    with placed(path):
+        return _from_dataset(data, path, start=start, model=model, frf=FRF.from_xarray(data))
+
+
+# -- to xarray ---------------------------------------------------------------------------------------------
+def _to_dataset(result: UpdateResult) -> xr.Dataset:
+    names = result.parameters.names
+    data = result.frf.to_xarray()
+    for name in _TEXTS:
+        data.attrs[name] = getattr(result, name)
+    for name in _JSON:
+        value = getattr(result, name)
+        data[name] = ((), to_text(asdict(value) if name == "identifiability" else value, name))
+    data["line"] = ("line", result.lines, {"units": "Hz"})
+    data.coords["parameter"] = ("parameter", _texts(names))
+    for name in ("group", "quantity"):
+        data[name] = ("parameter", _texts(getattr(p, name) for p in result.parameters))
+    for name in ("start", "lower", "upper"):
+        data[name] = ("parameter", getattr(result.parameters, name))
+    priors = [p.prior_std for p in result.parameters]
+    if any(p is not None for p in priors):
+        data["prior_std"] = ("parameter", np.array([np.nan if p is None else p for p in priors]))
+    _put_table(data, "value", ("parameter",), [result.values], names)
+    _put_table(data, "std", ("parameter",), [result.std], names)
+    unknown = [name for name in result.at_bound if name not in names]
+    if unknown:
+        raise InputError(f"at_bound names {unknown[0]!r}, which is not an unknown; {suggest(unknown[0], names)}")
+    data["at_bound"] = ("parameter", _texts(result.at_bound.get(name, "") for name in names))
+    data["covariance"] = (("parameter", "parameter_other"), result.covariance)
+    for name, kind in _STEP.items():
+        data[f"history_{name}"] = ("iteration", np.array([getattr(h, name) for h in result.history], dtype=kind))
+    data["history_accepted"] = ("iteration", np.array([h.accepted for h in result.history], dtype=np.int8))
+    _put_table(data, "history_value", ("iteration", "parameter"), [h.values for h in result.history], names)
+    return data
+
+
+def _texts(items: Iterable[str]) -> Any:
+    return np.array(list(items), dtype=object)
+
+
+def _put_table(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], rows: list[Mapping[str, float]], names: list[str]
+) -> None:
+    """Store rows by unknown. Where a row lacks one, NaN stands, and ``NAME_given`` tells it from a value of NaN."""
+    table = np.full((len(rows), len(names)), np.nan)
+    given = np.zeros(table.shape, dtype=np.int8)
+    for i, row in enumerate(rows):
+        for unknown, value in row.items():
+            if unknown not in names:
+                raise InputError(f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, names)}")
+            table[i, names.index(unknown)] = value
+            given[i, names.index(unknown)] = 1
+    shape = tuple(len(rows) if dim == "iteration" else len(names) for dim in dims)
+    data[name] = (dims, table.reshape(shape))
+    if not given.all():
+        data[f"{name}_given"] = (dims, given.reshape(shape))
+
+
+# -- from xarray -------------------------------------------------------------------------------------------
+def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
+    texts: dict[str, Any] = {name: _attribute(data, name, path) for name in _TEXTS}
+    if texts["status"] not in STATUSES:
+        raise FormatError(f"status {texts['status']!r}; {suggest(texts['status'], STATUSES)}", path)
+    mixed = {name: from_text(str(_variable(data, name, path)[()]), name, path) for name in _JSON}
+    ident = mixed.pop("identifiability")
+    try:
+        identifiability = Identifiability(**ident)
+    except TypeError as error:
+        raise FormatError(f"identifiability: {error}", path) from error
+    parameters = _parameters(data, path)
+    names = parameters.names
+    covariance = _variable(data, "covariance", path)
+    if covariance.shape != (len(names), len(names)):
+        raise FormatError(f"covariance: found shape {covariance.shape}, expected {(len(names), len(names))}", path)
+    bounds = [str(b) for b in _variable(data, "at_bound", path)]
+    return UpdateResult(
+        **texts,
+        **mixed,
+        **parts,
+        lines=_variable(data, "line", path),
+        parameters=parameters,
+        values=_table(data, "value", names, path)[0],
+        std=_table(data, "std", names, path)[0],
+        covariance=covariance,
+        at_bound={name: bound for name, bound in zip(names, bounds, strict=True) if bound},
+        identifiability=identifiability,
+        history=_history(data, names, path),
+    )
+
+
+def _parameters(data: xr.Dataset, path: Path) -> ParameterSet:
+    columns = [_variable(data, name, path).tolist() for name in ("group", "quantity", "start", "lower", "upper")]
+    priors = data["prior_std"].values.tolist() if "prior_std" in data.variables else [np.nan] * len(columns[0])
+    items = [
+        Parameter(str(group), str(quantity), start, lower, upper, None if np.isnan(prior) else prior)
+        for group, quantity, start, lower, upper, prior in zip(*columns, priors, strict=True)
+    ]
+    return ParameterSet(tuple(items))
+
+
+def _history(data: xr.Dataset, names: list[str], path: Path) -> tuple[Iteration, ...]:
+    columns = {name: _variable(data, f"history_{name}", path).tolist() for name in (*_STEP, "accepted")}
+    values = _table(data, "history_value", names, path)
+    return tuple(
+        Iteration(str(stage), int(number), cost, step, condition, bool(accepted), row)
+        for stage, number, cost, step, condition, accepted, row in zip(*columns.values(), values, strict=True)
+    )
+
+
+def _table(data: xr.Dataset, name: str, names: list[str], path: Path) -> list[dict[str, float]]:
+    table = _variable(data, name, path).reshape(-1, len(names))
+    mask = f"{name}_given"
+    given = data[mask].values.reshape(table.shape) if mask in data.variables else np.ones(table.shape, dtype=np.int8)
+    return [
+        {unknown: float(value) for unknown, value, there in zip(names, row, kept, strict=True) if there}
+        for row, kept in zip(table, given, strict=True)
+    ]
+
+
+def _variable(data: xr.Dataset, name: str, path: Path) -> Any:
+    if name not in data.variables:
+        raise FormatError(f"no variable {name!r}; {suggest(name, map(str, data.variables))}", path)
+    return data[name].values
+
+
+def _attribute(data: xr.Dataset, name: str, path: Path) -> str:
+    value = data.attrs.get(name)
+    if not isinstance(value, str):
+        raise FormatError(f"attribute {name!r} is {value!r}; expected a text", path)
+    return value

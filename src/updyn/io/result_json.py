@@ -1,0 +1,99 @@
+"""``result.json``: the outcome of an update for other programs. Strict JSON; inf and nan are null."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from updyn.io.atomic import atomic_path
+from updyn.io.values_text import plain
+from updyn.updating.result import UpdateResult
+
+__all__ = ["result_to_json", "write_result_json"]
+
+
+def result_to_json(result: UpdateResult) -> dict[str, Any]:
+    """Return the outcome as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The outcome.
+
+    Returns
+    -------
+    dict
+        ``status``, ``message``, ``remedy``, ``title``, ``method``; ``parameters``, one dict an unknown in order, with
+        ``std`` None and ``identifiable`` False where the data leave it open, ``at_bound`` True or False and ``bound``
+        ``"lower"``, ``"upper"`` or None; ``identifiability``; ``correlation`` with ``before``, ``after`` and
+        ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
+        ``timing_s`` in s; ``versions``.
+    """
+    ident = result.identifiability
+    return {
+        "status": result.status,
+        "message": result.message,
+        "remedy": result.remedy,
+        "title": result.title,
+        "method": result.method,
+        "parameters": [_parameter(result, name) for name in result.parameters.names],
+        "identifiability": plain(
+            {
+                "rank": ident.rank,
+                "n_parameters": ident.n_parameters,
+                "condition": ident.condition,
+                "null_directions": ident.null_directions,
+                "determined_directions": ident.determined_directions,
+                "collinearity": ident.collinearity,
+                "singular_values": ident.singular_values,
+                "advice": ident.advice,
+            }
+        ),
+        "correlation": {when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")},
+        "noise": plain(result.noise),
+        "iterations": result.iterations,
+        "history": [
+            plain({key: getattr(h, key) for key in ("stage", "number", "cost", "step", "condition", "accepted")})
+            for h in result.history
+        ],
+        "timing_s": plain(result.timing_s),
+        "versions": plain(result.versions),
+    }
+
+
+def _parameter(result: UpdateResult, name: str) -> dict[str, Any]:
+    unknown = next(p for p in result.parameters if p.name == name)
+    std = result.std.get(name, math.nan)
+    numbers = {
+        "start": unknown.start,
+        "value": result.values.get(name, math.nan),
+        "std": std,
+        "lower": unknown.lower,
+        "upper": unknown.upper,
+    }
+    return {
+        "name": name,
+        "group": unknown.group,
+        "quantity": unknown.quantity,
+        **plain(numbers),
+        "at_bound": name in result.at_bound,
+        "bound": result.at_bound.get(name),
+        "identifiable": bool(math.isfinite(std)),
+    }
+
+
+def write_result_json(result: UpdateResult, path: str | Path) -> None:
+    """Write `result_to_json` to a file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The outcome.
+    path : path
+        File to write, usually ``result.json``.
+    """
+    text = json.dumps(result_to_json(result), allow_nan=False, ensure_ascii=False, indent=2)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,130 @@
+"""Mixed values (options, figures, advice) as JSON text, exactly and back, or as plain JSON for other programs.
+
+JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them (``{"__float__": "inf"}``), so
+that `from_text` gives back what was there; `plain` gives up the difference: inf and nan become null, tuples and arrays
+lists.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import FormatError, UpdynWarning
+
+__all__ = ["from_text", "plain", "to_text"]
+
+
+def to_text(value: Any, what: str) -> str:
+    """Return strict JSON from which `from_text` restores `value`.
+
+    Parameters
+    ----------
+    value : object
+        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of these.
+    what : str
+        Where the value belongs, for the warning.
+
+    Warns
+    -----
+    UpdynWarning
+        If it holds an object of another type (a solver, a client): its text is kept in its place.
+    """
+    return json.dumps(_marked(value, what), allow_nan=False, ensure_ascii=False)
+
+
+def _marked(value: Any, what: str) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"__float__": repr(value)}
+    if isinstance(value, complex):
+        return {"__complex__": [_marked(value.real, what), _marked(value.imag, what)]}
+    if isinstance(value, list):
+        return [_marked(v, what) for v in value]
+    if isinstance(value, tuple):
+        return {"__tuple__": [_marked(v, what) for v in value]}
+    if isinstance(value, DofSet):
+        return {"__dofs__": value.labels}
+    if isinstance(value, Dof):
+        return {"__dof__": str(value)}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biufcU":
+        items = [_marked(v, what) for v in value.ravel().tolist()]
+        return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
+    if isinstance(value, Mapping):
+        if all(isinstance(k, str) and not k.startswith("__") for k in value):
+            return {k: _marked(v, what) for k, v in value.items()}
+        return {"__pairs__": [[_marked(k, what), _marked(v, what)] for k, v in value.items()]}
+    kind = type(value).__name__
+    warnings.warn(
+        f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its place",
+        UpdynWarning,
+        stacklevel=3,
+    )
+    return str(value)
+
+
+_RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "__float__": lambda v: float(v["__float__"]),
+    "__complex__": lambda v: complex(*(_restored(x) for x in v["__complex__"])),
+    "__tuple__": lambda v: tuple(_restored(x) for x in v["__tuple__"]),
+    "__dofs__": lambda v: DofSet(v["__dofs__"]),
+    "__dof__": lambda v: Dof.parse(v["__dof__"]),
+    "__pairs__": lambda v: {_restored(k): _restored(x) for k, x in v["__pairs__"]},
+    "__array__": lambda v: np.array([_restored(x) for x in v["__array__"]], dtype=v["dtype"]).reshape(v["shape"]),
+}
+
+
+def from_text(text: str, what: str, path: str | Path) -> Any:
+    """Return what `to_text` was given.
+
+    Raises
+    ------
+    FormatError
+        If the text is not JSON as `to_text` writes it.
+    """
+    try:
+        return _restored(json.loads(text, parse_constant=_refuse))
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        raise FormatError(f"{what}: not JSON as updyn writes it ({error})", path) from error
+
+
+def _restored(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_restored(v) for v in value]
+    if not isinstance(value, dict):
+        return value
+    mark = next((k for k in value if k.startswith("__")), None)
+    return {k: _restored(v) for k, v in value.items()} if mark is None else _RESTORE[mark](value)
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(f"{constant} is not JSON")
+
+
+def plain(value: Any) -> Any:
+    """Return `value` as strict JSON values; inf and nan become None, tuples and arrays lists, the rest its text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, DofSet):
+        return value.labels
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return str(value)
