@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,16 @@ _INVERSES = {
 
 def check_quantity(quantity: object) -> str:
     """Return `quantity` if it is one of receptance, mobility, accelerance.
+
+    Parameters
+    ----------
+    quantity : object
+        What to check, as found in a call or a file.
+
+    Returns
+    -------
+    str
+        The same.
 
     Raises
     ------
@@ -79,7 +89,8 @@ class FRF:
     Raises
     ------
     DataError
-        If shapes disagree, a number is not finite or a line is out of order; the message says where.
+        If there is no line, response or reference, shapes disagree, a number is not finite, real or unmasked where it
+        has to be, or a line is out of order; the message says where.
     DofError
         If a label cannot be read or stands twice.
     """
@@ -112,12 +123,16 @@ class FRF:
         set_("quantity", check_quantity(quantity))
         set_("responses", DofSet(responses))
         set_("references", DofSet(references))
+        for what in ("responses", "references"):
+            if not len(getattr(self, what)):
+                raise DataError(f"{what}: expected at least one DOF, found none")
         set_("freq", _lines(freq))
         shape = (len(self.freq), len(self.responses), len(self.references))
         set_("values", self._array("values", values, np.complex128, shape))
         set_("coherence", self._bounded("coherence", coherence, 1.0, shape))
         set_("variance", self._bounded("variance", variance, np.inf, shape))
-        if averages is not None and (not isinstance(averages, int | np.integer) or averages < 1):
+        whole = isinstance(averages, int | np.integer) and not isinstance(averages, bool)
+        if averages is not None and not (whole and averages >= 1):
             raise DataError(f"averages {averages!r}: expected a whole number of at least 1")
         set_("averages", None if averages is None else int(averages))
         set_("geometry", geometry)
@@ -140,10 +155,7 @@ class FRF:
         return f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference {self.references[column]}"
 
     def _array(self, name: str, given: ArrayLike, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
-        try:
-            array: NDArray[Any] = np.array(given, dtype=dtype)
-        except (TypeError, ValueError) as error:
-            raise DataError(f"{name}: not an array of {np.dtype(dtype).name} ({error})") from error
+        array = _numbers(name, given, dtype)
         if array.shape != shape:
             raise DataError(f"{name}: expected shape (lines, responses, references) = {shape}, found {array.shape}")
         if not np.isfinite(array).all():
@@ -152,11 +164,13 @@ class FRF:
         return array
 
     def __repr__(self) -> str:
-        span = f"{self.freq[0]:g}-{self.freq[-1]:g} Hz" if len(self.freq) else "no lines"
         return (
-            f"FRF({self.quantity}, {len(self.freq)} lines {span}, {len(self.responses)} responses x "
-            f"{len(self.references)} references)"
+            f"FRF({self.quantity}, {len(self.freq)} lines {self.freq[0]:g}-{self.freq[-1]:g} Hz, "
+            f"{len(self.responses)} responses x {len(self.references)} references)"
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FRF, tuple(getattr(self, f.name) for f in fields(self))  # arrays come back read-only
 
     # -- conversion ----------------------------------------------------------------------------------------
     def converted(self, quantity: str) -> FRF:
@@ -164,6 +178,16 @@ class FRF:
 
         Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd ed. 2000,
         section 2.3).
+
+        Parameters
+        ----------
+        quantity : {"receptance", "mobility", "accelerance"}
+            What to return; the variance goes with it.
+
+        Returns
+        -------
+        FRF
+            The same object where nothing changes.
 
         Raises
         ------
@@ -173,7 +197,7 @@ class FRF:
         power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
         if power == 0:
             return self
-        if len(self.freq) and self.freq[0] == 0.0:
+        if self.freq[0] == 0.0:
             raise DataError(
                 f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it first, for instance "
                 f"with a band that starts at {self.freq[1] if len(self.freq) > 1 else 'a positive frequency'} Hz"
@@ -202,18 +226,22 @@ class FRF:
         responses, references : iterable of str or Dof, optional
             DOFs to keep, in the order given. With the opposite sign the values change sign.
 
+        Returns
+        -------
+        FRF
+            The part, lines ascending.
+
         Raises
         ------
         DataError
-            If nothing is left, or a line is not in the data (the nearest ones are named).
+            If nothing is left or asked for, the band is not two numbers, or a line is not in the data (the nearest
+            are named).
         DofError
             If a DOF is not in the data.
         """
         keep = np.arange(len(self.freq))
         if band is not None:
-            low, high = band
-            if not low < high:
-                raise DataError(f"band {low:g} to {high:g} Hz: the first must be below the second")
+            low, high = _band(band)
             keep = np.flatnonzero((self.freq >= low) & (self.freq <= high))
             if keep.size == 0:
                 raise DataError(
@@ -223,7 +251,8 @@ class FRF:
             chosen = self.find_lines(lines)
             outside = np.setdiff1d(chosen, keep)
             if outside.size:
-                raise DataError(f"line {self.freq[outside[0]]:g} Hz lies outside the band {band}")
+                more = f" ({outside.size} such)" if outside.size > 1 else ""
+                raise DataError(f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g} Hz{more}")
             keep = chosen
         chosen_rows = self.responses if responses is None else DofSet(responses)
         chosen_columns = self.references if references is None else DofSet(references)
@@ -242,16 +271,26 @@ class FRF:
         )
 
     def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
-        """Return the positions of `lines` (Hz) in the data, ascending.
+        """Return the positions of `lines` in the data, ascending.
+
+        Parameters
+        ----------
+        lines : array_like of float, shape (k,)
+            Lines in Hz, in any order.
+
+        Returns
+        -------
+        ndarray of int, shape (k,)
+            Positions in `freq`.
 
         Raises
         ------
         DataError
             If one is not in the data (to 1e-9 relative), or is named twice.
         """
-        wanted = np.sort(np.atleast_1d(np.asarray(lines, dtype=np.float64)))
-        if wanted.size == 0 or not np.isfinite(wanted).all():
-            raise DataError("lines: expected at least one finite frequency in Hz")
+        wanted = np.sort(np.atleast_1d(_numbers("lines", lines, np.float64)))
+        if wanted.ndim != 1 or wanted.size == 0 or not np.isfinite(wanted).all():
+            raise DataError("lines: expected at least one finite frequency in Hz, in one dimension")
         right = np.clip(np.searchsorted(self.freq, wanted), 1, max(len(self.freq) - 1, 1))
         left = right - 1
         right = np.minimum(right, len(self.freq) - 1)
@@ -269,78 +308,71 @@ class FRF:
 
     # -- xarray --------------------------------------------------------------------------------------------
     def to_xarray(self) -> xr.Dataset:
-        """Return an `xarray.Dataset` with dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels)."""
-        import xarray as xr
+        """Return an `xarray.Dataset` with dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels).
 
-        dims = ("freq", "response", "reference")
-        data = {"frf": (dims, self.values)}
-        for name in ("coherence", "variance"):
-            if getattr(self, name) is not None:
-                data[name] = (dims, getattr(self, name))
-        attrs: dict[str, Any] = {"quantity": self.quantity, "source": self.source}
-        if self.averages is not None:
-            attrs["averages"] = int(self.averages)
-        out = xr.Dataset(
-            data,
-            coords={
-                "freq": self.freq,
-                "response": self.responses.labels,
-                "reference": self.references.labels,
-            },
-            attrs=attrs,
-        )
-        out["freq"].attrs["units"] = "Hz"
-        if self.geometry is not None:
-            out["node"] = ("node", self.geometry.nodes)
-            out["xyz"] = (("node", "axis"), self.geometry.xyz, {"units": "m"})
-            if len(self.geometry.lines):
-                out["trace"] = (("trace_line", "end"), self.geometry.lines)
-        return out
+        Returns
+        -------
+        xarray.Dataset
+            Variables ``frf`` and, where there are, ``coherence``, ``variance`` and the geometry: ``xyz`` in m by
+            ``node``, ``trace`` (lines to draw), ``node_axes`` (displacement directions).
+        """
+        from updyn import _frf_xarray
+
+        return _frf_xarray.to_dataset(self)
 
     @classmethod
     def from_xarray(cls, data: xr.Dataset, *, quantity: str | None = None) -> FRF:
         """Build from a dataset as `to_xarray` makes it.
 
+        Parameters
+        ----------
+        data : xarray.Dataset
+            Variable ``frf`` over the dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels), in any order.
+        quantity : str, optional
+            What was measured, where the dataset does not say.
+
+        Returns
+        -------
+        FRF
+            The same data.
+
         Raises
         ------
         DataError
-            If a variable or the quantity is missing, or `quantity` contradicts the dataset.
+            If a variable, a dimension or the quantity is missing, `quantity` contradicts the dataset, or the
+            frequency is not in Hz.
         """
-        for name in ("frf", "freq", "response", "reference"):
-            if name not in data.variables:
-                raise DataError(f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}")
-        said = data.attrs.get("quantity")
-        if said is None and quantity is None:
-            raise DataError(
-                "the dataset does not say what it measured: give quantity='receptance', 'mobility' or 'accelerance'"
-            )
-        if said is not None and quantity is not None and said != quantity:
-            raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
-        ordered = data.transpose("freq", "response", "reference", ...)
-        geometry = None
-        if "xyz" in data.variables:
-            lines = data["trace"].values if "trace" in data.variables else np.empty((0, 2))
-            geometry = Geometry(data["node"].values, data["xyz"].values, lines)
-        averages = data.attrs.get("averages")
-        return cls(
-            ordered["freq"].values,
-            ordered["frf"].values,
-            [str(x) for x in ordered["response"].values],
-            [str(x) for x in ordered["reference"].values],
-            str(said or quantity),
-            coherence=ordered["coherence"].values if "coherence" in data.variables else None,
-            variance=ordered["variance"].values if "variance" in data.variables else None,
-            averages=None if averages is None else int(averages),
-            geometry=geometry,
-            source=str(data.attrs.get("source", "")),
-        )
+        from updyn import _frf_xarray
+
+        return cls(**_frf_xarray.from_dataset(data, quantity))
+
+
+def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+    """Return a copy of `given` as `dtype`; texts, truth values, masks and lost imaginary parts are refused."""
+    try:
+        array = np.asarray(given)
+    except ValueError as error:
+        raise DataError(f"{name}: not an array of numbers ({error})") from error
+    if np.ma.is_masked(given):
+        raise DataError(f"{name}: holds masked values; leave out their lines, responses or references")
+    if array.dtype.kind not in ("iufc" if dtype is np.complex128 else "iuf"):
+        expected = "complex or real" if dtype is np.complex128 else "real"
+        raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
+    return array.astype(dtype)
+
+
+def _band(band: object) -> tuple[float, float]:
+    array = _numbers("band", band, np.float64)  # type: ignore[arg-type]
+    if array.shape != (2,):
+        raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")
+    low, high = (float(x) for x in array)
+    if not low < high:
+        raise DataError(f"band {low:g} to {high:g} Hz: the first must be below the second")
+    return low, high
 
 
 def _lines(freq: ArrayLike) -> NDArray[np.float64]:
-    try:
-        array = np.array(freq, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"freq: expected numbers in Hz ({error})") from error
+    array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:
         raise DataError(f"freq: expected at least one line in one dimension, found shape {array.shape}")
     if not np.isfinite(array).all():

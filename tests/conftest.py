@@ -1,0 +1,90 @@
+"""What all tests share: the Hypothesis profile and the cases of `data/cases`."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+from updyn.errors import UpdynWarning
+from updyn.model import Group, Model
+
+DATA = Path(__file__).parent / "data"
+CASES = DATA / "cases"
+
+# Derandomised: the same examples on every machine. No deadline: tests are not timed.
+settings.register_profile(
+    "updyn", derandomize=True, deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("updyn")
+
+
+def load_case(name: str) -> dict[str, Any]:
+    return json.loads((CASES / f"{name}.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def gear_train_case() -> dict[str, Any]:
+    return load_case("gear_train")
+
+
+@pytest.fixture(scope="session")
+def gear_train_reference() -> dict[str, Any]:
+    return load_case("gear_train_reference")
+
+
+@pytest.fixture(scope="session")
+def chain12_case() -> dict[str, Any]:
+    return load_case("chain12")
+
+
+def gear_train_groups(case: dict[str, Any]) -> dict[str, Group]:
+    """The six groups of the paper's gear train at their true values, on seven DOFs (SI units)."""
+    groups = {}
+    for number, (pair, mass, stiffness, loss) in enumerate(
+        zip(
+            case["pairs_of_dofs_1_based"],
+            case["mass_units"],
+            case["stiffness_units_1e6"],
+            case["loss_factor"],
+            strict=True,
+        ),
+        1,
+    ):
+        at = np.ix_(np.array(pair) - 1, np.array(pair) - 1)
+        M, K = np.zeros((7, 7)), np.zeros((7, 7))
+        M[at] = mass
+        K[at] = np.array(stiffness) * 1e6
+        groups[f"unit {number}"] = Group(K, M, loss_factor=loss)
+    return groups
+
+
+@pytest.fixture(scope="session")
+def gear_train(gear_train_case: dict[str, Any]) -> Model:
+    """The paper's gear train at its true values; the warning about its second group has a test of its own."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UpdynWarning)
+        return Model.from_groups(gear_train_groups(gear_train_case), [f"{i}:RZ" for i in range(1, 8)])
+
+
+@pytest.fixture(scope="session")
+def chain12(chain12_case: dict[str, Any]) -> Model:
+    """The 12-DOF chain at its start: groups of three springs and masses, loss factors as started."""
+    groups = {}
+    for number, members in enumerate(chain12_case["groups"], 1):
+        K, M = np.zeros((12, 12)), np.zeros((12, 12))
+        for i in members:
+            k = chain12_case["stiffness"][i - 1]
+            M[i - 1, i - 1] += chain12_case["mass"][i - 1]
+            K[i - 1, i - 1] += k
+            if i > 1:
+                K[i - 2, i - 2] += k
+                K[i - 1, i - 2] -= k
+                K[i - 2, i - 1] -= k
+        groups[f"part{number}"] = Group(K, M, loss_factor=chain12_case["start"]["loss_factor"][number - 1])
+    return Model.from_groups(groups, [f"{i}:X" for i in range(1, 13)])
