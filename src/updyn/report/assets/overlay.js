@@ -1,0 +1,145 @@
+// The overlay of measured and computed FRFs: one channel at a time, chosen by lists, buttons, arrow keys or a click on
+// the FRAC maps. Arrays come as base64 and are decoded once.
+"use strict";
+const updynOverlay = (() => {
+  const data = updynReport.read("updyn-frf");
+  const root = document.getElementById("overlay");
+  const find = (id) => document.getElementById(id);
+  const pick = { response: find("pick-response"), reference: find("pick-reference") };
+  const nR = data.responses.length, nC = data.references.length;
+
+  function bytes(text) {
+    const raw = atob(text), out = new Uint8Array(raw.length);
+    for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+    return out.buffer; // little-endian, as every browser's machine is
+  }
+  const freq = data.freq ? new Float64Array(bytes(data.freq)) : new Float64Array(0);
+  const n = freq.length;
+  const sets = {};
+  for (const name of ["measured", "before", "after"]) if (data[name]) sets[name] = new Float32Array(bytes(data[name]));
+  const coherence = data.coherence ? new Float32Array(bytes(data.coherence)) : null;
+
+  const channel = () => Number(pick.response.value) * nC + Number(pick.reference.value);
+
+  function magnitude(values, k) {
+    const out = new Float64Array(n);
+    for (let i = 0, at = 2 * n * k; i < n; i++, at += 2) out[i] = Math.hypot(values[at], values[at + 1]);
+    return out;
+  }
+
+  // Degrees in -180..180; where the phase wraps the line is broken, not drawn across.
+  function phase(values, k) {
+    const x = [], y = [];
+    for (let i = 0, at = 2 * n * k, last = null; i < n; i++, at += 2) {
+      const now = Math.atan2(values[at + 1], values[at]) * 180 / Math.PI;
+      if (last !== null && Math.abs(now - last) > 180) { x.push(freq[i]); y.push(null); }
+      x.push(freq[i]); y.push(now); last = now;
+    }
+    return { x, y };
+  }
+
+  const styles = {
+    measured: { color: "@measured", width: 2.6 },
+    before: { color: "@before", width: 1.4, dash: "dot" },
+    after: { color: "@after", width: 1.8 },
+  };
+
+  function traces(k, held) {
+    const out = [];
+    for (const name of Object.keys(sets)) {
+      const level = magnitude(sets[name], k), common = { type: "scatter", mode: "lines", line: styles[name], name };
+      out.push({ ...common, legendgroup: name, x: freq, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${name}<extra></extra>` });
+      out.push({ ...common, ...phase(sets[name], k), legendgroup: name, showlegend: false, yaxis: "y2",
+        hovertemplate: `%{x:.5g} Hz: %{y:.1f}° ${name}<extra></extra>` });
+      if (name === "measured" && !data.everyLineUsed && !held && data.used.length) {
+        out.push({ type: "scatter", mode: "markers", name: "lines used in the fit", x: data.used.map((i) => freq[i]),
+          y: data.used.map((i) => level[i]), hoverinfo: "skip",
+          marker: { symbol: "circle-open", size: 7, color: "@measured", line: { width: 1.3 } } });
+      }
+    }
+    if (coherence) {
+      out.push({ type: "scatter", mode: "lines", name: "coherence", showlegend: false, yaxis: "y3", x: freq,
+        y: coherence.subarray(n * k, n * (k + 1)), line: { color: "@muted", width: 1.2 },
+        hovertemplate: "%{x:.5g} Hz: coherence %{y:.3f}<extra></extra>" });
+    }
+    return out;
+  }
+
+  function band(range, name) {
+    return { type: "rect", xref: "x", yref: "paper", x0: range[0], x1: range[1], y0: 0, y1: 1, layer: "below",
+      fillcolor: "@" + name, line: { width: 0 } };
+  }
+
+  function make() {
+    const k = channel(), i = Number(pick.response.value), j = Number(pick.reference.value), held = data.heldOut[i];
+    const log = document.querySelector("input[name=freq-scale]:checked").value === "log";
+    const shapes = [];
+    if (data.fitBand && !held) shapes.push(band(data.fitBand, "fit-band"));
+    if (data.validationBand) shapes.push(band(data.validationBand, "held-band"));
+    const foot = coherence ? { phase: [0.22, 0.42], level: [0.47, 1] } : { phase: [0, 0.27], level: [0.33, 1] };
+    const own = {
+      shapes, showlegend: true, // a zoom in frequency stays from channel to channel
+      xaxis: { uirevision: log, title: { text: "frequency (Hz)" }, type: log ? "log" : "linear", anchor: coherence ? "y3" : "y2" },
+      yaxis: { uirevision: k, type: "log", domain: foot.level, exponentformat: "power", nticks: 8,
+        title: { text: `${data.quantity}<br>magnitude (${data.units[i][j]})` } },
+      yaxis2: { domain: foot.phase, range: [-190, 190], tickvals: [-180, -90, 0, 90, 180], title: { text: "phase (°)" } },
+    };
+    if (coherence) own.yaxis3 = { domain: [0, 0.16], range: [0, 1.05], tickvals: [0, 0.5, 1], title: { text: "coherence" } };
+    return { data: traces(k, held), own, height: coherence ? 640 : 560 };
+  }
+
+  function say() {
+    const i = Number(pick.response.value), j = Number(pick.reference.value);
+    const frac = (name) => data[name] ? data[name][i][j] : null;
+    const digits = (v) => v === null ? "–" : v > 0.995 && v < 1 ? v.toFixed(3) : v.toFixed(2);
+    find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
+      `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
+    find("channel-figures").textContent = `FRAC ${digits(frac("fracBefore"))} before, ${digits(frac("fracAfter"))} after` +
+      (data.heldOut[i] ? "; held out: this response did not enter the fit" : "");
+  }
+
+  function select(i, j) {
+    pick.response.value = String((i + nR) % nR);
+    pick.reference.value = String((j + nC) % nC);
+    again();
+  }
+  // Forward runs through the responses, then on to the next reference.
+  function step(by) {
+    const at = (Number(pick.reference.value) * nR + Number(pick.response.value) + by + nR * nC) % (nR * nC);
+    select(at % nR, Math.floor(at / nR));
+  }
+
+  let redraw;
+  function again() {
+    say();
+    redraw();
+  }
+
+  function start() {
+    say();
+    redraw = updynReport.draw(find("overlay-plot"), make);
+    pick.response.addEventListener("change", again);
+    pick.reference.addEventListener("change", again);
+    find("previous-channel").addEventListener("click", () => step(-1));
+    find("next-channel").addEventListener("click", () => step(1));
+    for (const input of document.querySelectorAll("input[name=freq-scale]")) input.addEventListener("change", again);
+    root.addEventListener("keydown", (event) => {
+      if (event.target.matches("select, input") || event.altKey || event.ctrlKey || event.metaKey) return;
+      if (event.key === "ArrowRight") step(1);
+      else if (event.key === "ArrowLeft") step(-1);
+      else return;
+      event.preventDefault();
+    });
+    for (const name of ["frac-before", "frac-after"]) {
+      const map = document.querySelector(`[data-figure=${name}]`);
+      if (map) map.on("plotly_click", (event) => {
+        select(event.points[0].y, event.points[0].x);
+        root.scrollIntoView();
+        root.focus({ preventScroll: true });
+      });
+    }
+  }
+  return { start };
+})();
+updynReport.start();
+updynOverlay.start();

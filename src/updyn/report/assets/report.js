@@ -1,0 +1,96 @@
+// Draws the figures of the page. A figure is plotly data in which a text "@name" stands for the colour --name of the
+// style sheet, so that figures follow the ground of the page: light, dark or paper.
+"use strict";
+const updynReport = (() => {
+  const read = (id) => JSON.parse(document.getElementById(id).textContent);
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const painters = []; // one function a figure: draw it, or draw it again in the colours of now
+  const config = {
+    responsive: true, displaylogo: false, toImageButtonOptions: { format: "svg" },
+    modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+  };
+
+  function paint(value, key) {
+    if (typeof value === "string") {
+      return /^(fill)?color$/.test(key) && value.startsWith("@") ? colour(value.slice(1)) : value;
+    }
+    if (Array.isArray(value)) return value.map((part) => paint(part, key));
+    if (value === null || typeof value !== "object" || ArrayBuffer.isView(value)) return value;
+    return Object.fromEntries(Object.entries(value).map(([name, part]) => [name, paint(part, name)]));
+  }
+
+  function axis(own) {
+    const line = { gridcolor: colour("grid"), linecolor: colour("faint"), zerolinecolor: colour("faint") };
+    const merged = { automargin: true, ticks: "outside", tickcolor: colour("faint"), ...line, ...own };
+    if (own && own.title) merged.title = { standoff: 8, ...own.title };
+    return merged;
+  }
+
+  function layout(own, height) {
+    const out = {
+      height, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("text") },
+      margin: { l: 60, r: 16, t: 12, b: 48 }, hovermode: "closest", dragmode: "zoom",
+      hoverlabel: { bgcolor: colour("panel"), font: { color: colour("text") }, bordercolor: colour("faint") },
+      colorway: ["after", "before", "third", "fourth", "measured", "muted"].map(colour),
+      ...paint(own),
+    };
+    for (const key of Object.keys(out)) if (/^[xy]axis\d*$/.test(key)) out[key] = axis(out[key]);
+    // The legend stands above the data, never on them.
+    out.legend = { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", ...(own.legend || {}) };
+    if (out.legend.orientation === "v") Object.assign(out.legend, { x: 1.02, y: 1, yanchor: "top" });
+    return out;
+  }
+
+  function draw(place, make) {
+    const again = () => {
+      const { data, own, height } = make();
+      return Plotly.react(place, paint(data), layout(own, height), config);
+    };
+    painters.push(again);
+    again();
+    return again;
+  }
+
+  function narrowed(own, place) {
+    if (!own.legend || own.legend.orientation !== "v" || place.clientWidth > 640) return own;
+    return { ...own, legend: { orientation: "h" } };
+  }
+
+  function repaint() { for (const again of painters) again(); }
+
+  // Paper: everything opened, figures as wide as the sheet, then back.
+  const sheet = 680;
+  function toPaper() {
+    for (const part of document.querySelectorAll("details:not([open])")) { part.open = true; part.dataset.opened = ""; }
+    for (const place of document.querySelectorAll(".js-plotly-plot")) {
+      place.style.width = (place.closest(".pair") ? sheet / 2 - 10 : sheet) + "px";
+    }
+    repaint();
+    for (const place of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
+  }
+  function fromPaper() {
+    for (const part of document.querySelectorAll("details[data-opened]")) { part.open = false; delete part.dataset.opened; }
+    for (const place of document.querySelectorAll(".js-plotly-plot")) place.style.width = "";
+    repaint();
+    for (const place of document.querySelectorAll(".js-plotly-plot")) if (place.clientWidth) Plotly.Plots.resize(place);
+  }
+
+  function start() {
+    const figures = read("updyn-figures");
+    for (const place of document.querySelectorAll("[data-figure]")) {
+      const figure = figures[place.dataset.figure];
+      draw(place, () => ({ data: figure.data, own: narrowed(figure.layout, place), height: figure.height }));
+    }
+    for (const part of document.querySelectorAll("details")) { // what was drawn while folded away has no width yet
+      part.addEventListener("toggle", () => {
+        if (part.open) for (const place of part.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
+      });
+    }
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+    addEventListener("beforeprint", toPaper);
+    addEventListener("afterprint", fromPaper);
+    document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);
+  }
+  return { read, draw, start };
+})();

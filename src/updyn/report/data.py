@@ -1,0 +1,225 @@
+"""All that the report draws, gathered once: measured and computed FRFs and how well they agree."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import UpdynError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.result import UpdateResult
+
+__all__ = ["EVALUATION_BUDGET", "ReportData", "data_checksum", "gather", "keep_lines", "model_checksum"]
+
+#: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few minutes.
+EVALUATION_BUDGET = 2_000_000
+_MOST_LINES = 5_000
+_FEWEST_LINES = 100
+#: A FRAC over fewer lines says little (over one line it is 1 whatever the model).
+_FEWEST_FOR_FRAC = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportData:
+    """What the figures are drawn from.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines at which measured and computed FRFs are compared, in Hz; 0 Hz left out.
+    measured : ndarray of complex, shape (n_f, n_responses, n_references)
+        The data, in the unit of `quantity`.
+    before, after : ndarray of complex, same shape, or None
+        The start and the updated model; None where it could not be computed (`notes` says why).
+    coherence : ndarray of float, same shape, or None
+        Ordinary coherence of the data.
+    responses, references : tuple of str
+        DOF labels.
+    held_out : tuple of bool
+        By response, whether it was held out of the fit.
+    quantity : str
+        Receptance, mobility or accelerance.
+    used : ndarray of bool, shape (n_f,)
+        Which of the lines were used in the fit.
+    compared : ndarray of bool, shape (n_f,)
+        Lines over which FRAC and level differences are formed: from the first to the last line used in the fit.
+    frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
+        Frequency response assurance criterion of each channel over the lines `compared`.
+    csac_before, csac_after : ndarray of float, shape (n_f, n_references), or None
+        Cross signature assurance criterion at each line; None too where there is one response only (it is 1 then).
+    notes : tuple of str
+        What was left out or thinned, in sentences for the reader.
+    """
+
+    freq: NDArray[np.float64]
+    measured: NDArray[np.complex128]
+    before: NDArray[np.complex128] | None
+    after: NDArray[np.complex128] | None
+    coherence: NDArray[np.float64] | None
+    responses: tuple[str, ...]
+    references: tuple[str, ...]
+    held_out: tuple[bool, ...]
+    quantity: str
+    used: NDArray[np.bool_]
+    compared: NDArray[np.bool_]
+    frac_before: NDArray[np.float64] | None
+    frac_after: NDArray[np.float64] | None
+    csac_before: NDArray[np.float64] | None
+    csac_after: NDArray[np.float64] | None
+    notes: tuple[str, ...]
+
+
+def gather(result: UpdateResult) -> ReportData:
+    """Compute both models at the lines of the data and compare them with what was measured.
+
+    Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks kept, and a note says so.
+    """
+    frf, notes = result.frf, list[str]()
+    used = _is_used(frf, result.lines)
+    keep = np.arange(len(frf.freq))
+    if frf.freq[0] == 0.0:
+        keep = keep[1:]
+        notes.append("The line at 0 Hz is not drawn.")
+    limit = int(np.clip(EVALUATION_BUDGET // result.model.n_dofs, _FEWEST_LINES, _MOST_LINES))
+    if keep.size > limit:
+        chosen = keep_lines(frf.values[keep], used[keep], limit)
+        notes.append(
+            f"The models were computed at {chosen.size} of the {keep.size} measured lines (the highest peaks "
+            "of the mean level are among them); figures of agreement drawn here are over these."
+        )
+        keep = keep[chosen]
+    freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
+    before = _computed(result.start, frf, freq, "start model", notes)
+    after = _computed(result.model, frf, freq, "updated model", notes)
+    compared = _span(freq, result.lines)
+    validation = set(result.validation_responses)
+    return ReportData(
+        freq=freq,
+        measured=measured,
+        before=before,
+        after=after,
+        coherence=None if frf.coherence is None else frf.coherence[keep],
+        responses=tuple(frf.responses.labels),
+        references=tuple(frf.references.labels),
+        held_out=tuple(label in validation for label in frf.responses.labels),
+        quantity=frf.quantity,
+        used=used,
+        compared=compared,
+        frac_before=_frac(measured[compared], before, compared),
+        frac_after=_frac(measured[compared], after, compared),
+        csac_before=_csac(measured, before),
+        csac_after=_csac(measured, after),
+        notes=tuple(notes),
+    )
+
+
+def _is_used(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
+    used = np.zeros(len(frf.freq), dtype=np.bool_)
+    if len(lines):
+        used[frf.find_lines(lines)] = True
+    return used
+
+
+def _span(freq: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which lines lie between the first and the last used; all, where that is too few for a criterion."""
+    if len(lines):
+        inside = (freq >= np.min(lines) * (1 - 1e-9)) & (freq <= np.max(lines) * (1 + 1e-9))
+        if inside.sum() >= _FEWEST_FOR_FRAC:
+            return np.asarray(inside)
+    return np.ones(len(freq), dtype=np.bool_)
+
+
+def _computed(
+    model: Model, frf: FRF, freq: NDArray[np.float64], what: str, notes: list[str]
+) -> NDArray[np.complex128] | None:
+    from updyn.dynamics.response import response
+
+    if freq.size == 0:
+        return None
+    try:
+        return response(model, freq, frf.responses, frf.references, frf.quantity).values
+    except UpdynError as error:  # a failed fit is reported too: with what there is
+        notes.append(f"The {what} could not be computed and is not drawn: {error}")
+        return None
+
+
+def _frac(
+    measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None, compared: NDArray[np.bool_]
+) -> NDArray[np.float64] | None:
+    if computed is None:
+        return None
+    from updyn.correlation import frac
+
+    return np.asarray(frac(measured, computed[compared]), dtype=np.float64)
+
+
+def _csac(measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None) -> NDArray[np.float64] | None:
+    if computed is None or measured.shape[1] < 2:
+        return None
+    from updyn.correlation import csac
+
+    return np.asarray(csac(measured, computed), dtype=np.float64).reshape(len(measured), -1)
+
+
+def keep_lines(values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int) -> NDArray[np.intp]:
+    """Choose which lines stay when there are too many: peaks first, then lines of the fit, then evenly.
+
+    Parameters
+    ----------
+    values : ndarray of complex, shape (n_f, n_responses, n_references)
+        The data.
+    used : ndarray of bool, shape (n_f,)
+        Lines used in the fit.
+    limit : int
+        How many lines may stay, at least 8.
+
+    Returns
+    -------
+    ndarray of int
+        Positions, ascending, at most `limit`; first and last line included.
+    """
+    n = len(values)
+    if n <= limit:
+        return np.arange(n)
+    with np.errstate(divide="ignore"):
+        level = np.log(np.abs(values)).reshape(n, -1)
+    level = np.where(np.isfinite(level), level, 0.0).mean(axis=1)
+    inner = np.arange(1, n - 1)
+    height = level[1:-1] - np.maximum(level[:-2], level[2:])
+    depth = np.minimum(level[:-2], level[2:]) - level[1:-1]
+    turns = inner[(height > 0) | (depth > 0)]
+    if turns.size > limit // 4:  # noise turns at every other line: keep the largest levels
+        turns = turns[np.argsort(-np.abs(level[turns] - np.median(level)))[: limit // 4]]
+    wanted = np.flatnonzero(used)
+    room = limit - turns.size
+    fitted = wanted if wanted.size <= room // 2 else wanted[:0]
+    even = np.linspace(0, n - 1, room - fitted.size).round().astype(np.intp)
+    return np.unique(np.concatenate([turns, fitted, even]))
+
+
+def data_checksum(frf: FRF) -> str:
+    """Return the SHA-256 of the data: quantity, labels, lines (float64) and values (complex128), little-endian."""
+    digest = hashlib.sha256()
+    digest.update("\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode())
+    digest.update(np.ascontiguousarray(frf.freq, dtype="<f8").tobytes())
+    digest.update(np.ascontiguousarray(frf.values, dtype="<c16").tobytes())
+    return digest.hexdigest()
+
+
+def model_checksum(model: Model) -> str:
+    """Return the SHA-256 of a model: labels, then by group its name, loss factor and sparse matrices, little-endian."""
+    digest = hashlib.sha256()
+    digest.update("\n".join(model.dofs.labels).encode())
+    for name, group in model.groups.items():
+        digest.update(f"\n{name}\n{group.loss_factor!r}".encode())
+        for what in ("stiffness", "mass", "viscous"):
+            matrix = getattr(group, what)
+            digest.update(f"\n{what}".encode())
+            if matrix is not None:
+                for array, dtype in ((matrix.indptr, "<i8"), (matrix.indices, "<i8"), (matrix.data, "<f8")):
+                    digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,93 @@
+"""Small pieces of HTML, each escaping what it is given. Nothing else in the report writes text into a page."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+__all__ = [
+    "definition_table",
+    "details",
+    "embedded_json",
+    "esc",
+    "figure",
+    "note",
+    "paragraph",
+    "row",
+    "swatch",
+    "table",
+]
+
+
+def esc(text: object) -> str:
+    """Return `text` as HTML text or attribute value."""
+    return html.escape(str(text), quote=True)
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph; `text` is escaped."""
+    return f"<p{_class(kind)}>{esc(text)}</p>"
+
+
+def note(*sentences: str) -> str:
+    """Return a note that stands out; nothing where there are no sentences."""
+    said = [s for s in sentences if s]
+    return f'<div class="note">{"".join(paragraph(s) for s in said)}</div>' if said else ""
+
+
+def figure(name: str, alternative: str, caption: str, *, height: int) -> str:
+    """Return the place of a figure: `alternative` says what it shows to who cannot see it; `caption` is escaped."""
+    return (
+        f'<figure><div class="plot" data-figure="{esc(name)}" role="img" aria-label="{esc(alternative)}" '
+        f'style="min-height:{int(height)}px"></div><figcaption>{esc(caption)}</figcaption></figure>'
+    )
+
+
+def details(summary: str, content: str) -> str:
+    """Return a part that is folded away; `content` is HTML."""
+    return f"<details><summary>{esc(summary)}</summary>{content}</details>"
+
+
+def swatch(kind: str) -> str:
+    """Return a patch of colour for a legend."""
+    return f'<span class="swatch {esc(kind)}"></span>'
+
+
+def row(cells: Sequence[str], kinds: Sequence[str] = (), kind: str = "") -> str:
+    """Return a table row with its first cell as header; cells are escaped, `kinds` are classes by column."""
+    out = [f'<th scope="row">{esc(cells[0])}</th>']
+    for i, cell in enumerate(cells[1:], 1):
+        out.append(f"<td{_class(kinds[i] if i < len(kinds) else '')}>{esc(cell)}</td>")
+    return f"<tr{_class(kind)}>{''.join(out)}</tr>"
+
+
+def table(head: Sequence[str], rows: Iterable[str], *, caption: str = "", kinds: Sequence[str] = ()) -> str:
+    """Return a table in a box that scrolls sideways; `rows` are HTML, made by `row`."""
+    heads = "".join(
+        f'<th scope="col"{_class("text" if i < len(kinds) and kinds[i] in ("text", "note-cell") else "")}>{esc(h)}</th>'
+        for i, h in enumerate(head)
+    )
+    said = f"<caption>{esc(caption)}</caption>" if caption else ""
+    return (
+        f'<div class="scroll"><table>{said}<thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    )
+
+
+def definition_table(items: Iterable[tuple[str, str]]) -> str:
+    """Return names and values below each other, both escaped."""
+    rows = "".join(f'<tr><th scope="row">{esc(k)}</th><td>{esc(v)}</td></tr>' for k, v in items)
+    return f'<div class="scroll"><table class="long"><tbody>{rows}</tbody></table></div>'
+
+
+def embedded_json(name: str, value: Any) -> str:
+    """Return a script element that holds data; no text inside can end the element or start a comment."""
+    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return f'<script type="application/json" id="{esc(name)}">{text}</script>'
+
+
+def _class(kind: str) -> str:
+    return f' class="{esc(kind)}"' if kind else ""

@@ -1,0 +1,60 @@
+"""What all figures of the report share: how arrays and labels are handed to plotly, and rows with names."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["PRINTED_CELLS", "Figure", "categories", "label", "labels", "numbers", "rows_height"]
+
+#: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
+Figure = dict[str, Any]
+
+#: Heat maps with up to this many cells have their values printed.
+PRINTED_CELLS = 150
+
+
+def label(text: str) -> str:
+    """Return `text` for plotly, which reads a small HTML in labels: shown as it is, never interpreted."""
+    return html.escape(text, quote=False)
+
+
+def labels(texts: Iterable[str]) -> list[str]:
+    """Return each of `texts` as `label` does."""
+    return [label(t) for t in texts]
+
+
+def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
+    """Return an array for plotly: a list where short (None for what is not finite), else float32 as base64."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.size <= 400 or not packed:
+        listed = array.astype(object)
+        listed[~np.isfinite(array)] = None
+        return listed.tolist()
+    text = base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")
+    out = {"dtype": "f4", "bdata": text}
+    if array.ndim > 1:
+        out["shape"] = ", ".join(map(str, array.shape))
+    return out
+
+
+def rows_height(n: int, extra: int) -> int:
+    """Return the height in pixels of a figure with `n` rows; rows get closer when there are many."""
+    return int(extra + n * (34 if n <= 12 else 22 if n <= 40 else 14))
+
+
+def categories(names: Sequence[str], title: str) -> dict[str, Any]:
+    """Return an axis with one named place for each of `names`, counted from 0."""
+    return {
+        "title": {"text": title},
+        "tickvals": list(range(len(names))),
+        "ticktext": labels(names),
+        "showgrid": False,
+        "zeroline": False,
+        "tickfont": {"size": 12 if len(names) <= 40 else 9},
+    }

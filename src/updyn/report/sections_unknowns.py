@@ -1,0 +1,141 @@
+"""The sections of the report about the unknowns: their values, what the data determine, the way of the fit."""
+
+from __future__ import annotations
+
+import math
+
+from updyn.report import markup as m
+from updyn.report import words as w
+from updyn.report.content import Content
+from updyn.updating.parameters import Parameter
+from updyn.updating.result import UpdateResult
+
+__all__ = ["convergence", "identifiability", "parameters"]
+
+
+def parameters(c: Content) -> str:
+    """Return table and figures of the unknowns."""
+    kinds = ("", "text", "", "", "", "", "", "", "note-cell")
+    rows = [_parameter_row(c.result, p, kinds) for p in c.result.parameters]
+    caption = (
+        "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss factors are values, "
+        "relative to the updated stiffness. The 95 % interval is symmetric in the logarithm for factors and cut at 0 "
+        "for loss factors; it covers the noise in the data, not errors of the model's form."
+    )
+    head = ["group", "quantity", "start", "value", "change", "std. dev.", "95 % interval", "bounds", "note"]
+    parts = [
+        '<section id="unknowns"><h2>Unknowns</h2>',
+        m.table(head, rows, caption=caption, kinds=kinds),
+    ]
+    legend = (
+        "Points: estimates with 95 % interval; short ticks: start; long grey ticks: bounds, where they lie in the "
+        "range drawn; crosses: not determined by the data."
+    )
+    for name, title in (("factors", "Factors, relative to their start"), ("loss-factors", "Loss factors")):
+        if name in c.figures:
+            parts.append(f"<h3>{title}</h3>")
+            parts.append(
+                m.figure(name, f"{title}: estimates, intervals and bounds", legend, height=c.figures[name]["height"])
+            )
+    return "".join(parts) + "</section>"
+
+
+def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -> str:
+    value, std = result.values[p.name], result.std[p.name]
+    span = w.interval(p, value, std)
+    notes = []
+    if p.name in result.at_bound:
+        notes.append(f"at its {result.at_bound[p.name]} bound")
+    if not math.isfinite(std):
+        notes.append("not determined by the data")
+    if p.prior_std is not None:
+        notes.append(f"prior standard deviation {w.number(p.prior_std, 3)}")
+    cells = [
+        p.group,
+        w.quantity_words(p.quantity),
+        w.number(p.start),
+        w.number(value, 5),
+        w.change(p, value),
+        w.number(std, 2) if math.isfinite(std) else "–",
+        f"{w.number(span[0])} to {w.number(span[1])}" if span else "open",
+        f"{w.number(p.lower, 3)} to {w.number(p.upper, 3)}",
+        "; ".join(notes),
+    ]
+    return m.row(cells, kinds, "open" if notes and (p.name in result.at_bound or not math.isfinite(std)) else "")
+
+
+def identifiability(c: Content) -> str:
+    """Return what the data determine, in words and figures."""
+    ident = c.result.identifiability
+    parts = [
+        '<section id="identifiability"><h2>What the data determine</h2>',
+        m.paragraph(
+            f"The data determine {ident.rank} of {ident.n_parameters} independent combinations of the unknowns."
+            + ("" if ident.complete else " The remaining ones are open: the fit left them where it happened to be.")
+        ),
+    ]
+    if ident.advice:
+        parts.append(m.note(ident.advice))
+    if ident.null_directions:
+        parts.append(
+            "<h3>Open combinations</h3><p>Weights are relative to the largest. These move together without "
+            "changing anything measured:</p>"
+        )
+        parts.append(_directions(ident.null_directions))
+    if ident.determined_directions:
+        parts.append("<h3>What is still known about them</h3><p>Of these unknowns the data do determine:</p>")
+        parts.append(_directions(ident.determined_directions))
+    if "singular-values" in c.figures:
+        caption = (
+            "Singular values of the Jacobian with columns scaled to unit length: how strongly the data react to each "
+            f"independent combination of unknowns. Condition number {w.number(ident.condition, 3)}, collinearity index "
+            f"{w.number(ident.collinearity, 3)} (above 10 to 15 the unknowns are hard to tell apart)."
+        )
+        parts.append("<h3>How strongly</h3>")
+        parts.append(
+            m.figure(
+                "singular-values", "Singular values, falling", caption, height=c.figures["singular-values"]["height"]
+            )
+        )
+    if "correlation" in c.figures:
+        caption = (
+            "Correlation of the estimates: near +1 or −1 two unknowns can be told apart only together. Blank: not "
+            "determined, so there is no correlation to give."
+        )
+        plot = m.figure(
+            "correlation", "Correlation matrix of the unknowns", caption, height=c.figures["correlation"]["height"]
+        )
+        title = "Which unknowns the data confuse"
+        parts.append(f"<h3>{title}</h3>{plot}" if len(c.result.parameters) <= 24 else m.details(title, plot))
+    return "".join(parts) + "</section>"
+
+
+def _directions(directions: list[dict[str, float]]) -> str:
+    items = "".join(f"<li>{m.esc(w.combination(d))}</li>" for d in directions)
+    return f'<ol class="directions">{items}</ol>'
+
+
+def convergence(c: Content) -> str:
+    """Return cost and unknowns over the iterations."""
+    parts = ['<section id="convergence"><h2>Convergence</h2>']
+    if "cost" not in c.figures:
+        return "".join(parts) + m.paragraph("No iterations were recorded.", "muted") + "</section>"
+    taken = [h for h in c.result.history if h.accepted]
+    if taken:
+        refused = len(c.result.history) - len(taken)
+        parts.append(
+            m.paragraph(
+                f"{c.result.iterations} steps taken, {refused} refused; the cost went from "
+                f"{w.number(taken[0].cost, 3)} to {w.number(taken[-1].cost, 3)}."
+            )
+        )
+    stages = list(dict.fromkeys(h.stage for h in c.result.history))
+    caption = "Cost: half the sum of squared weighted residuals."
+    if len(stages) > 1:
+        caption += " Each stage weighs the residuals in its own way: compare costs within a stage only."
+    parts.append(m.figure("cost", "Cost by iteration", caption, height=c.figures["cost"]["height"]))
+    for name, title in (("factor-paths", "Paths of the factors"), ("loss-factor-paths", "Paths of the loss factors")):
+        if name in c.figures:
+            parts.append(f"<h3>{title}</h3>")
+            parts.append(m.figure(name, f"{title} over the iterations", "", height=c.figures[name]["height"]))
+    return "".join(parts) + "</section>"

@@ -1,0 +1,313 @@
+"""Figures of the unknowns: estimates, what the data determine, and the way there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, numbers, rows_height
+from updyn.report.words import interval, quantity_words
+from updyn.updating.parameters import Parameter
+from updyn.updating.result import UpdateResult
+
+__all__ = ["correlation_map", "correlations", "cost_path", "estimates", "singular_values", "value_paths"]
+
+_LEGEND_ENTRIES = 12
+_DIVERGING = [[0.0, "#b35806"], [0.25, "#f1a340"], [0.5, "#f7f7f7"], [0.75, "#6a9fd4"], [1.0, "#08519c"]]
+_STAGE_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "star")
+_STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
+
+
+# -- unknowns ----------------------------------------------------------------------------------------------
+def estimates(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bool) -> Figure | None:
+    """Estimates with 95 % intervals and bounds; factors relative to their start on a log axis, loss factors as is."""
+    if not chosen:
+        return None
+    unit = np.array([p.start if relative else 1.0 for p in chosen])
+    values = np.array([result.values[p.name] for p in chosen]) / unit
+    spans = [interval(p, result.values[p.name], result.std[p.name]) for p in chosen]
+    low = np.array([np.nan if s is None else s[0] for s in spans]) / unit
+    high = np.array([np.nan if s is None else s[1] for s in spans]) / unit
+    rows = np.arange(len(chosen))
+    known = np.array([s is not None for s in spans])
+    bound = np.array([p.name in result.at_bound for p in chosen])
+    names = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
+    traces: list[dict[str, Any]] = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": "start",
+            "x": numbers(np.array([p.start for p in chosen]) / unit),
+            "y": rows.tolist(),
+            "marker": {"symbol": "line-ns-open", "color": "@before", "size": 14, "line": {"width": 2}},
+            "hovertemplate": "start %{x:.4g}<extra></extra>",
+        }
+    ]
+    styles = (
+        ("estimate, 95 % interval", known & ~bound, "circle"),
+        ("estimate at a bound", known & bound, "diamond"),
+        ("not determined by the data", ~known, "x-thin-open"),
+    )
+    for name, where, symbol in styles:
+        if where.any():
+            traces.append(_estimate_trace(name, values, low, high, np.flatnonzero(where), symbol, names))
+    limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
+    view = _view(np.concatenate([values, low, high, [p.start for p in chosen] / unit]), log=relative)
+    traces.insert(1, _bound_trace(limits, view, rows))
+    title = "value relative to the start (log scale)" if relative else "loss factor"
+    axis: dict[str, Any] = {"title": {"text": title}, "range": np.log10(view).tolist() if relative else list(view)}
+    return {
+        "data": traces,
+        "height": rows_height(len(chosen), extra=130),
+        "layout": {
+            "xaxis": axis | ({"type": "log", "dtick": "D2" if view[1] / view[0] < 30 else 1} if relative else {}),
+            "yaxis": {
+                "tickvals": rows.tolist(),
+                "ticktext": names,
+                "range": [len(chosen) - 0.4, -0.6],
+                "zeroline": False,
+                "tickfont": {"size": 12 if len(chosen) <= 40 else 9},
+            },
+            "showlegend": True,
+        },
+    }
+
+
+def _estimate_trace(
+    name: str,
+    values: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    at: NDArray[np.intp],
+    symbol: str,
+    names: list[str],
+) -> dict[str, Any]:
+    trace: dict[str, Any] = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": numbers(values[at]),
+        "y": at.tolist(),
+        "text": [names[i] for i in at],
+        "marker": {"symbol": symbol, "color": "@after", "size": 10, "line": {"width": 2}},
+        "hovertemplate": "%{text}: %{x:.5g}<extra></extra>",
+    }
+    if np.isfinite(low[at]).all():
+        trace["error_x"] = {
+            "type": "data",
+            "symmetric": False,
+            "array": numbers(high[at] - values[at]),
+            "arrayminus": numbers(values[at] - low[at]),
+            "color": "@after",
+            "thickness": 1.6,
+            "width": 4,
+        }
+    return trace
+
+
+def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
+    """Return the range of the axis: what is shown, with a margin; intervals beyond 100 times are cut."""
+    finite = shown[np.isfinite(shown) & ((shown > 0) | (not log))]
+    low, high = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
+    if not low <= high:
+        return (0.5, 2.0) if log else (0.0, 1.0)
+    if log:
+        low, high = max(low, 1e-3), min(high, 1e3)
+        margin = max((high / low) ** 0.06, 1.03)
+        return low / margin, high * margin
+    margin = max(0.06 * (high - low), 1e-6 + 0.03 * abs(high))
+    return low - margin, high + margin
+
+
+def _bound_trace(limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]) -> dict[str, Any]:
+    inside = (limits > view[0]) & (limits < view[1])
+    x = [float(v) for pair, keep in zip(limits, inside, strict=True) for v, k in zip(pair, keep, strict=True) if k]
+    y = [int(row) for row, keep in zip(rows, inside, strict=True) for k in keep if k]
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "bound",
+        "x": x,
+        "y": y,
+        "marker": {"symbol": "line-ns-open", "color": "@muted", "size": 20, "line": {"width": 3}},
+        "hovertemplate": "bound %{x:.4g}<extra></extra>",
+    }
+
+
+# -- what the data determine -------------------------------------------------------------------------------
+def singular_values(result: UpdateResult) -> Figure | None:
+    """Singular values of the scaled Jacobian, determined and open ones apart; zeros at the foot of the axis."""
+    ident = result.identifiability
+    values = np.array(ident.singular_values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    positive = values[values > 0]
+    foot = float(max(positive.min() / 10.0, 1e-18)) if positive.size else 1e-16
+    order = np.arange(1, values.size + 1)
+    shown = np.maximum(values, foot)
+    traces = []
+    for name, where, colour, symbol in (
+        ("determined", order <= ident.rank, "@after", "circle"),
+        ("open: lost in the noise or exactly undetermined", order > ident.rank, "@before", "x"),
+    ):
+        if where.any():
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "name": name,
+                    "x": order[where].tolist(),
+                    "y": numbers(shown[where]),
+                    "text": [f"{v:.3g}" for v in values[where]],
+                    "marker": {"color": colour, "symbol": symbol, "size": 9},
+                    "hovertemplate": "number %{x}: %{text}<extra></extra>",
+                }
+            )
+    ticks: dict[str, Any] = {"tickmode": "linear", "tick0": 1, "dtick": 1} if values.size <= 20 else {}
+    return {
+        "data": traces,
+        "height": 320,
+        "layout": {
+            "xaxis": {"title": {"text": "combination number, best determined first"}, "zeroline": False} | ticks,
+            "yaxis": {"title": {"text": "singular value"}, "type": "log", "exponentformat": "power"},
+            "showlegend": True,
+        },
+    }
+
+
+def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return correlation coefficients from a covariance; NaN in rows that are not finite or have no variance."""
+    variance = np.diag(covariance)
+    known = np.isfinite(variance) & (variance > 0)
+    out = np.full(covariance.shape, np.nan)
+    at = np.ix_(known, known)
+    std = np.sqrt(variance[known])
+    out[at] = covariance[at] / std[:, None] / std[None, :]
+    return np.where(np.isfinite(out), np.clip(out, -1.0, 1.0), np.nan)
+
+
+def correlation_map(result: UpdateResult) -> Figure | None:
+    """Correlation coefficients of the unknowns, blank where an unknown is not determined."""
+    names = result.parameters.names
+    if len(names) < 2 or result.covariance.shape != (len(names), len(names)):
+        return None
+    matrix = correlations(np.asarray(result.covariance, dtype=np.float64))
+    if not np.isfinite(matrix).any():
+        return None
+    trace = {
+        "type": "heatmap",
+        "z": numbers(matrix),
+        "x": list(range(len(names))),
+        "y": list(range(len(names))),
+        "zmin": -1.0,
+        "zmax": 1.0,
+        "colorscale": _DIVERGING,
+        "xgap": 1,
+        "ygap": 1,
+        "hovertemplate": "%{z:.3f}<extra></extra>",
+        "colorbar": {"title": {"text": "correlation", "side": "right"}, "thickness": 12, "tickvals": [-1, 0, 1]},
+    }
+    if matrix.size <= PRINTED_CELLS:
+        trace["text"] = [[f"{v:.2f}".replace("-", "−") if np.isfinite(v) else "" for v in row] for row in matrix]
+        trace["texttemplate"] = "%{text}"
+    axis = categories([f"{p.group}: {quantity_words(p.quantity)}" for p in result.parameters], "")
+    return {
+        "data": [trace],
+        "height": rows_height(len(names), extra=220),
+        "layout": {"xaxis": {**axis, "tickangle": -50}, "yaxis": {**axis, "autorange": "reversed"}},
+    }
+
+
+# -- convergence -------------------------------------------------------------------------------------------
+def cost_path(result: UpdateResult) -> Figure | None:
+    """Cost of each iteration, by stage; refused steps as crosses."""
+    steps = [h for h in result.history if np.isfinite(h.cost)]
+    if not steps:
+        return None
+    positive = [h.cost for h in steps if h.cost > 0]
+    foot = min(positive, default=1.0) / 10.0
+    traces: list[dict[str, Any]] = []
+    for i, stage in enumerate(dict.fromkeys(h.stage for h in steps)):
+        taken = [h for h in steps if h.stage == stage and h.accepted]
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "name": label(stage),
+                "x": [h.number for h in taken],
+                "y": numbers([max(h.cost, foot) for h in taken]),
+                "text": [f"{h.cost:.4g}, largest step {h.step:.2g}" for h in taken],
+                "marker": {"symbol": _STAGE_SYMBOLS[i % 5], "size": 8},
+                "line": {"color": _STAGE_COLOURS[i % 5]},
+                "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
+            }
+        )
+    refused = [h for h in steps if not h.accepted]
+    if refused:
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": "step refused",
+                "x": [h.number for h in refused],
+                "y": numbers([max(h.cost, foot) for h in refused]),
+                "marker": {"symbol": "x-thin-open", "color": "@muted", "size": 9, "line": {"width": 2}},
+                "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
+            }
+        )
+    return {
+        "data": traces,
+        "height": 320,
+        "layout": {
+            "xaxis": {"title": {"text": "iteration"}, "rangemode": "tozero"},
+            "yaxis": {"title": {"text": "cost"}, "type": "log", "exponentformat": "power"},
+            "showlegend": True,
+        },
+    }
+
+
+def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bool) -> Figure | None:
+    """Values of the unknowns over the iterations; of many, those that moved most are named, the rest are grey."""
+    steps = [h for h in result.history if h.accepted and h.values]
+    if not chosen or not steps:
+        return None
+    paths = {
+        p.name: np.array([h.values.get(p.name, np.nan) for h in steps]) / (p.start if relative else 1.0) for p in chosen
+    }
+    moved = sorted(paths, key=lambda n: -_excursion(paths[n]))
+    named = set(moved[:_LEGEND_ENTRIES])
+    traces = []
+    for p in sorted(chosen, key=lambda p: p.name in named):
+        shown = label(f"{p.group}: {quantity_words(p.quantity)}")
+        trace: dict[str, Any] = {
+            "type": "scatter",
+            "mode": "lines+markers" if p.name in named else "lines",
+            "name": shown,
+            "x": [h.number for h in steps],
+            "y": numbers(paths[p.name]),
+            "marker": {"size": 5},
+            "showlegend": p.name in named,
+            "hovertemplate": f"{shown}: %{{y:.5g}}<extra></extra>",
+        }
+        if p.name not in named:
+            trace["line"] = {"color": "@faint", "width": 1}
+        traces.append(trace)
+    return {
+        "data": traces,
+        "height": 380,
+        "layout": {
+            "xaxis": {"title": {"text": "iteration"}, "rangemode": "tozero"},
+            "yaxis": {"title": {"text": "value relative to the start" if relative else "loss factor"}},
+            "showlegend": True,
+            "legend": {"orientation": "v"},
+        },
+    }
+
+
+def _excursion(path: NDArray[np.float64]) -> float:
+    finite = path[np.isfinite(path)]
+    return float(np.ptp(finite)) if finite.size else 0.0

@@ -1,0 +1,256 @@
+"""The report in words: verdict, combinations of unknowns, units and numbers, for a test engineer. Plain text only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from updyn.updating.parameters import Parameter
+from updyn.updating.result import UpdateResult
+
+__all__ = [
+    "STATUS_WORDS",
+    "Verdict",
+    "agreement_name",
+    "change",
+    "combination",
+    "figure_of_agreement",
+    "held_out",
+    "interval",
+    "number",
+    "plain",
+    "quantity_words",
+    "unit",
+    "unknown",
+    "verdict",
+]
+
+#: Short word for the badge and kind of colour by status.
+STATUS_WORDS = {
+    "converged": ("Converged", "good"),
+    "not-identifiable": ("Not all unknowns determined", "warn"),
+    "max-iterations": ("Stopped at the iteration limit", "warn"),
+    "stalled": ("Stalled", "warn"),
+    "stopped": ("Stopped by the user", "warn"),
+    "failed": ("Failed", "bad"),
+}
+_QUANTITY_WORDS = {
+    "stiffness": "stiffness",
+    "mass": "mass",
+    "viscous": "viscous damping",
+    "loss_factor": "loss factor",
+}
+_POWER = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+_NORMAL_95 = 1.959964
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+_FIGURE_WORDS = {
+    "frac_median": "FRAC, median over channels",
+    "frac_min": "FRAC, worst channel",
+    "frac_mean": "FRAC, mean over channels",
+    "csac_mean": "CSAC, mean over lines",
+    "csf_mean": "CSF, mean over lines",
+    "db_error_median": "level difference, median (dB)",
+    "db_error_mean": "level difference, mean (dB)",
+    "db_error_rms": "level difference, rms (dB)",
+    "db_error_max": "level difference, largest (dB)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The head of the report.
+
+    Attributes
+    ----------
+    badge, kind : str
+        Short word, and ``"good"``, ``"warn"`` or ``"bad"``.
+    status, agreement : str
+        One sentence each: how the fit ended, and how well the model answers now.
+    """
+
+    badge: str
+    kind: str
+    status: str
+    agreement: str
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number as a reader wants it: `digits` significant, a true minus, a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return mantissa.replace("-", "−") + "·10" + str(int(exponent)).translate(_SUPERSCRIPT)
+    return text.replace("-", "−")
+
+
+def quantity_words(quantity: str) -> str:
+    """Return ``"loss factor"`` for ``"loss_factor"``, and so on."""
+    return _QUANTITY_WORDS.get(quantity, quantity)
+
+
+def unknown(name: str) -> str:
+    """Return ``"stiffness of shaft"`` for ``"shaft.stiffness"``."""
+    group, _, quantity = name.rpartition(".")
+    return f"{quantity_words(quantity)} of {group}" if group else name
+
+
+def combination(direction: Mapping[str, float]) -> str:
+    """Return weights by unknown as words, the largest first: what goes up, what goes down, by how much."""
+    ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in ordered)
+
+
+def unit(quantity: str, response: str, reference: str) -> str:
+    """Return the unit of one channel, from the kind of its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
+    motion = ("rad" if _rotation(response) else "m") + _POWER[quantity]
+    force = "(N m)" if _rotation(reference) else "N"
+    return f"({motion})/{force}" if "/" in motion else f"{motion}/{force}"
+
+
+def _rotation(label: str) -> bool:
+    return "R" in label
+
+
+def change(parameter: Parameter, value: float) -> str:
+    """Return the change from the start: in percent, or as a difference where the start is zero."""
+    if parameter.start == 0.0:
+        return "0 %" if value == 0.0 else f"from 0 to {number(value, 3)}"
+    percent = 100.0 * (value / parameter.start - 1.0)
+    return f"{percent:+.3g} %".replace("-", "−") if abs(percent) >= 5e-4 else "0 %"
+
+
+def interval(parameter: Parameter, value: float, std: float) -> tuple[float, float] | None:
+    """Return the 95 % interval, or None where the data leave the unknown open.
+
+    Symmetric in the logarithm for a factor (it is estimated there, and stays positive), symmetric and cut at 0 for a
+    loss factor; 1.96 standard deviations of a Gaussian.
+    """
+    if not math.isfinite(std) or not math.isfinite(value):
+        return None
+    if parameter.is_factor and value > 0:
+        spread = math.exp(min(_NORMAL_95 * std / value, 50.0))
+        return value / spread, value * spread
+    return max(value - _NORMAL_95 * std, 0.0), value + _NORMAL_95 * std
+
+
+def verdict(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> Verdict:
+    """Say in two sentences how the fit ended and how well the model answers.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    figures : mapping of str to mapping of str to float
+        ``before``, ``after`` and ``validation``: each with ``frac_median`` and ``db_error_median`` where known.
+    """
+    badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
+    return Verdict(badge, kind, _status_sentence(result), _agreement_sentence(result, figures))
+
+
+def _status_sentence(result: UpdateResult) -> str:
+    ident, steps = result.identifiability, result.iterations
+    n, rank = ident.n_parameters, ident.rank
+    in_steps = f"after {steps} iteration{'' if steps == 1 else 's'}"
+    what = "the one unknown" if n == 1 else f"all {n} unknowns"
+    if rank >= n:
+        determined = f"the data determine {what}"
+    elif rank == 0:
+        determined = f"the data determine none of the {n} unknowns"
+    else:
+        determined = f"the data determine only {rank} independent combinations of the {n} unknowns"
+    texts = {
+        "converged": f"The fit converged {in_steps}, and {determined}.",
+        "not-identifiable": f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary.",
+        "max-iterations": f"The fit was still moving when it reached its limit {in_steps}; {determined}.",
+        "stalled": f"The fit stalled {in_steps}: no step lowered the misfit further though it had not converged; "
+        f"{determined}.",
+        "stopped": f"The fit was stopped by the user {in_steps}; the values are those of its best step.",
+        "failed": f"The fit failed {in_steps}; the values below are not an update and must not be used as one.",
+    }
+    return texts.get(result.status, f"The fit ended with status {result.status!r} {in_steps}; {determined}.")
+
+
+def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> str:
+    before, after = figures.get("before", {}), figures.get("after", {})
+    if "frac_median" not in after:
+        return "How well the updated model agrees with the measurement could not be computed."
+    parts = [_went("median FRAC", before.get("frac_median"), after["frac_median"], "")]
+    if "db_error_median" in after:
+        parts.append(
+            _went("the median level difference", before.get("db_error_median"), after["db_error_median"], " dB")
+        )
+    text = " and ".join(parts)
+    held = figures.get("validation", {})
+    if held.get("frac_median") is not None:
+        text += (
+            f"; on what was held out ({held_out(result)}) the median FRAC is {figure_of_agreement(held['frac_median'])}"
+        )
+    return text[0].upper() + text[1:] + "."
+
+
+def _went(what: str, before: float | None, after: float, suffix: str) -> str:
+    if before is None:
+        return f"{what} is {figure_of_agreement(after)}{suffix}"
+    word = (
+        "stays at"
+        if figure_of_agreement(before) == figure_of_agreement(after)
+        else "rises from"
+        if after > before
+        else "falls from"
+    )
+    if word == "stays at":
+        return f"{what} stays at {figure_of_agreement(after)}{suffix}"
+    return f"{what} {word} {figure_of_agreement(before)} to {figure_of_agreement(after)}{suffix}"
+
+
+def figure_of_agreement(value: float) -> str:
+    """Return a figure of agreement with two decimals, or three where two would read as a perfect 1.00."""
+    if math.isnan(value):
+        return "unknown"
+    return f"{value:.3f}" if 0.99 < value < 1.0 else f"{value:.2f}"
+
+
+def held_out(result: UpdateResult) -> str:
+    """Return what was held out of the fit, in words; empty where nothing was."""
+    parts = []
+    if result.validation_responses:
+        names = result.validation_responses
+        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        parts.append(f"response{'s' if len(names) > 1 else ''} {shown}")
+    if result.validation_band is not None:
+        low, high = result.validation_band
+        parts.append(f"band {number(low)} to {number(high)} Hz")
+    return " and ".join(parts)
+
+
+def plain(value: Any) -> str:
+    """Return an option as text: mappings and sequences opened, nothing of Python's quoting."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return number(value, 6)
+    if isinstance(value, Mapping):
+        return "; ".join(f"{k}: {plain(v)}" for k, v in value.items()) or "none"
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+        if not isinstance(value, list):
+            return plain(value)
+    if isinstance(value, list | tuple):
+        shown = ", ".join(plain(v) for v in value[:20])
+        return (shown + (f", ... ({len(value)} in all)" if len(value) > 20 else "")) or "none"
+    return str(value)
+
+
+def agreement_name(key: str) -> str:
+    """Return what a figure of agreement is called in a table."""
+    return _FIGURE_WORDS.get(key, key.replace("_", " "))
