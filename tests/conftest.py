@@ -43,9 +43,10 @@ def chain12_case() -> dict[str, Any]:
     return load_case("chain12")
 
 
-def gear_train_groups(case: dict[str, Any]) -> dict[str, Group]:
+@pytest.fixture(scope="session")
+def gear_train_groups(gear_train_case: dict[str, Any]) -> dict[str, Group]:
     """The six groups of the paper's gear train at their true values, on seven DOFs (SI units)."""
-    groups = {}
+    case, groups = gear_train_case, {}
     for number, (pair, mass, stiffness, loss) in enumerate(
         zip(
             case["pairs_of_dofs_1_based"],
@@ -65,11 +66,11 @@ def gear_train_groups(case: dict[str, Any]) -> dict[str, Group]:
 
 
 @pytest.fixture(scope="session")
-def gear_train(gear_train_case: dict[str, Any]) -> Model:
+def gear_train(gear_train_groups: dict[str, Group]) -> Model:
     """The paper's gear train at its true values; the warning about its second group has a test of its own."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UpdynWarning)
-        return Model.from_groups(gear_train_groups(gear_train_case), [f"{i}:RZ" for i in range(1, 8)])
+        return Model.from_groups(gear_train_groups, [f"{i}:RZ" for i in range(1, 8)])
 
 
 @pytest.fixture(scope="session")

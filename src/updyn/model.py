@@ -76,11 +76,23 @@ class Group:
             raise ModelError("a group needs at least one of stiffness, mass and viscous")
         if len(set(sizes.values())) > 1:
             raise ModelError(f"the matrices of a group differ in size: {sizes}")
-        if isinstance(loss_factor, bool) or not isinstance(loss_factor, int | float | np.floating | np.integer):
-            raise ModelError(f"loss factor {loss_factor!r}: expected a number")
-        if not (np.isfinite(loss_factor) and loss_factor >= 0):
-            raise ModelError(f"loss factor {loss_factor!r}: expected a finite number of at least 0")
-        object.__setattr__(self, "loss_factor", float(loss_factor))
+        object.__setattr__(self, "loss_factor", _loss_factor(loss_factor))
+
+    @classmethod
+    def _checked(cls, stiffness: Matrix, mass: Matrix, loss_factor: float, viscous: Matrix) -> Group:
+        """Build from matrices that came out of a `Group` and need no second check."""
+        out = cls.__new__(cls)
+        for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
+            object.__setattr__(out, name, None if matrix is None else _read_only(matrix))
+        object.__setattr__(out, "loss_factor", _loss_factor(loss_factor))
+        return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Group._checked, (self.stiffness, self.mass, self.loss_factor, self.viscous)
+
+    def __repr__(self) -> str:
+        has = [name for name in ("stiffness", "mass", "viscous") if getattr(self, name) is not None]
+        return f"Group({', '.join(has)}; {self.n_dofs} DOFs, loss factor {self.loss_factor:g})"
 
     @property
     def n_dofs(self) -> int:
@@ -92,7 +104,8 @@ class Group:
 class Model:
     """A structure as a sum of named groups on one set of DOFs.
 
-    Massless DOFs (zero rows of M) and free-free structures (singular K) are normal. Build one with `from_groups`.
+    Massless DOFs (zero rows of M) and free-free structures (singular K) are normal. Build one with `from_groups`,
+    which looks at the matrices too.
 
     Parameters
     ----------
@@ -104,12 +117,34 @@ class Model:
         Where the nodes stand.
     title : str
         For the record.
+
+    Raises
+    ------
+    ModelError
+        If a size does not fit, a name is not usable or a DOF is negative.
     """
 
     groups: Mapping[str, Group]
     dofs: DofSet
     geometry: Geometry | None = None
     title: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", DofSet(self.dofs))
+        if (self.dofs.signs < 0).any():
+            first = self.dofs[int(np.flatnonzero(self.dofs.signs < 0)[0])]
+            raise ModelError(f"DOF {first}: the DOFs of a model are positive; the sign belongs to sensors and forces")
+        if not isinstance(self.groups, Mapping):
+            raise ModelError(f"groups: expected a mapping of name to Group, found {type(self.groups).__name__}")
+        if not self.groups:
+            raise ModelError("a model needs at least one group")
+        for name, group in self.groups.items():
+            _check_name(name)
+            if not isinstance(group, Group):
+                raise ModelError(f"group {name!r}: expected a Group, found {type(group).__name__}")
+            if group.n_dofs != self.n_dofs:
+                raise ModelError(f"group {name!r} has {group.n_dofs} DOFs, the model has {self.n_dofs} labels")
+        object.__setattr__(self, "groups", MappingProxyType(dict(self.groups)))
 
     @classmethod
     def from_groups(
@@ -133,6 +168,11 @@ class Model:
         title : str
             For the record.
 
+        Returns
+        -------
+        Model
+            The sum of the groups.
+
         Raises
         ------
         ModelError
@@ -146,21 +186,9 @@ class Model:
             If a group's K, M or C is indefinite beyond rounding: physically it stores or loses negative energy. Table
             rounding is enough to make one so.
         """
-        dof_set = DofSet(dofs)
-        if (dof_set.signs < 0).any():
-            first = dof_set[int(np.flatnonzero(dof_set.signs < 0)[0])]
-            raise ModelError(f"DOF {first}: the DOFs of a model are positive; the sign belongs to sensors and forces")
-        if not groups:
-            raise ModelError("a model needs at least one group")
-        for name, group in groups.items():
-            _check_name(name)
-            if not isinstance(group, Group):
-                raise ModelError(f"group {name!r}: expected a Group, found {type(group).__name__}")
-            if group.n_dofs != len(dof_set):
-                raise ModelError(f"group {name!r} has {group.n_dofs} DOFs, the model has {len(dof_set)} labels")
-        model = cls(MappingProxyType(dict(groups)), dof_set, geometry, title)
+        model = cls(groups, DofSet(dofs), geometry, title)
         model._check_every_dof_is_used()
-        for name, group in groups.items():
+        for name, group in model.groups.items():
             for what in ("stiffness", "mass", "viscous"):
                 matrix = getattr(group, what)
                 if matrix is not None and (found := _negative(matrix)) is not None:
@@ -189,7 +217,7 @@ class Model:
         return f"Model({self.n_dofs} DOFs, {len(self.groups)} groups: {', '.join(list(self.groups)[:6])})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (dict(self.groups), self.dofs, self.geometry, self.title)
+        return Model, (dict(self.groups), self.dofs, self.geometry, self.title)
 
     @property
     def n_dofs(self) -> int:
@@ -217,25 +245,35 @@ class Model:
         return self._sum(lambda g: None if g.stiffness is None or not g.loss_factor else g.stiffness * g.loss_factor)
 
     def _sum(self, part: Callable[[Group], Matrix | None]) -> Matrix:
-        total = sp.csr_array((self.n_dofs, self.n_dofs), dtype=np.float64)
-        for group in self.groups.values():
-            matrix = part(group)
-            if matrix is not None:
-                total = total + matrix
-        return total
+        parts = [matrix for group in self.groups.values() if (matrix := part(group)) is not None]
+        if not parts:
+            return _read_only(sp.csr_array((self.n_dofs, self.n_dofs), dtype=np.float64))
+        while len(parts) > 1:  # in pairs: adding one after the other would copy the growing sum once a group
+            pairs = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)]
+            parts = pairs + parts[2 * len(pairs) :]
+        return _read_only(parts[0])
 
     def group(self, name: str) -> Group:
         """Return a group by name.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+
+        Returns
+        -------
+        Group
+            The part of that name.
 
         Raises
         ------
         ModelError
             If there is none; the nearest names are given.
         """
-        try:
-            return self.groups[name]
-        except KeyError:
-            raise ModelError(f"no group {name!r}; {suggest(name, self.groups)}") from None
+        if not isinstance(name, str) or name not in self.groups:
+            raise ModelError(f"no group {name!r}; {suggest(str(name), self.groups)}")
+        return self.groups[name]
 
     def scaled(self, changes: Mapping[str, Mapping[str, float]]) -> Model:
         """Return a changed copy.
@@ -246,27 +284,32 @@ class Model:
             By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what is there (1 = unchanged),
             ``loss_factor`` is the new value, relative to the changed stiffness.
 
+        Returns
+        -------
+        Model
+            The copy; what is unchanged is shared with this model.
+
         Raises
         ------
         ModelError
-            If a group or a quantity is not there, or a number is not finite.
+            If a group or a quantity is not there, a number is not finite, or a loss factor is negative.
         """
+        if not isinstance(changes, Mapping):
+            raise ModelError(f"changes: expected a mapping of group to quantities, found {type(changes).__name__}")
         groups = dict(self.groups)
         for name, change in changes.items():
             group = self.group(name)
+            if not isinstance(change, Mapping):
+                raise ModelError(f"group {name!r}: expected a mapping of quantity to number, found {change!r}")
             for quantity, value in change.items():
                 _check_change(name, group, quantity, value)
-            groups[name] = Group(
+            groups[name] = Group._checked(
                 _times(group.stiffness, change.get("stiffness", 1.0)),
                 _times(group.mass, change.get("mass", 1.0)),
-                loss_factor=float(change.get("loss_factor", group.loss_factor)),
-                viscous=_times(group.viscous, change.get("viscous", 1.0)),
+                change.get("loss_factor", group.loss_factor),
+                _times(group.viscous, change.get("viscous", 1.0)),
             )
-        return Model(MappingProxyType(groups), self.dofs, self.geometry, self.title)
-
-
-def _rebuild(groups: dict[str, Group], dofs: DofSet, geometry: Geometry | None, title: str) -> Model:
-    return Model(MappingProxyType(groups), dofs, geometry, title)
+        return Model(groups, self.dofs, self.geometry, self.title)
 
 
 def _check_name(name: object) -> None:
@@ -282,26 +325,53 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
         raise ModelError(f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, GROUP_QUANTITIES)}")
     if getattr(group, "stiffness" if quantity == "loss_factor" else quantity) is None:
         raise ModelError(f"group {name!r} has no {'stiffness' if quantity == 'loss_factor' else quantity} to change")
+    if not _is_number(value):
+        raise ModelError(f"group {name!r}: {quantity} {value!r}: expected a number")
     if not np.isfinite(value):
         raise ModelError(f"group {name!r}: {quantity} {value!r} is not finite")
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
+
+
+def _loss_factor(value: Any) -> float:
+    if not _is_number(value):
+        raise ModelError(f"loss factor {value!r}: expected a number")
+    if not (np.isfinite(value) and value >= 0):
+        raise ModelError(f"loss factor {value!r}: expected a finite number of at least 0")
+    return float(value)
+
+
 def _times(matrix: Matrix | None, factor: float) -> Matrix | None:
-    return matrix if matrix is None or factor == 1.0 else matrix * float(factor)
+    if matrix is None or factor == 1.0:
+        return matrix
+    return sp.csr_array((matrix.data * float(factor), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def _read_only(matrix: Matrix) -> Matrix:
+    for array in (matrix.data, matrix.indices, matrix.indptr):
+        array.flags.writeable = False
+    return matrix
 
 
 def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
     """Return `given` as a read-only canonical CSR array, after checking that it is real, finite and symmetric."""
-    dtype = given.dtype if hasattr(given, "dtype") else np.asarray(given).dtype
-    if np.issubdtype(dtype, np.complexfloating):
+    array: Any = given
+    if not sp.issparse(given):
+        if np.ma.is_masked(given):
+            raise ModelError(f"{name}: holds masked values")
+        try:
+            array = np.asarray(given)
+        except ValueError as error:
+            raise ModelError(f"{name}: not a matrix of numbers ({error})") from error
+    if array.dtype.kind == "c":
         raise ModelError(f"{name}: found complex numbers; damping goes into loss_factor and viscous")
-    try:
-        matrix = sp.csr_array(given if sp.issparse(given) else np.atleast_2d(np.asarray(given, dtype=np.float64)))
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{name}: not a matrix of numbers ({error})") from error
-    matrix = matrix.astype(np.float64)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
-        raise ModelError(f"{name}: expected a square matrix, found shape {matrix.shape}")
+    if array.dtype.kind not in "iuf":
+        raise ModelError(f"{name}: expected a matrix of numbers, found {array.dtype}")
+    if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] == 0:
+        raise ModelError(f"{name}: expected a square matrix, found shape {array.shape}")
+    matrix = sp.csr_array(array).astype(np.float64)
     matrix.sum_duplicates()
     if not np.isfinite(matrix.data).all():
         row = int(np.searchsorted(matrix.indptr, np.flatnonzero(~np.isfinite(matrix.data))[0], side="right"))
@@ -319,9 +389,7 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
     if skew.nnz and skew.data.max() > 0.0:
         matrix = sp.csr_array((matrix + matrix.T) * 0.5)
     matrix.sort_indices()
-    for array in (matrix.data, matrix.indices, matrix.indptr):
-        array.flags.writeable = False
-    return matrix
+    return _read_only(matrix)
 
 
 def _negative(matrix: Matrix) -> str | None:
@@ -338,13 +406,15 @@ def _negative(matrix: Matrix) -> str | None:
         low, high = float(values[0]), float(np.abs(values).max())
         return f"smallest eigenvalue {low:.3g}, largest {high:.3g}" if low < -_ROUNDING * high else None
     diagonal = matrix.diagonal()
-    if diagonal.min() < 0:
+    largest = float(np.abs(matrix.data).max())
+    if diagonal.min() < -_ROUNDING * largest:
         return f"diagonal entry {int(np.argmin(diagonal)) + 1} is {diagonal.min():.3g}"
     upper = matrix.tocoo()
-    product = diagonal[upper.row] * diagonal[upper.col]
-    excess = upper.data**2 - product
-    excess[upper.row == upper.col] = 0.0
-    at = int(np.argmax(excess))
-    if excess[at] > 1e-8 * max(float(product[at]), _ROUNDING * float(diagonal.max()) ** 2):
+    off = np.flatnonzero(upper.row < upper.col)
+    product = diagonal[upper.row[off]] * diagonal[upper.col[off]]
+    # Rounding may lift an entry above the geometric mean of its diagonal entries, or stand beside a diagonal of 0.
+    excess = upper.data[off] ** 2 - product - 1e-8 * np.abs(product) - (_ROUNDING * largest) ** 2
+    if excess.size and excess.max() > 0.0:
+        at = off[int(np.argmax(excess))]
         return f"entry ({upper.row[at] + 1}, {upper.col[at] + 1}) outweighs its diagonal entries"
     return None

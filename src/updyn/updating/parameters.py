@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, overload
@@ -42,7 +43,8 @@ class Parameter:
     Raises
     ------
     ParameterError
-        If bounds are out of order or the start lies outside.
+        If the quantity is not known, a number is not finite, bounds are out of order or do not fit the quantity, or
+        the start lies outside.
     """
 
     group: str
@@ -53,10 +55,13 @@ class Parameter:
     prior_std: float | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([self.start, self.lower, self.upper]).all() and self.lower < self.upper):
+        if self.quantity not in GROUP_QUANTITIES:
+            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        for what in ("start", "lower", "upper"):
+            object.__setattr__(self, what, _finite(getattr(self, what), f"unknown {self.name!r}: {what}"))
+        if not self.lower < self.upper:
             raise ParameterError(
-                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); "
-                "expected two finite numbers, lower first"
+                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the lower one first"
             )
         if not self.lower <= self.start <= self.upper:
             raise ParameterError(
@@ -68,8 +73,10 @@ class Parameter:
             raise ParameterError(
                 f"unknown {self.name!r}: a loss factor below 0 feeds energy in; lower bound {self.lower:g}"
             )
-        if self.prior_std is not None and not (np.isfinite(self.prior_std) and self.prior_std > 0):
-            raise ParameterError(f"unknown {self.name!r}: prior_std {self.prior_std!r}; expected a number above 0")
+        if self.prior_std is not None:
+            object.__setattr__(self, "prior_std", _finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
+            if self.prior_std <= 0:
+                raise ParameterError(f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number above 0")
 
     @property
     def name(self) -> str:
@@ -84,13 +91,25 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet(Sequence[Parameter]):
-    """An ordered, immutable set of unknowns."""
+    """An ordered, immutable set of unknowns.
+
+    Parameters
+    ----------
+    items : tuple of Parameter
+        The unknowns, each group and quantity once.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or one stands twice.
+    """
 
     items: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        names = [p.name for p in self.items]
-        twice = sorted({n for n in names if names.count(n) > 1})
+        object.__setattr__(self, "items", tuple(self.items))
+        names = Counter(p.name for p in self.items)
+        twice = [name for name, count in names.items() if count > 1]
         if twice:
             raise ParameterError(f"unknown {twice[0]!r} stands twice")
         if not names:
@@ -138,7 +157,17 @@ class ParameterSet(Sequence[Parameter]):
         return np.array([p.is_factor for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
-        """Return a copy that starts elsewhere; a mapping may name only some unknowns.
+        """Return a copy that starts elsewhere.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n,), or mapping of str to float
+            New starts; a mapping may name only some unknowns.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns with the same bounds.
 
         Raises
         ------
@@ -146,22 +175,49 @@ class ParameterSet(Sequence[Parameter]):
             If a name is not here, the length is wrong, or a value lies outside its bounds.
         """
         if isinstance(values, Mapping):
-            for name in values:
-                if name not in self.names:
-                    raise ParameterError(f"no unknown {name!r}; {suggest(name, self.names)}")
-            new = [float(values.get(p.name, p.start)) for p in self.items]
+            names = self.names
+            for name in values.keys() - set(names):
+                raise ParameterError(f"no unknown {name!r}; {suggest(str(name), names)}")
+            new = [values.get(p.name, p.start) for p in self.items]
         else:
-            new = [float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64))]
-            if len(new) != len(self):
-                raise ParameterError(f"start values: expected {len(self)}, found {len(new)}")
+            new = self._vector(values, "start values").tolist()
         return ParameterSet(tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True)))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return `model` with the unknowns at `values`, shape (n,)."""
+        """Return `model` with the unknowns at `values`.
+
+        Parameters
+        ----------
+        model : Model
+            The model as it starts: factors count from it.
+        values : array_like of float, shape (n,)
+            The unknowns, in order. Bounds are not looked at.
+
+        Returns
+        -------
+        Model
+            The changed copy.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        ModelError
+            If the model lacks a group or a quantity, or a value is not finite.
+        """
         changes: dict[str, dict[str, float]] = {}
-        for parameter, value in zip(self.items, np.asarray(values, dtype=np.float64), strict=True):
+        for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
             changes.setdefault(parameter.group, {})[parameter.quantity] = float(value)
         return model.scaled(changes)
+
+    def _vector(self, values: ArrayLike, what: str) -> NDArray[np.float64]:
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"{what}: expected {len(self)} numbers ({error})") from error
+        if array.shape != (len(self),):
+            raise ParameterError(f"{what}: expected {len(self)}, found shape {array.shape}")
+        return array
 
 
 def parameters(
@@ -181,12 +237,13 @@ def parameters(
     model : Model
         The model to update.
     stiffness, mass, loss_factor, viscous : str or iterable of str
-        Group names or globs (``"gear*"``), or ``"all"`` for every group that has the quantity. Stiffness, mass and
-        viscous unknowns are factors on the group's start (1 = unchanged); loss factors are values relative to the
-        updated stiffness, from the group's own.
+        Group names or globs (``"gear*"``), or ``"all"``. A glob stands for those of its groups that have the quantity,
+        ``"all"`` for every group that has it. Stiffness, mass and viscous unknowns are factors on the group's start
+        (1 = unchanged); loss factors are values relative to the updated stiffness, from the group's own.
     bounds : mapping of str to (float, float), optional
         By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns; the most special
-        wins (unknown, then glob, then quantity).
+        wins (unknown, then the first glob that fits, then quantity). A loss factor whose own value lies outside
+        starts on the nearer bound.
     prior_std : mapping of str to float, optional
         Standard deviation of a prior about the start, by the same keys.
 
@@ -198,7 +255,8 @@ def parameters(
     Raises
     ------
     ParameterError
-        If a glob fits no group, a group lacks the quantity, or a key of `bounds` or `prior_std` fits no unknown.
+        If a glob fits no group, a group lacks the quantity, a key of `bounds` or `prior_std` fits no unknown, or
+        nothing is chosen.
     """
     wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
     chosen = {quantity: _groups(model, quantity, patterns) for quantity, patterns in wanted.items()}
@@ -209,21 +267,17 @@ def parameters(
                 low, high = DEFAULT_BOUNDS[quantity]
                 start = group.loss_factor if quantity == "loss_factor" else 1.0
                 items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
-    names = [p.name for p in items]
-    for key in (*(bounds or {}), *(prior_std or {})):
-        if key not in GROUP_QUANTITIES and not fnmatch.filter(names, key):
-            raise ParameterError(f"{key!r} is neither a quantity nor an unknown; {suggest(key, names)}")
+    bounds = _table("bounds", bounds, items)
+    prior_std = _table("prior_std", prior_std, items)
     out = []
     for p in items:
-        pair = _most_special(bounds or {}, p)
-        if pair is not None:
-            if len(tuple(pair)) != 2:
-                raise ParameterError(f"bounds of {p.name!r}: expected (lower, upper), found {pair!r}")
+        if (pair := _most_special(bounds, p)) is not None:
+            low, high = _pair(pair, f"bounds of {p.name!r}")
             start = p.start
-            if p.quantity == "loss_factor":  # a start on the wrong side of the user's own bounds moves onto them
-                start = float(np.clip(start, *pair)) if pair[0] < pair[1] else start
-            p = Parameter(p.group, p.quantity, start, float(pair[0]), float(pair[1]))
-        out.append(replace(p, prior_std=_most_special(prior_std or {}, p)))
+            if p.quantity == "loss_factor" and low < high:  # the group's own value yields to the user's bounds
+                start = min(max(start, low), high)
+            p = Parameter(p.group, p.quantity, start, low, high)
+        out.append(replace(p, prior_std=_most_special(prior_std, p)))
     return ParameterSet(tuple(out))
 
 
@@ -233,9 +287,13 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
         if not able:
             raise ParameterError(f"no group of the model has {quantity}")
         return set(able)
+    if not isinstance(patterns, Iterable):
+        raise ParameterError(f"{quantity}: expected group names, globs or 'all', found {patterns!r}")
     found: set[str] = set()
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        fits = fnmatch.filter(model.groups, pattern)
+        if not isinstance(pattern, str):
+            raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
+        fits = [name for name in model.groups if fnmatch.fnmatchcase(name, pattern)]
         if not fits:
             raise ParameterError(f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}")
         lacking = [f for f in fits if f not in able]
@@ -262,3 +320,32 @@ def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
         if key not in GROUP_QUANTITIES and fnmatch.fnmatchcase(parameter.name, key):
             return value
     return table.get(parameter.quantity)
+
+
+def _table(what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]) -> Mapping[str, Any]:
+    """Return `given` after checking that each of its keys fits an unknown."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise ParameterError(f"{what}: expected a mapping by quantity, unknown or glob, found {given!r}")
+    known = dict.fromkeys([*(p.quantity for p in items), *(p.name for p in items)])
+    for key in given:
+        if key in known or (isinstance(key, str) and any(fnmatch.fnmatchcase(p.name, key) for p in items)):
+            continue
+        raise ParameterError(
+            f"{what}: {key!r} is neither a quantity nor an unknown that is chosen; {suggest(str(key), known)}"
+        )
+    return given
+
+
+def _pair(given: Any, what: str) -> tuple[float, float]:
+    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
+        raise ParameterError(f"{what}: expected (lower, upper), found {given!r}")
+    return _finite(given[0], what), _finite(given[1], what)
+
+
+def _finite(given: Any, what: str) -> float:
+    number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(given, bool)
+    if not (number and np.isfinite(given)):
+        raise ParameterError(f"{what}: expected a finite number, found {given!r}")
+    return float(given)
