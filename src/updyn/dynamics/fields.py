@@ -1,0 +1,199 @@
+"""Fields: solving Z(omega) X = B at many lines, the one place where time is spent.
+
+Work is a line. Small models are solved in batches of lines without a loop over lines; larger ones by sparse
+factorisation, one a line. Fields are kept as arrays (N, n_lines, n_columns): a group's own rows are then contiguous.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem
+from updyn.errors import OptionError, SolverError, suggest
+from updyn.linalg import factorise
+
+__all__ = ["DENSE_LIMIT", "TIERS", "LineSolver", "line_blocks"]
+
+TIERS = ("dense", "sparse")
+
+#: Models up to this many DOFs are solved dense, in batches of lines.
+DENSE_LIMIT = 500
+
+_BLOCK_BYTES = 192 * 2**20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineSolver:
+    """Solve with Z, or with its part on some DOFs, at blocks of lines.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model.
+    tier : {"dense", "sparse"}
+        How.
+    backend : str
+        Sparse factorisation, see `updyn.linalg`.
+    """
+
+    system: AffineSystem
+    tier: str
+    backend: str
+
+    @classmethod
+    def choose(cls, system: AffineSystem, tier: str | None = None, backend: str | None = None) -> LineSolver:
+        """Choose tier and backend by size; both can be forced.
+
+        Raises
+        ------
+        OptionError
+            If a name is not known.
+        """
+        if tier is None:
+            tier = "dense" if system.n <= DENSE_LIMIT else "sparse"
+        elif tier not in TIERS:
+            raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}")
+        return cls(system, tier, factorise.check_backend(backend))
+
+    def block_size(self, n_columns: int) -> int:
+        """Return how many lines fit into one block of bounded memory."""
+        n = self.system.n
+        per_line = 16 * (
+            n * n + 2 * n * n_columns if self.tier == "dense" else len(self.system.indices) + n * n_columns
+        )
+        return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
+
+    def solve(
+        self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Solve Z X = E at a block of lines, E the columns `columns` of the identity.
+
+        Parameters
+        ----------
+        coefficients : ndarray of complex, shape (n_terms, n_lines)
+            Of Z.
+        columns : ndarray of int, shape (r,)
+            DOFs that carry a unit force.
+        freq : ndarray of float, shape (n_lines,)
+            In Hz, for messages.
+
+        Returns
+        -------
+        ndarray of complex, shape (N, n_lines, r)
+
+        Raises
+        ------
+        SolverError
+            If Z is singular at a line; the message names it.
+        """
+        values = self.system.values(coefficients)
+        n, r = self.system.n, len(columns)
+        if self.tier == "dense":
+            B = np.zeros((n, r), dtype=np.complex128)
+            B[columns, np.arange(r)] = 1.0
+            X = _solve_dense(self._dense(values), np.broadcast_to(B, (len(freq), n, r)), freq)
+            return np.ascontiguousarray(X.transpose(1, 0, 2))
+        B = np.zeros((n, r), dtype=np.complex128)
+        B[columns, np.arange(r)] = 1.0
+        out = np.empty((n, len(freq), r), dtype=np.complex128)
+        for i, f in enumerate(freq):
+            out[:, i] = factorise.solve(self._sparse(values[:, i]), B, self.backend, float(f))
+        return out
+
+    def condense(
+        self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Condense Z exactly onto the retained DOFs at a block of lines (Bao, Wang & Cheng 2010, eqs. 8, 9).
+
+        Parameters
+        ----------
+        coefficients : ndarray of complex, shape (n_terms, n_lines)
+            Of Z.
+        retained : ndarray of int, shape (n,)
+            DOFs to keep, in the order wanted.
+        freq : ndarray of float, shape (n_lines,)
+            In Hz, for messages.
+
+        Returns
+        -------
+        Z_red : ndarray of complex, shape (n_lines, n, n)
+            Z_nn - Z_ns Z_ss^-1 Z_sn.
+        T : ndarray of complex, shape (N, n_lines, n)
+            [I; -Z_ss^-1 Z_sn], rows in the order of the model's DOFs.
+
+        Raises
+        ------
+        SolverError
+            If Z_ss is singular at a line: a natural frequency of the structure with its retained DOFs held.
+        """
+        values = self.system.values(coefficients)
+        n_all, n = self.system.n, len(retained)
+        keep = np.zeros(n_all, dtype=np.bool_)
+        keep[retained] = True
+        eliminated = np.flatnonzero(~keep)
+        T = np.zeros((n_all, len(freq), n), dtype=np.complex128)
+        T[retained, :, np.arange(n)] = 1.0
+        if self.tier == "dense":
+            Z = self._dense(values)
+            Znn = Z[:, retained[:, None], retained]
+            if eliminated.size == 0:
+                return Znn, T
+            Zsn = Z[:, eliminated[:, None], retained]
+            W = _solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, "with the retained DOFs held ")
+            T[eliminated] = -W.transpose(1, 0, 2)
+            return Znn - Zsn.transpose(0, 2, 1) @ W, T
+        Z_red = np.empty((len(freq), n, n), dtype=np.complex128)
+        for i, f in enumerate(freq):
+            Z = self._sparse(values[:, i])
+            Zsn = Z[eliminated][:, retained].toarray()
+            Z_red[i] = Z[retained][:, retained].toarray()
+            if eliminated.size:
+                W = factorise.solve(Z[eliminated][:, eliminated], Zsn, self.backend, float(f))
+                T[eliminated, i] = -W
+                Z_red[i] -= Zsn.T @ W
+        return Z_red, T
+
+    def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        n = self.system.n
+        Z = np.zeros((values.shape[1], n * n), dtype=np.complex128)
+        Z[:, self.system.rows_of_entries() * n + self.system.indices] = values.T
+        return Z.reshape(-1, n, n)
+
+    def _sparse(self, values: NDArray[np.complex128]) -> Any:
+        n = self.system.n
+        # Z is symmetric: the CSR arrays are those of CSC, which factorisations want.
+        return sp.csc_array((np.ascontiguousarray(values), self.system.indices, self.system.indptr), shape=(n, n))
+
+
+def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
+    """Yield the lines in blocks of at most `size`, in order."""
+    for first in range(0, n_lines, size):
+        yield slice(first, min(first + size, n_lines))
+
+
+def _solve_dense(
+    Z: NDArray[np.complex128], B: NDArray[np.complex128], freq: NDArray[np.float64], held: str = ""
+) -> NDArray[np.complex128]:
+    try:
+        X = np.linalg.solve(Z, B)
+    except np.linalg.LinAlgError:
+        singular = [f for z, f in zip(Z, freq, strict=True) if np.linalg.matrix_rank(z) < len(z)]
+        raise SolverError(singular_message(singular[0] if singular else freq[0], held)) from None
+    bad = ~np.isfinite(X).all(axis=(1, 2))
+    if bad.any():
+        raise SolverError(singular_message(freq[bad][0], held))
+    return np.asarray(X, dtype=np.complex128)
+
+
+def singular_message(freq: float, held: str = "") -> str:
+    """Say which line could not be solved and what to do."""
+    return (
+        f"the dynamic stiffness {held}is singular at {freq:g} Hz: a natural frequency without damping (or 0 Hz of a "
+        "structure that is free to move). Leave the line out or give the groups a loss factor"
+    )

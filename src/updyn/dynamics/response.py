@@ -1,0 +1,78 @@
+"""`response`: the frequency response functions of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from updyn.dofs import Dof, DofSet
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.frf import FRF, QUANTITIES, check_quantity
+from updyn.model import Model
+
+__all__ = ["response"]
+
+
+def response(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str = "receptance",
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+) -> FRF:
+    """Compute frequency response functions, exactly: one factorisation of the full model a line.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz, increasing.
+    responses, references : iterable of str or Dof
+        Signed DOFs of sensors and forces.
+    quantity : {"receptance", "mobility", "accelerance"}
+        Motion over force.
+    tier : {"dense", "sparse"}, optional
+        How to solve; by default chosen by size.
+    backend : str, optional
+        Sparse factorisation.
+
+    Returns
+    -------
+    FRF
+        Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for rotations).
+
+    Raises
+    ------
+    DofError
+        If a DOF is not in the model.
+    SolverError
+        If the dynamic stiffness is singular at a line.
+
+    Notes
+    -----
+    H = Z^-1 with Z = K + i D - omega^2 M (Bao, Wang & Cheng 2010, eqs. 2, 3).
+    """
+    check_quantity(quantity)
+    rows, columns = DofSet(responses), DofSet(references)
+    at_rows, at_columns = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
+    lines = np.atleast_1d(np.asarray(freq, dtype=np.float64))
+    solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
+    # Symmetry: forces may be put on whichever side has fewer DOFs.
+    swap = len(rows) < len(columns)
+    loaded, read = (at_rows, at_columns) if swap else (at_columns, at_rows)
+    values = np.empty((len(lines), len(rows), len(columns)), dtype=np.complex128)
+    omega = 2.0 * np.pi * lines
+    for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
+        c = solver.system.coefficients(solver.system.start, omega[block])
+        X = solver.solve(c, loaded.index, lines[block])[read.index].transpose(1, 0, 2)
+        values[block] = X.transpose(0, 2, 1) if swap else X
+    values *= at_rows.sign[:, None] * at_columns.sign[None, :]
+    values *= ((1j * omega) ** QUANTITIES[quantity])[:, None, None]
+    return FRF(lines, values, rows, columns, quantity, geometry=model.geometry, source="model")

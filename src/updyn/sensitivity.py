@@ -1,0 +1,175 @@
+"""Exact derivatives of the receptance and of the condensed dynamic stiffness with respect to the unknowns.
+
+Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same solves serve both,
+as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T, dZ_red/dp = T^T Z'_p T (Bao, Wang &
+Cheng 2010, eqs. 11, 17, 18, in closed form). Both are contractions of one stored matrix on its group's own DOFs.
+Stiffness and loss factor of a group share one contraction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.fields import LineSolver
+
+if TYPE_CHECKING:
+    from updyn.updating.parameters import Parameter
+
+__all__ = ["Unknowns", "condensed_product", "receptance"]
+
+_Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknowns:
+    """Where the unknowns act in a compiled model.
+
+    Attributes
+    ----------
+    at : ndarray of int, shape (n_p,)
+        Term of each unknown.
+    is_loss : ndarray of bool, shape (n_p,)
+        Whether it is the loss factor of that term, else its factor.
+    """
+
+    at: NDArray[np.intp]
+    is_loss: NDArray[np.bool_]
+
+    @classmethod
+    def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
+        """Look the unknowns up in a compiled model."""
+        items = list(parameters)
+        return cls(
+            np.array([system.find(p.group, p.quantity) for p in items], dtype=np.intp),
+            np.array([p.quantity == "loss_factor" for p in items], dtype=np.bool_),
+        )
+
+    def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
+        """Return the state of `system` with the unknowns at `values`, shape (n_p,)."""
+        return system.with_values(system.start, self.at, self.is_loss, values)
+
+    def slopes(self, system: AffineSystem, state: State, omega: NDArray[np.float64]) -> _Complex:
+        """Return the derivative of each unknown's coefficient, shape (n_p, n_lines)."""
+        unit = system.coefficients(State(np.ones_like(state.factor), state.loss), omega)[self.at]
+        unit[self.is_loss] = 1j * state.factor[self.at[self.is_loss], None]
+        return unit
+
+
+def receptance(
+    solver: LineSolver,
+    unknowns: Unknowns,
+    state: State,
+    freq: NDArray[np.float64],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    *,
+    derivatives: bool = True,
+) -> tuple[_Complex, _Complex | None]:
+    """Compute receptance and its derivatives at a block of lines.
+
+    Parameters
+    ----------
+    solver : LineSolver
+        The compiled model and how to solve it.
+    unknowns : Unknowns
+        With respect to what to differentiate.
+    state : State
+        Where.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    rows, columns : ndarray of int
+        DOFs of responses (n_i) and references (n_j).
+    derivatives : bool
+        Whether derivatives are wanted.
+
+    Returns
+    -------
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        In m/N.
+    dH : ndarray of complex, shape (n_p, n_f, n_i, n_j), or None
+        By unit of each unknown.
+
+    Raises
+    ------
+    SolverError
+        If the dynamic stiffness is singular at a line.
+    """
+    system, omega = solver.system, 2.0 * np.pi * freq
+    coefficients = system.coefficients(state, omega)
+    loaded, place = np.unique(np.concatenate([rows, columns]) if derivatives else columns, return_inverse=True)
+    X = solver.solve(coefficients, loaded, freq)
+    of_columns = place[-len(columns) :]
+    U = X[:, :, of_columns]
+    H = U[rows].transpose(1, 0, 2)
+    if not derivatives:
+        return H, None
+    V = X[:, :, place[: len(rows)]]
+    return H, -_contract(system, unknowns, unknowns.slopes(system, state, omega), V, U)
+
+
+def condensed_product(
+    solver: LineSolver,
+    unknowns: Unknowns,
+    state: State,
+    freq: NDArray[np.float64],
+    retained: NDArray[np.intp],
+    motion: _Complex,
+    *,
+    derivatives: bool = True,
+) -> tuple[_Complex, _Complex | None]:
+    """Compute Z_red times measured motion, and its derivatives, at a block of lines.
+
+    Parameters
+    ----------
+    solver : LineSolver
+        The compiled model and how to solve it.
+    unknowns : Unknowns
+        With respect to what to differentiate.
+    state : State
+        Where.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    retained : ndarray of int, shape (n,)
+        Retained DOFs.
+    motion : ndarray of complex, shape (n_f, n, m)
+        Measured columns h_X on the retained DOFs, in m/N.
+    derivatives : bool
+        Whether derivatives are wanted.
+
+    Returns
+    -------
+    product : ndarray of complex, shape (n_f, n, m)
+        Z_red h_X, the identity's columns where model and measurement agree.
+    d_product : ndarray of complex, shape (n_p, n_f, n, m), or None
+        T^T Z'_p (T h_X), by unit of each unknown.
+
+    Raises
+    ------
+    SolverError
+        If the structure with its retained DOFs held is singular at a line.
+    """
+    system, omega = solver.system, 2.0 * np.pi * freq
+    Z_red, T = solver.condense(system.coefficients(state, omega), retained, freq)
+    product = Z_red @ motion
+    if not derivatives:
+        return product, None
+    moved = np.ascontiguousarray((T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2))
+    return product, _contract(system, unknowns, unknowns.slopes(system, state, omega), T, moved)
+
+
+def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
+    """Return slope_p V^T A_p U for every unknown, shape (n_p, n_f, n_v, n_u); fields are (N, n_f, columns)."""
+    out = np.empty((len(unknowns.at), U.shape[1], V.shape[2], U.shape[2]), dtype=np.complex128)
+    for t in np.unique(unknowns.at):
+        term: Any = system.terms[t]
+        moved = term.times(U[term.rows])
+        product = np.matmul(V[term.rows].transpose(1, 2, 0), moved.transpose(1, 0, 2))
+        for p in np.flatnonzero(unknowns.at == t):
+            np.multiply(slopes[p, :, None, None], product, out=out[p])
+    return out

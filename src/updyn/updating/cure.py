@@ -1,0 +1,127 @@
+"""What would make open unknowns visible: another line, another sensor, or a value from elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.dofs import DofSet
+from updyn.errors import SolverError
+from updyn.frf import FRF
+from updyn.updating.identifiability import Analysis
+from updyn.updating.problem import Problem
+
+__all__ = ["advise"]
+
+_CANDIDATE_LINES = 60
+_CANDIDATE_SENSORS = 200
+#: A candidate counts if the relative change of what it would measure, for an e-fold change along the open direction, is
+#: above this: well above rounding, within what a good measurement sees after averaging.
+_VISIBLE = 1e-6
+
+
+def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str:
+    """Say in words what is open and what would cure it.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        At x.
+    problem : Problem
+        Model, data and unknowns.
+    x : ndarray of float, shape (n,)
+        In the optimiser's coordinates.
+
+    Returns
+    -------
+    str
+        Empty where all unknowns are determined and well separated.
+    """
+    names = problem.coordinates.parameters.names
+    if analysis.report.complete:
+        if analysis.report.collinearity > 15.0:
+            weakest = names[int(np.argmax(np.diag(analysis.covariance)))]
+            return (
+                f"Some unknowns are hard to tell apart (collinearity index {analysis.report.collinearity:.3g}; above "
+                f"15 they trade against each other under noise); {weakest} is the least certain."
+            )
+        return ""
+    parts = []
+    silent = [n for n, d in zip(names, np.linalg.norm(analysis.open, axis=1), strict=True) if d > 1 - 1e-6]
+    if silent:
+        parts.append(f"The data do not see {_list(silent)} at all.")
+    line, sensor = _best_line(analysis, problem, x), _best_sensor(analysis, problem, x)
+    if line is not None:
+        parts.append(f"Adding a line near {line:.4g} Hz would determine all unknowns.")
+    if sensor is not None:
+        parts.append(f"Adding a sensor at {sensor} would determine all unknowns.")
+    if line is None and sensor is None:
+        k = analysis.open.shape[1]
+        parts.append(
+            f"No single further line or sensor on this model would; fix {k} of the unknowns in the open "
+            f"combination{'s' if k > 1 else ''} at known values, join groups, or give priors."
+        )
+    return " ".join(parts)
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _sees(dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDArray[np.float64]) -> float:
+    """Return the least relative change of H along the open directions; dH is (n, ...) by the unknowns."""
+    along = np.tensordot(directions, dH, axes=(0, 0)).reshape(directions.shape[1], -1)
+    level = np.maximum(np.abs(H).ravel(), 1e-6 * np.abs(H).max(initial=0.0))
+    relative = along / np.maximum(level, np.finfo(float).tiny)
+    s = np.linalg.svd(np.hstack([relative.real, relative.imag]), compute_uv=False)
+    return float(s[-1]) if len(s) == directions.shape[1] else 0.0
+
+
+def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> float | None:
+    freq = problem.frf.freq
+    low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
+    lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
+    candidates = replace(problem, frf=_blank(problem, lines))
+    best, found = _VISIBLE, None
+    try:
+        for block in candidates.blocks(x):
+            assert block.dH is not None
+            for i, f in enumerate(lines[block.lines]):
+                seen = _sees(block.dH[:, i], block.H[i], analysis.open)
+                if seen > best:
+                    best, found = seen, float(f)
+    except SolverError:
+        return None
+    return found
+
+
+def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str | None:
+    system = problem.solver.system
+    others = np.setdiff1d(np.arange(system.n), problem.rows)
+    others = others[:: max(1, len(others) // _CANDIDATE_SENSORS)]
+    if others.size == 0:
+        return None
+    freq = problem.frf.freq[:: max(1, len(problem.frf.freq) // 20)]
+    freq = freq[freq > 0]
+    try:
+        H, dH = sensitivity.receptance(
+            problem.solver, problem.unknowns, problem.state(x), freq, others, problem.columns
+        )
+    except SolverError:
+        return None
+    assert dH is not None
+    dH = dH * problem.coordinates.slope(x)[:, None, None, None]
+    seen = [_sees(dH[:, :, i], H[:, i], analysis.open) for i in range(len(others))]
+    best = int(np.argmax(seen))
+    return str(system.dofs[int(others[best])]) if seen[best] > _VISIBLE else None
+
+
+def _blank(problem: Problem, lines: NDArray[np.float64]) -> FRF:
+    """Return data of the problem's channels at other lines; only lines, DOFs and quantity count."""
+    shape = (len(lines), len(problem.rows), len(problem.columns))
+    return FRF(
+        lines, np.ones(shape), DofSet(problem.frf.responses), DofSet(problem.frf.references), problem.frf.quantity
+    )

@@ -1,0 +1,113 @@
+"""What a method gives back, and the whitening that all methods share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.monitor import Monitor
+from updyn.updating.noise import NoiseModel
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import Residual, with_prior
+from updyn.updating.trust_region import Local, Outcome, TrustRegion
+
+__all__ = ["Fit", "Method", "correlation_length", "descend", "spread_of"]
+
+_Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The outcome of a method.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        The estimate, in the optimiser's coordinates.
+    reason : {"converged", "stalled", "max-iterations", "stopped"}
+        Why it ended.
+    R : ndarray of float, shape (k, n)
+        Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of the noise.
+    noise : mapping
+        For the record: kind, figures, chi_square, inflation.
+    note : str
+        What the user should know about this method's figures; may be empty.
+    """
+
+    x: _Vector
+    reason: str
+    R: NDArray[np.float64]
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    note: str = ""
+
+
+class Method(Protocol):
+    """What every method offers; its fields are its options."""
+
+    @property
+    def max_iterations(self) -> int:
+        """Largest number of steps."""
+
+    @property
+    def tolerance(self) -> float:
+        """Relative step at which it has converged."""
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+        """Fit the unknowns."""
+
+
+def descend(
+    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion, *, first: bool = True
+) -> Outcome:
+    """Minimise one residual from x within the bounds, priors included, and record every step."""
+    lower, upper = problem.coordinates.bounds
+
+    def evaluate(at: _Vector) -> Local | None:
+        local = residual.local(problem, at)
+        return None if local is None else with_prior(local, problem, at)
+
+    observe: Callable[..., bool] = monitor.step
+    if first and (start := evaluate(x)) is not None:
+        monitor.start(x, start)
+    return settings.minimise(evaluate, x, lower, upper, observe)
+
+
+def spread_of(local: Local, n_values: int, n: int) -> float:
+    """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n))."""
+    return float(np.sqrt(2.0 * local.cost / max(2 * n_values - n, 1)))
+
+
+def correlation_length(whitened: NDArray[np.complex128]) -> float:
+    """Return over how many lines the residual is correlated: 1 + 2 times the sum of its autocorrelation.
+
+    Parameters
+    ----------
+    whitened : ndarray of complex, shape (n_f, ...)
+        Residual over its standard deviation.
+
+    Returns
+    -------
+    float
+        1 for noise that is independent from line to line. The sum stops at the first lag whose correlation is within
+        two standard deviations of zero, so that independent noise gives exactly 1 in almost all cases.
+
+    Notes
+    -----
+    Standard deviations that take the lines as independent are too small by its square root (Priestley, Spectral
+    Analysis and Time Series, 1981, section 5.3).
+    """
+    power = float(np.mean(np.abs(whitened) ** 2))
+    if power == 0.0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, len(whitened) // 2):
+        product = whitened[lag:] * whitened[:-lag].conj()
+        rho = float(np.mean(product.real)) / power
+        if rho < 2.0 / np.sqrt(2.0 * product.size):
+            break
+        total += 2.0 * rho
+    return total

@@ -1,0 +1,133 @@
+"""What the data can determine: rank, open combinations in group names, standard deviations, and what would cure it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.updating.result import Identifiability
+
+__all__ = ["RANK_TOLERANCE", "Analysis", "analyse"]
+
+_Matrix = NDArray[np.float64]
+
+#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no measurement is as
+#: exact as the 8 digits that it would take to see them.
+RANK_TOLERANCE = 1e-8
+
+#: A direction that the data leave uncertain by more than this (of a logarithm, or of a loss factor) is open.
+WIDEST = 1.0
+
+_VISIBLE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Analysis:
+    """Identifiability together with the numbers behind it.
+
+    Attributes
+    ----------
+    report : Identifiability
+        For the user.
+    open : ndarray of float, shape (n, k)
+        Orthonormal basis of the open directions, in the optimiser's coordinates.
+    covariance : ndarray of float, shape (n, n)
+        Of the optimiser's coordinates, over the determined directions.
+    involved : ndarray of bool, shape (n,)
+        Unknowns that take part in an open direction.
+    """
+
+    report: Identifiability
+    open: _Matrix
+    covariance: _Matrix
+    involved: NDArray[np.bool_]
+
+
+def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str = "") -> Analysis:
+    """Analyse a reduced Jacobian whose residuals have unit variance.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, n)
+        Reduced Jacobian by the optimiser's coordinates (logarithm of a factor, loss factor).
+    names : list of str
+        The unknowns.
+    inflation : float
+        Factor on the standard deviations.
+    advice : str
+        What to say if all is well.
+
+    Returns
+    -------
+    Analysis
+
+    Notes
+    -----
+    Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns below
+    `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The collinearity index is that of
+    Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, eq. 13, for all unknowns together.
+    """
+    n = R.shape[1]
+    norms = np.linalg.norm(R, axis=0)
+    # An unknown without any effect has a zero column; scaling it by 1 keeps it zero.
+    scale = np.where(norms > 0, norms, 1.0)
+    _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, n - len(R)), n))]))
+    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+    spread = inflation * (Vt[seen].T / s[seen]) / scale[:, None]  # columns: one standard deviation each
+    axes, std, _ = np.linalg.svd(spread, full_matrices=False)
+    known = std <= WIDEST
+    blind = _orthonormal(np.hstack([(Vt[~seen].T / scale[:, None]), axes[:, ~known]]))
+    covariance = (axes[:, known] * std[known] ** 2) @ axes[:, known].T
+    involved = np.linalg.norm(blind, axis=1) > _VISIBLE
+    smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
+    report = Identifiability(
+        rank=n - blind.shape[1],
+        n_parameters=n,
+        condition=1.0 / smallest if seen.all() else np.inf,
+        singular_values=tuple(float(v) for v in s),
+        null_directions=[_words(d, names) for d in _readable(blind)],
+        determined_directions=_determined(blind, involved, names),
+        collinearity=float(1.0 / s[-1]) if seen.all() else np.inf,
+        advice=advice,
+    )
+    return Analysis(report, blind, covariance, involved)
+
+
+def _orthonormal(directions: _Matrix) -> _Matrix:
+    if directions.shape[1] == 0:
+        return directions
+    return np.asarray(scipy.linalg.orth(directions / np.linalg.norm(directions, axis=0)))
+
+
+def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
+    """Turn a basis into one with as many zeros as its dimension allows: each direction led by another unknown."""
+    k = basis.shape[1]
+    if k == 0:
+        return []
+    pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)[1][:k]
+    reduced = np.linalg.solve(basis[pivots].T, basis.T)
+    return [d / d[np.argmax(np.abs(d))] for d in reduced]
+
+
+def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
+    return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > _VISIBLE}
+
+
+def _determined(blind: _Matrix, involved: NDArray[np.bool_], names: list[str]) -> list[dict[str, float]]:
+    """Return what stays fixed along all open directions: each further unknown, less its share of the leading ones."""
+    k = blind.shape[1]
+    if k == 0:
+        return []
+    pivots = scipy.linalg.qr(blind.T, mode="r", pivoting=True)[1][:k]
+    share = np.linalg.solve(blind[pivots].T, blind.T).T
+    out = []
+    for i in np.flatnonzero(involved):
+        if i in pivots:
+            continue
+        combination = {names[i]: 1.0}
+        combination |= {names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > _VISIBLE}
+        out.append(combination)
+    return out

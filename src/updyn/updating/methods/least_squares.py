@@ -1,0 +1,95 @@
+"""Methods that minimise one residual of equal weights: log error and output error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from updyn.updating.fit import Fit, correlation_length, descend, spread_of
+from updyn.updating.monitor import Monitor
+from updyn.updating.noise import NoiseModel, level_by_unit
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import LogError, OutputError, Residual
+from updyn.updating.search import Search
+from updyn.updating.trust_region import TrustRegion
+
+__all__ = ["LogMethod", "OutputMethod"]
+
+
+@dataclass(frozen=True, slots=True)
+class LogMethod:
+    """Log error, r = ln(H_A / H_X), after a search (method ``"log"``).
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps of the final fit, search not counted.
+    tolerance : float
+        Relative step at which it has converged.
+    starts : int
+        Tries of the search; 0 skips it.
+    seed : int
+        Of the search's random tries.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    starts: int = 8
+    seed: int = 0
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+        """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        if self.starts:
+            with monitor.stage("search"):
+                x = Search(self.starts, seed=self.seed).run(problem, monitor)
+        with monitor.stage("log"):
+            return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+
+
+@dataclass(frozen=True, slots=True)
+class OutputMethod:
+    """Output error, r = H_A - H_X, equal weight to all values of one unit (method ``"output-error"``).
+
+    The largest peaks decide. It suits noise that does not depend on the level, and needs a start close to the truth:
+    there is no search.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+        """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        weight = np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape)
+        with monitor.stage("output-error"):
+            return _descend(problem, OutputError(weight), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+
+
+def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
+    outcome = descend(problem, residual, x, monitor, settings)
+    local = residual.local(problem, outcome.x)
+    assert local is not None
+    H, measured = problem.responses(outcome.x), problem.frf.values
+    difference = H - measured
+    if residual.name == "log":
+        difference = difference / np.where(H == 0, 1.0, H)
+    sigma = spread_of(local, measured.size, problem.n)
+    length = correlation_length(difference)
+    record = {
+        "kind": "spread of the residual",
+        "relative" if residual.name == "log" else "floor": float(np.sqrt(2.0) * sigma),
+        "chi_square": 1.0,
+        "correlation_length": length,
+        "inflation": float(np.sqrt(length)),
+    }
+    unit = sigma * float(np.sqrt(length))
+    return Fit(outcome.x, outcome.reason, local.R / unit if unit > 0 else local.R, record)

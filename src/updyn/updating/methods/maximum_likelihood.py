@@ -1,0 +1,114 @@
+"""The default method: log error to find the basin, maximum likelihood to finish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.fit import Fit, correlation_length, descend
+from updyn.updating.monitor import Monitor
+from updyn.updating.noise import NoiseModel
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import LogError, OutputError
+from updyn.updating.search import Search
+from updyn.updating.trust_region import TrustRegion
+
+__all__ = ["MaximumLikelihood"]
+
+_ROUNDS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class MaximumLikelihood:
+    """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
+
+    The weights follow the model, not the noisy data: they are renewed after every descent until the estimate stays
+    within a hundredth of its standard deviation (iteratively reweighted least squares; Green, J. R. Stat. Soc. B 46
+    (1984) 149).
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps of the final fit, search not counted.
+    tolerance : float
+        Relative step at which a descent has converged.
+    starts : int
+        Tries of the search; 0 skips it and starts from where the unknowns start.
+    seed : int
+        Of the search's random tries.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    starts: int = 8
+    seed: int = 0
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+        """Fit the unknowns.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        noise : NoiseModel
+            How uncertain the data are.
+        monitor : Monitor
+            Who watches.
+
+        Returns
+        -------
+        Fit
+        """
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        if self.starts:
+            with monitor.stage("search"):
+                x = Search(self.starts, seed=self.seed).run(problem, monitor)
+            with monitor.stage("log"):
+                if not monitor.stopped:
+                    x = descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance)).x
+        with monitor.stage("maximum-likelihood"):
+            return self._weighted(problem, noise, x, monitor)
+
+    def _weighted(self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor) -> Fit:
+        left, reason = self.max_iterations, "converged"
+        for number in range(_ROUNDS):
+            H = problem.responses(x)
+            noise = noise.refit(H, problem.frf, problem.n)
+            weight = np.sqrt(2.0 / noise.variance(H, problem.frf))
+            residual = OutputError(weight, "maximum-likelihood")
+            if monitor.stopped or left <= 0:
+                reason = "stopped" if monitor.stopped else "max-iterations"
+                break
+            before = len(monitor.history)
+            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance), first=number == 0)
+            left -= len(monitor.history) - before - (number == 0)
+            moved, x, reason = outcome.x - x, outcome.x, outcome.reason
+            if reason in ("stopped", "max-iterations"):
+                break
+            settled = number > 0 and np.linalg.norm(outcome.local.R @ moved) < 1e-2
+            if settled or np.abs(moved).max() <= self.tolerance:
+                break
+        return self._judge(problem, noise, x, residual, reason)
+
+    def _judge(
+        self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], residual: OutputError, reason: str
+    ) -> Fit:
+        local = residual.local(problem, x)
+        assert local is not None
+        whitened = residual.weight * (problem.responses(x) - problem.frf.values)
+        chi_square = 2.0 * local.cost / max(2 * whitened.size - problem.n, 1)
+        length = correlation_length(whitened)
+        # More misfit than the noise explains widens the error bars; less of it narrows them only where the scale of the
+        # noise was not known. Misfit that is alike from line to line holds less information than independent noise.
+        scale = max(chi_square, 1.0) if noise.scale_known else chi_square
+        inflation = float(np.sqrt(scale * length))
+        record = {
+            "kind": noise.kind,
+            **noise.figures(),
+            "chi_square": chi_square,
+            "correlation_length": length,
+            "inflation": inflation,
+        }
+        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, record)

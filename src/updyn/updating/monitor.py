@@ -1,0 +1,106 @@
+"""Watching a fit: the history of its steps, progress to the caller, and the wish to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.problem import Problem
+from updyn.updating.result import Iteration
+from updyn.updating.trust_region import Local, Step
+
+__all__ = ["Monitor", "Progress"]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a callback is shown after every step.
+
+    Attributes
+    ----------
+    stage : str
+        Part of the method.
+    iteration : int
+        Steps so far, through all stages.
+    cost : float
+        Half the sum of squared weighted residuals.
+    lines_done, n_lines : int
+        Lines solved so far in the whole run, and lines of the fit.
+    """
+
+    stage: str
+    iteration: int
+    cost: float
+    lines_done: int
+    n_lines: int
+
+
+@dataclass(slots=True)
+class Monitor:
+    """Collects history and timing; the only object of a fit that changes.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is fitted.
+    callback : callable, optional
+        Called with a `Progress` after every step; returning True stops the fit.
+    """
+
+    problem: Problem
+    callback: Callable[[Progress], bool | None] | None = None
+    history: list[Iteration] = field(default_factory=list)
+    timing_s: dict[str, float] = field(default_factory=dict)
+    stopped: bool = False
+    _stage: str = ""
+    _lines: int = 0
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Name the steps made inside, and time them."""
+        before, self._stage, start = self._stage, name, time.perf_counter()
+        try:
+            yield
+        finally:
+            self.timing_s[name] = self.timing_s.get(name, 0.0) + time.perf_counter() - start
+            self._stage = before
+
+    def start(self, x: NDArray[np.float64], local: Local) -> None:
+        """Record where a stage starts."""
+        self.step(Step(x, local, 0.0, True))
+
+    def step(self, step: Step) -> bool:
+        """Record a step; return whether the fit should stop."""
+        names = self.problem.coordinates.parameters.names
+        values = self.problem.coordinates.to_values(step.x)
+        cost = np.nan if step.local is None else step.local.cost
+        self._lines += len(self.problem.frf.freq)
+        self.history.append(
+            Iteration(
+                self._stage,
+                len(self.history),
+                cost,
+                step.length,
+                np.nan if step.local is None else condition(step.local.R),
+                step.accepted,
+                dict(zip(names, values.tolist(), strict=True)),
+            )
+        )
+        if self.callback is not None:
+            progress = Progress(self._stage, len(self.history) - 1, cost, self._lines, len(self.problem.frf.freq))
+            self.stopped = bool(self.callback(progress)) or self.stopped
+        return self.stopped
+
+
+def condition(R: NDArray[np.float64]) -> float:
+    """Return the condition number of a Jacobian with its columns scaled to unit norm."""
+    norms = np.linalg.norm(R, axis=0)
+    if not norms.all() or not np.isfinite(norms).all():
+        return np.inf
+    s = np.linalg.svd(R / norms, compute_uv=False)
+    return float(s[0] / s[-1]) if len(s) == R.shape[1] and s[-1] > 0 else np.inf

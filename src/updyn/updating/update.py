@@ -1,0 +1,337 @@
+"""`update`: from a model, a measurement and unknowns to a result."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+import updyn
+from updyn.correlation import correlate
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DataError, OptionError, ParameterError, SolverError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.cure import advise
+from updyn.updating.fit import Fit
+from updyn.updating.identifiability import Analysis, analyse
+from updyn.updating.lines import choose_lines
+from updyn.updating.methods import make_method
+from updyn.updating.monitor import Monitor, Progress
+from updyn.updating.noise import choose_noise
+from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import OutputError
+from updyn.updating.result import Identifiability, UpdateResult
+
+__all__ = ["identifiability", "update"]
+
+#: Noise that an identifiability check assumes where the data state none.
+_ASSUMED = {"relative": 0.05, "floor": 0.001}
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """Which part of the data is fitted and which is held out."""
+
+    fitted: FRF
+    responses: tuple[str, ...] = ()
+    band: tuple[float, float] | None = None
+    held: FRF | None = None
+
+
+def update(
+    model: Model,
+    frf: FRF,
+    parameters: ParameterSet,
+    method: str = "maximum-likelihood",
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float] | str | None = None,
+    engine: None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    **options: Any,
+) -> UpdateResult:
+    """Find the values of the unknowns with which the model answers as the structure does.
+
+    Parameters
+    ----------
+    model : Model
+        The model to start from.
+    frf : FRF
+        The measurement. Every response and reference has to be a DOF of the model.
+    parameters : ParameterSet
+        The unknowns, from `updyn.parameters`.
+    method : str
+        ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's).
+    lines : None, str or array_like of float
+        Lines to fit: all, ``"d-optimal:40"``, or a list in Hz.
+    noise : None, str or mapping
+        None: from the data's variance, else coherence, else estimated from the residual. A mapping with ``relative``
+        and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``,
+        ``"estimated"`` force one source.
+    engine : None
+        Where the lines are solved; so far here, one after the other.
+    callback : callable, optional
+        Called with a `Progress` after every step; returning True stops the run, with status ``"stopped"``.
+    validation : iterable of str or Dof, or (float, float), optional
+        Responses, or a band in Hz, held out of the fit and scored afterwards.
+    title : str
+        For the record.
+    tier : {"dense", "sparse"}, optional
+        How the model is solved; by default chosen by size.
+    backend : str, optional
+        Sparse factorisation.
+    **options
+        Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed`` (maximum-likelihood, log);
+        ``solver`` (equation-error).
+
+    Returns
+    -------
+    UpdateResult
+        A fit that fails says so in its status; nothing is raised for it.
+
+    Raises
+    ------
+    InputError
+        If model, data, unknowns or options do not fit together.
+    SolverError
+        If the model cannot be solved at a line where it starts.
+    """
+    begun = time.perf_counter()
+    if engine is not None:
+        raise OptionError(f"engine {engine!r}: only None, lines solved in this process, is available")
+    strategy = make_method(method, options)
+    _check(model, frf, parameters)
+    split = _split(frf, validation)
+    problem = _on_lines(Problem.build(model, split.fitted, parameters, tier=tier, backend=backend), lines)
+    noise_model = choose_noise(noise, problem.frf)
+    problem.responses(problem.coordinates.to_x(parameters.start))  # a start that cannot be solved is the user's to know
+    monitor = Monitor(problem, callback)
+    try:
+        fit = strategy.fit(problem, noise_model, monitor)
+    except SolverError as error:
+        fit = Fit(
+            problem.coordinates.to_x(parameters.start), "failed", np.zeros((len(parameters),) * 2), note=str(error)
+        )
+    analysis = analyse(fit.R, parameters.names)
+    advice = advise(analysis, problem, fit.x) if fit.reason != "failed" else ""
+    values = problem.coordinates.to_values(fit.x)
+    values = np.where(np.abs(fit.x) == 0.0, np.where(parameters.is_factor, 1.0, 0.0), values)
+    after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
+    covariance = _covariance(analysis, problem, fit)
+    status, message, remedy = _verdict(fit, analysis, problem, advice)
+    options_used = {
+        **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
+        "lines": lines if isinstance(lines, str) or lines is None else "list",
+        "tier": problem.solver.tier,
+        "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
+    }
+    with monitor.stage("judge"):
+        correlation = _correlation(model, after, split)
+    return UpdateResult(
+        status=status,
+        message=message,
+        remedy=remedy,
+        method=method,
+        options=options_used,
+        start=model,
+        model=after,
+        frf=frf,
+        lines=problem.frf.freq,
+        fitted_responses=tuple(split.fitted.responses.labels),
+        validation_responses=split.responses,
+        validation_band=split.band,
+        parameters=parameters,
+        values=dict(zip(parameters.names, values.tolist(), strict=True)),
+        std=dict(zip(parameters.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=covariance,
+        at_bound=_at_bound(problem, fit.x, parameters),
+        identifiability=_advised(analysis.report, advice),
+        history=tuple(monitor.history),
+        noise=dict(fit.noise),
+        correlation=correlation,
+        timing_s={**monitor.timing_s, "total": time.perf_counter() - begun},
+        versions={
+            "updyn": updyn.__version__,
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+            "python": platform.python_version(),
+            "platform": platform.platform(terse=True),
+        },
+        title=title,
+    )
+
+
+def identifiability(
+    model: Model,
+    frf: FRF,
+    parameters: ParameterSet,
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float] | str | None = None,
+) -> Identifiability:
+    """Say what a measurement could determine, at the start of the unknowns and before any fit.
+
+    Parameters
+    ----------
+    model, frf, parameters, lines, noise
+        As for `update`. Where neither `noise` nor the data say how noisy they are, 5 % of |H| and a floor of 0.1 % of
+        the rms are assumed.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    InputError
+        If model, data, unknowns or options do not fit together.
+    SolverError
+        If the model cannot be solved at a line.
+    """
+    _check(model, frf, parameters)
+    problem = _on_lines(Problem.build(model, frf, parameters), lines)
+    chosen = choose_noise(noise, problem.frf)
+    if chosen.kind.startswith("estimated"):
+        chosen = choose_noise(_ASSUMED, problem.frf)
+    x = problem.coordinates.to_x(parameters.start)
+    variance = chosen.variance(problem.responses(x), problem.frf)
+    local = OutputError(np.sqrt(2.0 / variance)).local(problem, x)
+    if local is None:
+        raise SolverError("the model cannot be solved at its start")
+    analysis = analyse(local.R, parameters.names)
+    return _advised(analysis.report, advise(analysis, problem, x))
+
+
+def _check(model: Model, frf: FRF, parameters: ParameterSet) -> None:
+    for given, kind in ((model, Model), (frf, FRF), (parameters, ParameterSet)):
+        if not isinstance(given, kind):
+            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+    for p in parameters:
+        group = model.group(p.group)
+        if getattr(group, "stiffness" if p.quantity == "loss_factor" else p.quantity) is None:
+            raise ParameterError(f"unknown {p.name!r}: the group has no {p.quantity} in this model")
+    model.dofs.match(frf.responses, "response")
+    model.dofs.match(frf.references, "reference")
+
+
+def _split(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | None) -> _Split:
+    if validation is None:
+        return _Split(frf)
+    given = list(validation)
+    if not given:
+        return _Split(frf)
+    if all(isinstance(v, int | float) for v in given):
+        if len(given) != 2:
+            raise DataError(f"validation {given!r}: expected two frequencies in Hz, or response labels")
+        low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
+        held = frf.select(band=(low, high))
+        kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
+        if kept.size == 0:
+            raise DataError(f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit")
+        return _Split(frf.select(lines=kept), band=(low, high), held=held)
+    chosen = DofSet(given)  # type: ignore[arg-type]
+    at = np.sort(frf.responses.match(chosen, "validation response").index)
+    rest = np.setdiff1d(np.arange(len(frf.responses)), at)
+    if rest.size == 0:
+        raise DataError("validation holds out all responses: nothing is left to fit")
+    held_set, fitted_set = frf.responses[at], frf.responses[rest]
+    return _Split(frf.select(responses=fitted_set), tuple(held_set.labels), held=frf.select(responses=held_set))
+
+
+def _on_lines(problem: Problem, lines: str | ArrayLike | None) -> Problem:
+    from dataclasses import replace
+
+    at = choose_lines(lines, problem)
+    return (
+        problem
+        if len(at) == len(problem.frf.freq)
+        else replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
+    )
+
+
+def _covariance(analysis: Analysis, problem: Problem, fit: Fit) -> NDArray[np.float64]:
+    """Return the covariance of the values: from data and priors; inf for unknowns that both leave open."""
+    slope = problem.coordinates.slope(fit.x)
+    weight = problem.coordinates.prior[1]
+    if weight.any():
+        analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
+    out = analysis.covariance * slope[:, None] * slope
+    out[analysis.involved] = np.inf
+    out[:, analysis.involved] = np.inf
+    return np.asarray(out)
+
+
+def _at_bound(problem: Problem, x: NDArray[np.float64], parameters: ParameterSet) -> dict[str, str]:
+    lower, upper = problem.coordinates.bounds
+    near = 1e-9 * (upper - lower)
+    sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
+    return {n: str(s) for n, s in zip(parameters.names, sides, strict=True) if s}
+
+
+def _advised(report: Identifiability, advice: str) -> Identifiability:
+    from dataclasses import replace
+
+    return replace(report, advice=advice)
+
+
+def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tuple[str, str, str]:
+    """Return status, cause and remedy."""
+    names = problem.coordinates.parameters.names
+    if fit.reason == "failed":
+        return (
+            "failed",
+            f"The fit broke down. {fit.note}".strip(),
+            "Start closer, or use the trust-region solver with bounds.",
+        )
+    if fit.reason == "stopped":
+        return "stopped", "Stopped before it had converged; the values are those of the last step.", "Run it again."
+    if fit.reason == "max-iterations":
+        return "max-iterations", "The largest number of steps was reached before convergence.", "Raise max_iterations."
+    if not analysis.report.complete:
+        open_ = [n for n, i in zip(names, analysis.involved, strict=True) if i]
+        return (
+            "not-identifiable",
+            f"The fit ended, but the data determine only {analysis.report.rank} of {analysis.report.n_parameters} "
+            f"unknowns: {', '.join(open_)} can change together without changing anything that was measured.",
+            advice,
+        )
+    if fit.reason == "stalled":
+        return (
+            "stalled",
+            "No step lowers the misfit although its gradient is not zero.",
+            "Start elsewhere or loosen bounds.",
+        )
+    message = "The fit converged and the data determine all unknowns."
+    chi_square = float(fit.noise.get("chi_square", 1.0))
+    remedy = fit.note
+    if chi_square > 2.0:
+        message += (
+            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the data, "
+            "and the standard deviations were widened by as much."
+        )
+        remedy = "Look at the channels with the lowest FRAC; free other groups or refine the model."
+    return "converged", message, remedy
+
+
+def _correlation(before: Model, after: Model, split: _Split) -> dict[str, Any]:
+    def figures(model: Model, data: FRF) -> dict[str, float]:
+        try:
+            return dict(correlate(model, data).figures())
+        except SolverError:
+            return {}
+
+    out: dict[str, Any] = {"before": figures(before, split.fitted), "after": figures(after, split.fitted)}
+    if split.held is not None:
+        out["validation"] = {"before": figures(before, split.held), "after": figures(after, split.held)}
+    return out
