@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.report.data import ReportData
-from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, numbers, rows_height
+from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, log_step, numbers, rows_height
+from updyn.report.words import figure_of_agreement
 
 __all__ = [
     "csac_lines",
@@ -47,7 +48,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
         "colorbar": {"title": {"text": "FRAC", "side": "right"}, "thickness": 12, "tickvals": [0, 0.25, 0.5, 0.75, 1]},
     }
     if frac.size <= PRINTED_CELLS:
-        trace["text"] = [[_frac_text(v) for v in line] for line in frac]
+        trace["text"] = [[label(figure_of_agreement(v)) for v in line] for line in frac]
         trace["texttemplate"] = "%{text}"
     height = rows_height(len(rows), extra=110)
     return {
@@ -58,11 +59,6 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
             "yaxis": {**categories(rows, "response"), "autorange": "reversed"},
         },
     }
-
-
-def _frac_text(value: float) -> str:
-    """Two decimals, three where two would read as a perfect 1.00."""
-    return f"{value:.3f}" if 0.995 <= value < 1 else f"{value:.2f}"
 
 
 def csac_lines(data: ReportData) -> Figure | None:
@@ -167,10 +163,12 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         for c in data.references
     ]
     traces: list[dict[str, Any]] = []
+    shown: list[float] = []
     for name, computed, symbol in (("before", data.before, "circle-open"), ("after", data.after, "circle")):
         if computed is None:
             continue
         residual = relative_residual(data.measured[data.compared], computed[data.compared]).ravel()
+        shown += residual.tolist()
         traces.append(
             {
                 "type": "scatter",
@@ -197,7 +195,7 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         "height": 340 if few else 300,
         "layout": {
             "xaxis": axis,
-            "yaxis": {"title": {"text": "rms residual (% of rms level)"}, "type": "log"},
+            "yaxis": {"title": {"text": "rms residual (% of rms level)"}, "type": "log", "dtick": log_step(shown)},
             "showlegend": True,
         },
     }

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["PRINTED_CELLS", "Figure", "categories", "label", "labels", "numbers", "rows_height"]
+__all__ = ["PRINTED_CELLS", "Figure", "categories", "label", "labels", "log_step", "numbers", "rows_height"]
 
 #: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
 Figure = dict[str, Any]
@@ -41,6 +41,13 @@ def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
     if array.ndim > 1:
         out["shape"] = ", ".join(map(str, array.shape))
     return out
+
+
+def log_step(values: ArrayLike) -> int | str:
+    """Return how to mark a log axis: whole decades where `values` span more than two, else 1, 2 and 5 in each."""
+    array = np.asarray(values, dtype=np.float64)
+    array = array[np.isfinite(array) & (array > 0)]
+    return 1 if array.size and array.max() > 100.0 * array.min() else "D2"
 
 
 def rows_height(n: int, extra: int) -> int:

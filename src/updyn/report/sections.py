@@ -40,12 +40,14 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
     ident = result.identifiability
     tiles = []
     if "frac_median" in after:
-        text = _from_to(before.get("frac_median"), after["frac_median"], "")
+        text = _from_to(before.get("frac_median"), after["frac_median"], w.figure_of_agreement)
         tiles.append(("Shape agreement, median FRAC", text, "1 is perfect, before → after"))
     if "db_error_median" in after:
-        text = _from_to(before.get("db_error_median"), after["db_error_median"], " dB")
+        text = _from_to(before.get("db_error_median"), after["db_error_median"], w.decibels)
         tiles.append(("Level difference, median", text, "0 dB is perfect, before → after"))
-    tiles.append(("Determined by the data", f"{ident.rank} of {ident.n_parameters}", "independent unknowns"))
+    tiles.append(
+        ("Determined by the data", f"{ident.rank} of {ident.n_parameters}", "independent combinations of the unknowns")
+    )
     chi = result.noise.get("chi_square")
     if isinstance(chi, int | float) and math.isfinite(chi):
         tiles.append(("Reduced chi-square", w.number(float(chi), 3), "1: what is left is noise"))
@@ -56,8 +58,8 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
     return f'<dl class="tiles">{cells}</dl>'
 
 
-def _from_to(before: float | None, after: float, unit: str) -> str:
-    return (w.figure_of_agreement(before) + " → " if before is not None else "") + w.figure_of_agreement(after) + unit
+def _from_to(before: float | None, after: float, say: Callable[[float], str]) -> str:
+    return (say(before) + " → " if before is not None else "") + say(after)
 
 
 def overlay(c: Content) -> str:
@@ -120,10 +122,14 @@ def agreement(c: Content) -> str:
     )
     parts.append(_agreement_table(c.result))
     if "csac" in c.figures:
-        several = f", mean over the {len(c.data.references)} references" if len(c.data.references) > 1 else ""
+        several = (
+            f" The curve is the mean over the {len(c.data.references)} references."
+            if len(c.data.references) > 1
+            else ""
+        )
         caption = (
             "CSAC (cross signature assurance criterion) compares, line by line, the deflection over all responses: "
-            f"dips show the frequencies at which the model moves in a different shape{several}."
+            f"dips show the frequencies at which the model moves in a different shape.{several}"
         )
         parts.append("<h3>CSAC over frequency</h3>")
         parts.append(

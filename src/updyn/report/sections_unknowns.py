@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from updyn.report import markup as m
 from updyn.report import words as w
@@ -81,10 +82,12 @@ def identifiability(c: Content) -> str:
             "<h3>Open combinations</h3><p>Weights are relative to the largest. These move together without "
             "changing anything measured:</p>"
         )
-        parts.append(_directions(ident.null_directions))
+        parts.append(_directions(ident.null_directions, w.combination))
     if ident.determined_directions:
-        parts.append("<h3>What is still known about them</h3><p>Of these unknowns the data do determine:</p>")
-        parts.append(_directions(ident.determined_directions))
+        parts.append(
+            "<h3>What is still known about them</h3><p>Of these unknowns the data determine, by weights too:</p>"
+        )
+        parts.append(_directions(ident.determined_directions, w.weighted_sum))
     if "singular-values" in c.figures:
         caption = (
             "Singular values of the Jacobian with columns scaled to unit length: how strongly the data react to each "
@@ -99,8 +102,8 @@ def identifiability(c: Content) -> str:
         )
     if "correlation" in c.figures:
         caption = (
-            "Correlation of the estimates: near +1 or −1 two unknowns can be told apart only together. Blank: not "
-            "determined, so there is no correlation to give."
+            "Correlation of the estimates: near +1 or −1 the data see two unknowns together and hardly tell "
+            "them apart. Blank: not determined, so there is no correlation to give."
         )
         plot = m.figure(
             "correlation", "Correlation matrix of the unknowns", caption, height=c.figures["correlation"]["height"]
@@ -110,8 +113,8 @@ def identifiability(c: Content) -> str:
     return "".join(parts) + "</section>"
 
 
-def _directions(directions: list[dict[str, float]]) -> str:
-    items = "".join(f"<li>{m.esc(w.combination(d))}</li>" for d in directions)
+def _directions(directions: list[dict[str, float]], say: Callable[[dict[str, float]], str]) -> str:
+    items = "".join(f"<li>{m.esc(say(d))}</li>" for d in directions)
     return f'<ol class="directions">{items}</ol>'
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, numbers, rows_height
+from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, log_step, numbers, rows_height
 from updyn.report.words import interval, quantity_words
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -63,7 +63,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bo
         "data": traces,
         "height": rows_height(len(chosen), extra=130),
         "layout": {
-            "xaxis": axis | ({"type": "log", "dtick": "D2" if view[1] / view[0] < 30 else 1} if relative else {}),
+            "xaxis": axis | ({"type": "log", "tickvals": _log_ticks(view)} if relative else {}),
             "yaxis": {
                 "tickvals": rows.tolist(),
                 "ticktext": names,
@@ -92,7 +92,7 @@ def _estimate_trace(
         "x": numbers(values[at]),
         "y": at.tolist(),
         "text": [names[i] for i in at],
-        "marker": {"symbol": symbol, "color": "@after", "size": 10, "line": {"width": 2}},
+        "marker": {"symbol": symbol, "color": "@after", "size": 10, "line": {"width": 2, "color": "@after"}},
         "hovertemplate": "%{text}: %{x:.5g}<extra></extra>",
     }
     if np.isfinite(low[at]).all():
@@ -120,6 +120,20 @@ def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
         return low / margin, high * margin
     margin = max(0.06 * (high - low), 1e-6 + 0.03 * abs(high))
     return low - margin, high + margin
+
+
+def _log_ticks(view: tuple[float, float]) -> list[float]:
+    """Return round values to mark on a log axis, about 5 to 12 of them whatever its range."""
+    low, high = view
+    if high / low < 2.0:  # nearly linear: steps of 1, 2 or 5
+        rough = (high - low) / 6.0
+        unit = 10.0 ** np.floor(np.log10(rough))
+        step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
+        return [float(round(v, 10)) for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
+    per_decade = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8) if high / low < 12 else (1, 2, 5) if high / low < 1e3 else (1,)
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [float(f"{s * 10.0**p:.6g}") for p in powers for s in per_decade]
+    return [t for t in ticks if low <= t <= high]
 
 
 def _bound_trace(limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]) -> dict[str, Any]:
@@ -263,11 +277,16 @@ def cost_path(result: UpdateResult) -> Figure | None:
         "data": traces,
         "height": 320,
         "layout": {
-            "xaxis": {"title": {"text": "iteration"}, "rangemode": "tozero"},
-            "yaxis": {"title": {"text": "cost"}, "type": "log", "exponentformat": "power"},
+            "xaxis": _iterations(result),
+            "yaxis": {"title": {"text": "cost"}, "type": "log", "exponentformat": "power", "dtick": log_step(positive)},
             "showlegend": True,
         },
     }
+
+
+def _iterations(result: UpdateResult) -> dict[str, Any]:
+    last = max(h.number for h in result.history)
+    return {"title": {"text": "iteration"}, "range": [-0.02 * last - 0.2, 1.02 * last + 0.2], "zeroline": False}
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bool) -> Figure | None:
@@ -300,7 +319,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: 
         "data": traces,
         "height": 380,
         "layout": {
-            "xaxis": {"title": {"text": "iteration"}, "rangemode": "tozero"},
+            "xaxis": _iterations(result),
             "yaxis": {"title": {"text": "value relative to the start" if relative else "loss factor"}},
             "showlegend": True,
             "legend": {"orientation": "v"},

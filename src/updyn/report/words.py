@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ __all__ = [
     "agreement_name",
     "change",
     "combination",
+    "decibels",
     "figure_of_agreement",
     "held_out",
     "interval",
@@ -25,6 +26,7 @@ __all__ = [
     "unit",
     "unknown",
     "verdict",
+    "weighted_sum",
 ]
 
 #: Short word for the badge and kind of colour by status.
@@ -108,6 +110,13 @@ def combination(direction: Mapping[str, float]) -> str:
     return ", ".join(f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in ordered)
 
 
+def weighted_sum(direction: Mapping[str, float]) -> str:
+    """Return weights by unknown as a sum, the largest first: ``1 × mass of hub + 0.62 × stiffness of hub``."""
+    ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    terms = [f"{'−' if w < 0 else '+'} {number(abs(w), 3)} × {unknown(name)}" for name, w in ordered]
+    return " ".join(terms).removeprefix("+ ")
+
+
 def unit(quantity: str, response: str, reference: str) -> str:
     """Return the unit of one channel, from the kind of its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
     motion = ("rad" if _rotation(response) else "m") + _POWER[quantity]
@@ -182,10 +191,10 @@ def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str,
     before, after = figures.get("before", {}), figures.get("after", {})
     if "frac_median" not in after:
         return "How well the updated model agrees with the measurement could not be computed."
-    parts = [_went("median FRAC", before.get("frac_median"), after["frac_median"], "")]
+    parts = [_went("median FRAC", before.get("frac_median"), after["frac_median"], figure_of_agreement)]
     if "db_error_median" in after:
         parts.append(
-            _went("the median level difference", before.get("db_error_median"), after["db_error_median"], " dB")
+            _went("the median level difference", before.get("db_error_median"), after["db_error_median"], decibels)
         )
     text = " and ".join(parts)
     held = figures.get("validation", {})
@@ -196,26 +205,26 @@ def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str,
     return text[0].upper() + text[1:] + "."
 
 
-def _went(what: str, before: float | None, after: float, suffix: str) -> str:
+def _went(what: str, before: float | None, after: float, say: Callable[[float], str]) -> str:
     if before is None:
-        return f"{what} is {figure_of_agreement(after)}{suffix}"
-    word = (
-        "stays at"
-        if figure_of_agreement(before) == figure_of_agreement(after)
-        else "rises from"
-        if after > before
-        else "falls from"
-    )
-    if word == "stays at":
-        return f"{what} stays at {figure_of_agreement(after)}{suffix}"
-    return f"{what} {word} {figure_of_agreement(before)} to {figure_of_agreement(after)}{suffix}"
+        return f"{what} is {say(after)}"
+    if say(before) == say(after):
+        return f"{what} stays at {say(after)}"
+    return f"{what} {'rises' if after > before else 'falls'} from {say(before)} to {say(after)}"
 
 
 def figure_of_agreement(value: float) -> str:
-    """Return a figure of agreement with two decimals, or three where two would read as a perfect 1.00."""
+    """Return a FRAC or the like with two decimals, and more where two would read as a perfect 1.00."""
     if math.isnan(value):
         return "unknown"
-    return f"{value:.3f}" if 0.99 < value < 1.0 else f"{value:.2f}"
+    if 0.9995 <= value < 1.0:
+        return ">0.999"
+    return f"{value:.3f}" if 0.99 <= value < 1.0 else f"{value:.2f}"
+
+
+def decibels(value: float) -> str:
+    """Return a level difference with its unit."""
+    return "unknown" if math.isnan(value) else f"{number(value, 2 if abs(value) < 10 else 3)} dB"
 
 
 def held_out(result: UpdateResult) -> str:

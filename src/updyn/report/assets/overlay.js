@@ -39,9 +39,9 @@ const updynOverlay = (() => {
   }
 
   const styles = {
-    measured: { color: "@measured", width: 2.6 },
+    measured: { color: "@measured", width: 4.5 }, // wide and below: a curve that fits runs inside it,
     before: { color: "@before", width: 1.4, dash: "dot" },
-    after: { color: "@after", width: 1.8 },
+    after: { color: "@after", width: 1.6 },
   };
 
   function traces(k, held) {
@@ -54,7 +54,7 @@ const updynOverlay = (() => {
       if (name === "measured" && !data.everyLineUsed && !held && data.used.length) {
         out.push({ type: "scatter", mode: "markers", name: "lines used in the fit", x: data.used.map((i) => freq[i]),
           y: data.used.map((i) => level[i]), hoverinfo: "skip",
-          marker: { symbol: "circle-open", size: 7, color: "@measured", line: { width: 1.3 } } });
+          marker: { symbol: "circle-open", size: 8, color: "@text", line: { width: 1.1 } } });
       }
     }
     if (coherence) {
@@ -70,28 +70,40 @@ const updynOverlay = (() => {
       fillcolor: "@" + name, line: { width: 0 } };
   }
 
+  function span(log) { // from the first line to the last, whatever markers would like
+    return n > 1 ? [freq[0], freq[n - 1]].map((f) => log ? Math.log10(f) : f) : undefined;
+  }
+
+  function decades(drawn) {
+    let low = Infinity, high = 0;
+    for (const trace of drawn) {
+      if (!trace.yaxis) for (const v of trace.y) { if (v > 0 && v < low) low = v; if (v > high) high = v; }
+    }
+    return Math.log10(high / low);
+  }
+
   function make() {
     const k = channel(), i = Number(pick.response.value), j = Number(pick.reference.value), held = data.heldOut[i];
     const log = document.querySelector("input[name=freq-scale]:checked").value === "log";
-    const shapes = [];
+    const shapes = [], drawn = traces(k, held);
     if (data.fitBand && !held) shapes.push(band(data.fitBand, "fit-band"));
     if (data.validationBand) shapes.push(band(data.validationBand, "held-band"));
     const foot = coherence ? { phase: [0.22, 0.42], level: [0.47, 1] } : { phase: [0, 0.27], level: [0.33, 1] };
     const own = {
       shapes, showlegend: true, // a zoom in frequency stays from channel to channel
-      xaxis: { uirevision: log, title: { text: "frequency (Hz)" }, type: log ? "log" : "linear", anchor: coherence ? "y3" : "y2" },
-      yaxis: { uirevision: k, type: "log", domain: foot.level, exponentformat: "power", nticks: 8,
+      xaxis: { uirevision: log, range: span(log), title: { text: "frequency (Hz)" }, type: log ? "log" : "linear", anchor: coherence ? "y3" : "y2" },
+      yaxis: { uirevision: k, type: "log", domain: foot.level, exponentformat: "power", dtick: decades(drawn) > 2 ? 1 : "D2",
         title: { text: `${data.quantity}<br>magnitude (${data.units[i][j]})` } },
       yaxis2: { domain: foot.phase, range: [-190, 190], tickvals: [-180, -90, 0, 90, 180], title: { text: "phase (°)" } },
     };
     if (coherence) own.yaxis3 = { domain: [0, 0.16], range: [0, 1.05], tickvals: [0, 0.5, 1], title: { text: "coherence" } };
-    return { data: traces(k, held), own, height: coherence ? 640 : 560 };
+    return { data: drawn, own, height: coherence ? 640 : 560 };
   }
 
   function say() {
     const i = Number(pick.response.value), j = Number(pick.reference.value);
     const frac = (name) => data[name] ? data[name][i][j] : null;
-    const digits = (v) => v === null ? "–" : v > 0.995 && v < 1 ? v.toFixed(3) : v.toFixed(2);
+    const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2) : v < 0.9995 ? v.toFixed(3) : ">0.999";
     find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
       `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
     find("channel-figures").textContent = `FRAC ${digits(frac("fracBefore"))} before, ${digits(frac("fracAfter"))} after` +

@@ -6,8 +6,8 @@ const updynReport = (() => {
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
   const painters = []; // one function a figure: draw it, or draw it again in the colours of now
   const config = {
-    responsive: true, displaylogo: false, toImageButtonOptions: { format: "svg" },
-    modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    responsive: true, displaylogo: false, modeBarButtons: [["toImage"]], // SVG: a bitmap would be refused by the policy
+    toImageButtonOptions: { format: "svg", filename: document.title },
   };
 
   function paint(value, key) {
@@ -30,7 +30,8 @@ const updynReport = (() => {
     const out = {
       height, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("text") },
-      margin: { l: 60, r: 16, t: 12, b: 48 }, hovermode: "closest", dragmode: "zoom",
+      margin: { l: 60, r: 16, t: 30, b: 48 }, hovermode: "closest", dragmode: "zoom",
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("faint"), activecolor: colour("link") },
       hoverlabel: { bgcolor: colour("panel"), font: { color: colour("text") }, bordercolor: colour("faint") },
       colorway: ["after", "before", "third", "fourth", "measured", "muted"].map(colour),
       ...paint(own),
