@@ -1,0 +1,289 @@
+"""Eigenpairs of (K, M) near zero, where either matrix may be singular but not both on the same motion.
+
+With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite right-hand side: massless
+motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The relative error of lambda is about
+eps (lambda + s)^2 / (lambda s), so s is put near the eigenvalues wanted, in two passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sl
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+
+__all__ = [
+    "DENSE_LIMIT",
+    "complex_pairs",
+    "mass_rank",
+    "real_pairs",
+    "state_space_pairs",
+    "weakest_dof",
+]
+
+#: Models up to this many DOFs are solved dense.
+DENSE_LIMIT = 800
+
+_BELOW = 0.01  # of the highest wanted eigenvalue: the shift of the second, dense pass
+_BELOW_SPARSE = 0.1
+_FIRST_SHIFT = 1e-6  # of the largest diagonal ratio K/M: keeps K + s M well-conditioned before anything is known
+_EXTRA = 2  # modes beyond those wanted, so that the last wanted one can be told from the next
+_RANK = 1e-12
+
+Pairs = tuple[NDArray[Any], NDArray[Any]]
+
+
+def mass_rank(M: Any) -> int:
+    """Return how many independent motions carry mass: the number of finite eigenvalues.
+
+    Parameters
+    ----------
+    M : sparse, shape (N, N)
+        Mass in kg (kg m2). On more than `DENSE_LIMIT` DOFs with mass, those are counted: an upper limit.
+    """
+    own = np.flatnonzero(np.diff(M.indptr)) if M.nnz else np.zeros(0, dtype=np.intp)
+    own = own[M.diagonal()[own] != 0.0]
+    if len(own) == 0 or len(own) > DENSE_LIMIT:
+        return len(own)
+    block = M[own][:, own].toarray()
+    unit = 1.0 / np.sqrt(np.abs(np.diag(block)))
+    values = np.linalg.eigvalsh(unit[:, None] * block * unit)
+    return int((np.abs(values) > _RANK * len(own)).sum())
+
+
+def weakest_dof(K: Any, M: Any) -> int:
+    """Return the position of the DOF that moves most in the motion with least stiffness and mass together."""
+    A = (K + _first_shift(K, M) * M).toarray()
+    unit = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(A)), np.finfo(np.float64).tiny))
+    _, vectors = np.linalg.eigh(unit[:, None] * A * unit)
+    return int(np.argmax(np.abs(vectors[:, 0] * unit)))
+
+
+def real_pairs(K: Any, M: Any, n: int) -> Pairs:
+    """Return the n lowest eigenvalues of K phi = lambda M phi and their vectors.
+
+    Parameters
+    ----------
+    K, M : sparse, shape (N, N), real symmetric
+        Stiffness and mass, both positive semidefinite but for rounding.
+    n : int
+        How many.
+
+    Returns
+    -------
+    value : ndarray of float, shape (n,)
+        In 1/s2, ascending.
+    vectors : ndarray of float, shape (N, n)
+
+    Raises
+    ------
+    SolverError
+        If K + s M is singular for every s, or modes were missed.
+    """
+    shift = _first_shift(K, M)
+    N = K.shape[0]
+    heavy = np.flatnonzero(np.diff(M.indptr))
+    if N > DENSE_LIMIT >= len(heavy):
+        value, _ = _few_masses(K, M, heavy, n, shift)
+        return _few_masses(K, M, heavy, n, _second_shift(value, shift, _BELOW))
+    if N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
+        dense = K.toarray(), M.toarray()
+        value, _ = _dense(*dense, n, shift)
+        return _dense(*dense, n, _second_shift(value, shift, _BELOW))
+    value, _ = _sparse(K, M, n, shift, tolerance=1e-2)
+    return _counted(K, M, n, _second_shift(value, shift, _BELOW_SPARSE))
+
+
+def _first_shift(K: Any, M: Any) -> float:
+    k, m = np.abs(K.diagonal()), np.abs(M.diagonal())
+    has = (m > 0) & (k > 0)
+    return _FIRST_SHIFT * float((k[has] / m[has]).max()) if has.any() else 1.0
+
+
+def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> float:
+    # Where all wanted modes are rigid-body modes their values are rounding: the first shift stays.
+    top = float(value[-1])
+    return share * top if top > 1e-9 * shift else shift
+
+
+def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float) -> Pairs:
+    N = len(K)
+    A = K + shift * M
+    # Unit diagonal: translations and rotations, metres and millimetres weigh alike.
+    diagonal = np.diag(A)
+    if (diagonal <= 0).any():
+        raise SolverError(_SINGULAR)
+    unit = 1.0 / np.sqrt(diagonal)
+    A, B = unit[:, None] * A * unit, unit[:, None] * M * unit
+    try:
+        nu, vectors = sl.eigh(B, A, subset_by_index=(N - n, N - 1))
+    except np.linalg.LinAlgError as error:
+        raise SolverError(_SINGULAR) from error
+    if not (np.isfinite(nu).all() and nu[0] > 0):
+        raise SolverError(_SINGULAR)
+    return (1.0 / nu - shift)[::-1], (unit[:, None] * vectors)[:, ::-1]
+
+
+def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -> Pairs:
+    """Solve a large model with mass on few DOFs, by its flexibility there: exact, and dense in those DOFs only."""
+    lu = _factor(K + shift * M)
+    weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
+    kept = weight > _RANK * weight[-1]
+    root = np.zeros((K.shape[0], int(kept.sum())))
+    root[heavy] = axes[:, kept] * np.sqrt(weight[kept])
+    moved = lu.solve(root)
+    flexibility = root.T @ moved
+    nu, y = np.linalg.eigh((flexibility + flexibility.T) / 2)
+    nu, y = nu[::-1][:n], y[:, ::-1][:, :n]
+    if not (np.isfinite(nu).all() and len(nu) == n and nu[-1] > 0):
+        raise SolverError(_SINGULAR)
+    return 1.0 / nu - shift, moved @ y
+
+
+_SINGULAR = (
+    "the model has a motion with neither stiffness nor mass, or its stiffness is far from positive: no modes can be "
+    "computed"
+)
+
+
+def _factor(A: Any) -> Any:
+    from scipy.sparse.linalg import splu
+
+    try:
+        return splu(sp.csc_array(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:
+        raise SolverError(_SINGULAR) from error
+
+
+def _sparse(K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None) -> Pairs:
+    """Shift-invert Lanczos (ARPACK mode 3; Grimes, Lewis & Simon, SIAM J. Matrix Anal. 15 (1994) 228-272)."""
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    lu = _factor(K + shift * M)
+    N = K.shape[0]
+    inverse = LinearOperator((N, N), matvec=lu.solve, dtype=np.float64)
+    # A fixed start, freed of massless motions, makes the answer repeatable.
+    start = lu.solve(M @ np.random.default_rng(0).standard_normal(N))
+    try:
+        value, vectors = eigsh(K, k=n, M=M, sigma=-shift, which="LM", OPinv=inverse, v0=start, tol=tolerance, ncv=basis)
+    except ArpackError as error:
+        raise SolverError(f"the eigenvalue solver failed: {error}") from error
+    # One more inverse step removes what rounding left of massless motions in the vectors.
+    vectors = lu.solve(M @ vectors)
+    order = np.argsort(value, kind="stable")
+    return value[order], vectors[:, order]
+
+
+def _counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
+    """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
+    basis = None
+    for factor in (2, 6):
+        value, vectors = _sparse(K, M, n + _EXTRA, shift, basis=basis)
+        below = _count_below(K, M, value, n)
+        if below is None or below[0] == below[1]:
+            return value[:n], vectors[:, :n]
+        basis = min(factor * (n + _EXTRA) + 40, K.shape[0] - 1)
+    raise SolverError(f"the eigenvalue solver found {below[1]} modes where there are {below[0]}")
+
+
+def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
+    """Return how many eigenvalues lie below a gap after the n-th, and how many were found there.
+
+    None where there is no gap, or the factorisation had to pivot off the diagonal and its signs mean nothing.
+    """
+    gaps = [i for i in range(n - 1, len(value) - 1) if value[i + 1] - value[i] > 1e-6 * abs(value[i + 1])]
+    if not gaps:
+        return None
+    at = gaps[0]
+    lu = _factor(K - 0.5 * (value[at] + value[at + 1]) * M)
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        return None
+    return int((lu.U.diagonal() < 0).sum()), at + 1
+
+
+def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
+    """Return eigenpairs of the complex symmetric K phi = lambda M phi near zero.
+
+    Parameters
+    ----------
+    K : sparse, shape (N, N), complex symmetric
+        Stiffness with structural damping.
+    M : sparse, shape (N, N), real symmetric
+        Mass.
+    n : int
+        At least how many.
+    omega : float
+        Highest circular frequency wanted, in rad/s: the scale.
+
+    Returns
+    -------
+    value : ndarray of complex, shape (m,)
+        In 1/s2; eigenvalues without mass are left out.
+    vectors : ndarray of complex, shape (N, m)
+
+    Raises
+    ------
+    SolverError
+        If the solver fails.
+    """
+    N = K.shape[0]
+    shift = _BELOW_SPARSE * omega**2
+    if N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
+        A = (K + shift * M).toarray()
+        unit = 1.0 / np.sqrt(np.abs(np.diag(A)))
+        scaled = unit[:, None] * A * unit
+        nu, vectors = sl.eig(sl.solve(scaled, unit[:, None] * M.toarray() * unit, assume_a="sym"))
+        kept = np.flatnonzero(np.abs(nu) > _RANK * np.abs(nu).max())
+        return 1.0 / nu[kept] - shift, unit[:, None] * vectors[:, kept]
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
+
+    lu = _factor(K + shift * M)
+    step = LinearOperator((N, N), matvec=lambda x: lu.solve((M @ x).astype(np.complex128)), dtype=np.complex128)
+    start = np.random.default_rng(0).standard_normal(N).astype(np.complex128)
+    try:
+        nu, vectors = eigs(step, k=n + _EXTRA, which="LM", v0=lu.solve((M @ start).astype(np.complex128)))
+    except ArpackError as error:
+        raise SolverError(f"the eigenvalue solver failed: {error}") from error
+    return 1.0 / nu - shift, vectors
+
+
+def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
+    """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis.
+
+    Parameters
+    ----------
+    K : sparse, shape (N, N), complex symmetric
+        Stiffness with structural damping.
+    C, M : sparse, shape (N, N), real symmetric
+        Viscous damping and mass.
+    omega : float
+        Highest circular frequency wanted, in rad/s: the scale.
+
+    Returns
+    -------
+    value : ndarray of complex, shape (m,)
+        In 1/s2, omega^2 (1 + i eta).
+    vectors : ndarray of complex, shape (N, m)
+
+    Notes
+    -----
+    First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, eq. 3.4), with the time scaled
+    by `omega` and each DOF to a unit diagonal. It stays regular where M is singular. Structural damping is
+    defined for positive frequency only, hence only roots above the real axis mean anything.
+    """
+    k, c, m = K.toarray(), omega * C.toarray(), omega**2 * M.toarray()
+    unit = 1.0 / np.sqrt(np.abs(np.diag(k)) + np.abs(np.diag(c)) + np.abs(np.diag(m)))
+    k, c, m = (unit[:, None] * a * unit for a in (k, c, m))
+    N = len(k)
+    eye, nil = np.eye(N), np.zeros((N, N))
+    (alpha, beta), vectors = sl.eig(
+        np.block([[nil, eye], [-k, -c]]), np.block([[eye, nil], [nil, m]]), homogeneous_eigvals=True
+    )
+    finite = np.flatnonzero(np.abs(beta) > _RANK * np.abs(alpha))
+    s = alpha[finite] / beta[finite]
+    above = s.imag > 1e-5
+    return -((s[above] * omega) ** 2), unit[:, None] * vectors[:N, finite[above]]

@@ -1,0 +1,210 @@
+"""`modes`: natural frequencies, loss factors and mode shapes, real or complex.
+
+Massless DOFs and free-free structures are normal: the mass may be singular, the stiffness too, as long as no motion has
+neither. Everything rests on the pencil shifted to a negative value, K + s M with s > 0, which is definite then.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.dynamics import eigen
+from updyn.errors import ModelError, SolverError, UpdynWarning
+from updyn.model import Matrix, Model
+
+__all__ = ["Modes", "modes"]
+
+#: Complex modes with viscous damping need twice the DOFs and a dense solver: up to this many DOFs.
+_STATE_SPACE_LIMIT = 400
+
+# A stiffness energy below this share of the sum of its absolute terms is what rounding leaves of zero.
+_ZERO = 1e3 * np.finfo(np.float64).eps
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Modes:
+    """Modes of a model, by ascending frequency.
+
+    Attributes
+    ----------
+    frequency : ndarray of float, shape (n,)
+        Natural frequencies in Hz. For complex modes the square root of the real part of lambda = omega^2 (1 + i eta).
+        A rigid-body mode has exactly 0.
+    loss_factor : ndarray of float, shape (n,)
+        Modal loss factor eta; twice the damping ratio where damping is light. A rigid-body mode has 0: it stores no
+        energy to lose a share of.
+    shapes : ndarray of float or complex, shape (N, n)
+        Mode shapes as columns, normalised to phi^T M phi = 1 (transpose, not conjugate), in 1/sqrt(kg) for
+        translations; the largest component is (in its real part) positive.
+    dofs : DofSet
+        The N DOFs of the rows.
+    """
+
+    frequency: NDArray[np.float64]
+    loss_factor: NDArray[np.float64]
+    shapes: NDArray[Any]
+    dofs: DofSet
+
+    def __len__(self) -> int:
+        return len(self.frequency)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{f:.6g}" for f in self.frequency[:6])
+        return f"Modes({len(self)} modes: {shown}{', ...' if len(self) > 6 else ''} Hz)"
+
+    def at(self, dofs: Iterable[str | Dof]) -> NDArray[Any]:
+        """Return the shapes at signed DOFs, shape (k, n), as sensors there would see them.
+
+        Raises
+        ------
+        DofError
+            If a DOF is not in the model.
+        """
+        match = self.dofs.match(DofSet(dofs))
+        return np.asarray(self.shapes[match.index] * match.sign[:, None])
+
+
+def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
+    """Compute the lowest modes of a model.
+
+    Parameters
+    ----------
+    model : Model
+        The structure, with all its damping.
+    n : int
+        How many modes, lowest first, rigid-body modes included.
+    complex : bool
+        False: undamped modes, K phi = omega^2 M phi, with the loss factor by modal strain energy. True: modes of the
+        damped structure, (K + i D) phi = omega^2 (1 + i eta) M phi, or with viscous damping those of
+        s^2 M + s C + K + i D with lambda = -s^2.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    ModelError
+        If `n` is not a number of modes that the model has (the message says how many there are), or the model is too
+        large for complex modes with viscous damping.
+    SolverError
+        If a motion has neither stiffness nor mass, or the eigenvalue solver fails.
+
+    Warns
+    -----
+    UpdynWarning
+        If the stiffness is indefinite, so that omega^2 of a mode is negative; its frequency is then given as 0.
+
+    Notes
+    -----
+    Modal strain energy: eta = (phi^T D phi + omega phi^T C phi) / phi^T K phi (Johnson & Kienholz, AIAA Journal 20
+    (1982) 1284-1290, eq. 8, for the structural part; the viscous part is the energy lost a cycle at the mode's own
+    frequency). Complex modes: Ewins, Modal Testing, 2nd ed. 2000, sections 2.5 and 2.7.
+    """
+    K, M = model.stiffness, model.mass
+    _check_count(n, M)
+    result = _real(model, K, M, n)
+    return _complex(model, K, M, n, result) if complex else result
+
+
+def _check_count(n: int, M: Matrix) -> None:
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ModelError(f"modes: n = {n!r}; expected a whole number of at least 1")
+    finite = eigen.mass_rank(M)
+    if n > finite:
+        massless = M.shape[0] - finite
+        raise ModelError(
+            f"{n} modes asked for; the model has {finite}: {M.shape[0]} DOFs, of which {massless} combinations carry "
+            "no mass"
+        )
+
+
+def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
+    try:
+        value, shapes = eigen.real_pairs(K, M, n)
+    except SolverError as error:
+        raise SolverError(f"{error}{_motion_without_either(model, K, M)}") from error
+    shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
+    energy = np.einsum("in,in->n", shapes, K @ shapes)
+    noise = _ZERO * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
+    rigid = np.abs(energy) <= noise
+    unstable = ~rigid & (energy < 0)
+    if unstable.any():
+        worst = float(value[unstable].min())
+        warnings.warn(
+            f"{int(unstable.sum())} mode(s) with negative omega^2 (down to {worst:.3g} 1/s2): the stiffness is "
+            "indefinite; their frequency is given as 0 Hz",
+            UpdynWarning,
+            stacklevel=3,
+        )
+    elastic = ~rigid & ~unstable
+    omega = np.sqrt(np.where(elastic, value, 0.0))
+    lost = np.einsum("in,in->n", shapes, model.structural @ shapes)
+    lost = lost + omega * np.einsum("in,in->n", shapes, model.viscous @ shapes)
+    loss = np.divide(lost, energy, out=np.zeros_like(lost), where=elastic)
+    order = np.argsort(omega, kind="stable")
+    return _pack(omega[order], loss[order], shapes[:, order], model.dofs)
+
+
+def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
+    """Name the DOF that moves most in the motion that has neither stiffness nor mass, on small models."""
+    if K.shape[0] > eigen.DENSE_LIMIT:
+        return ""
+    dof = model.dofs[eigen.weakest_dof(K, M)]
+    return f"; it moves DOF {dof} most"
+
+
+def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
+    """Complex modes. The rigid-body modes are those of the undamped model as far as no damper acts on them."""
+    C, D = model.viscous, model.structural
+    viscous = C.nnz > 0
+    still = real.frequency == 0.0
+    if viscous:
+        strength = np.einsum("in,in->n", real.shapes, C @ real.shapes)
+        noise = _ZERO * np.einsum("in,in->n", np.abs(real.shapes), abs(C) @ np.abs(real.shapes))
+        still = still & (strength <= noise)
+    rigid = np.flatnonzero(still)
+    rest = n - len(rigid)
+    scale = max(float(real.frequency[-1]) * _TWO_PI, 1.0) if real.frequency[-1] > 0 else 1.0
+    stiffness = K + 1j * D
+    if rest == 0:
+        value, shapes = np.zeros(0, dtype=np.complex128), np.zeros((K.shape[0], 0), dtype=np.complex128)
+    elif viscous:
+        if K.shape[0] > _STATE_SPACE_LIMIT:
+            raise ModelError(
+                f"complex modes with viscous damping are computed in state space, for at most {_STATE_SPACE_LIMIT} "
+                f"DOFs; the model has {K.shape[0]}. Use complex=False, or give the damping as loss factors"
+            )
+        value, shapes = eigen.state_space_pairs(stiffness, C, M, scale)
+    else:
+        value, shapes = eigen.complex_pairs(stiffness, M, n, scale)
+    # What remains of the rigid-body modes is told by its size; they are put back exactly.
+    moving = np.flatnonzero(value.real > 1e-10 * scale**2)
+    moving = moving[np.argsort(value.real[moving], kind="stable")]
+    if len(moving) < rest:
+        raise ModelError(
+            f"{n} complex modes asked for; the model has {len(rigid) + len(moving)} that oscillate or are rigid-body "
+            "modes: the others are damped beyond oscillation or carry no mass"
+        )
+    value, shapes = value[moving[:rest]], shapes[:, moving[:rest]]
+    shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
+    omega = np.concatenate([np.zeros(len(rigid)), np.sqrt(value.real)])
+    loss = np.concatenate([np.zeros(len(rigid)), value.imag / value.real])
+    return _pack(omega, loss, np.hstack([real.shapes[:, rigid], shapes]), model.dofs)
+
+
+def _pack(omega: NDArray[np.float64], loss: NDArray[np.float64], shapes: NDArray[Any], dofs: DofSet) -> Modes:
+    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
+    shapes = shapes * np.where(largest.real < 0, -1.0, 1.0)
+    frequency = omega / _TWO_PI
+    for array in (frequency, loss, shapes):
+        array.flags.writeable = False
+    return Modes(frequency, loss, shapes, dofs)
