@@ -122,7 +122,7 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
             return _sparse_73(item, name, path)
         if kind != "struct":
             raise FormatError(f"{name}: {_unusable(kind)}", path)
-        return {key: _item_73(file, child, f"{name}.{key}", path, depth + 1) for key, child in item.items()}
+        return {key: _item_73(file, item[key], f"{name}.{key}", path, depth + 1) for key in _fields(item)}
     if item.attrs.get("MATLAB_empty"):
         # An empty array is stored as its size.
         return [] if kind in ("char", "cell") else np.empty(tuple(int(n) for n in item[()]))
@@ -136,6 +136,16 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
     if kind not in _NUMBERS:
         raise FormatError(f"{name}: {_unusable(kind)}", path)
     return _complex(np.asarray(values)).T
+
+
+def _fields(struct: Any) -> list[str]:
+    """Return the names of the fields in MATLAB's order, which HDF5 itself does not keep."""
+    names = list(struct)
+    told = struct.attrs.get("MATLAB_fields")
+    if told is None:
+        return names
+    ordered = ["".join(letter.decode("ascii") for letter in field) for field in told]
+    return ordered if sorted(ordered) == sorted(names) else names
 
 
 def _sparse_73(item: Any, name: str, path: str | Path) -> Any:

@@ -165,14 +165,18 @@ def build_frf(
     key = _values_key(items, path)
     lacking = [
         name
-        for name, given in (("freq", None), ("responses", responses), ("references", references))
+        for name, given in (
+            ("freq", None),
+            ("responses", responses),
+            ("references", references),
+            ("quantity", quantity),
+        )
         if name not in items and given is None
     ]
     if lacking:
         shape = numbers(items[key], key, path).shape
-        hint = (
-            "" if lacking == ["freq"] else "; labels can also be given when reading: responses=[...], references=[...]"
-        )
+        options = [f"{name}=..." for name in lacking if name != "freq"]
+        hint = f"; can also be given when reading: {', '.join(options)}" if options else ""
         raise FormatError(
             f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape {shape}); expected "
             f"freq, H (lines, responses, references), responses, references, quantity{hint}",
@@ -214,15 +218,9 @@ def _values_key(items: Items, path: str | Path) -> str:
 
 def _quantity(items: Items, given: str | None, path: str | Path) -> str:
     said = text(items["quantity"], "quantity", path) if "quantity" in items else None
-    if said is None and given is None:
-        raise FormatError(
-            "no 'quantity': the file does not say what it measured; give quantity='receptance', 'mobility' or "
-            "'accelerance'",
-            path,
-        )
     if said is not None and given is not None and said != given:
         raise FormatError(f"quantity {given!r} contradicts the file, which says {said!r}", path)
-    return str(said or given)
+    return str(given if said is None else said)
 
 
 def _averages(items: Items, path: str | Path) -> int | None:
@@ -250,6 +248,7 @@ def _arranged(
 ) -> NDArray[Any]:
     """Return an array as (lines, responses, references). Nothing is guessed from lengths."""
     array = numbers(given, name, path)
+    found = array.shape
     if order is not None:
         if sorted(order) != sorted(_AXES):
             raise OptionError(
@@ -262,8 +261,8 @@ def _arranged(
         array = array[:, :, None]
     if array.shape != shape:
         raise FormatError(
-            f"{name}: found shape {array.shape}, expected (lines, responses, references) = {shape}"
-            + ("" if order else _advice(array.shape, shape)),
+            f"{name}: found shape {found}, expected (lines, responses, references) = {shape}"
+            + (f" in the order {tuple(order)!r}" if order else _advice(found, shape)),
             path,
         )
     return array
@@ -325,7 +324,7 @@ def _check_kind(items: Items, expected: str, path: str | Path) -> None:
     if kind is not None and kind != expected:
         readers = {"model": "read_model", "frf": "read_frf"}
         right = f"read it with updyn.{readers[kind]}" if kind in readers else suggest(kind, readers)
-        raise FormatError(f"holds a {kind!r}, expected a {expected!r}; {right}", path)
+        raise FormatError(f"the file is of kind {kind!r}, expected {expected!r}; {right}", path)
 
 
 def _geometry(items: Items, path: str | Path) -> Geometry | None:

@@ -1,0 +1,181 @@
+"""MATLAB files: version 5 there and back, version 7.3 as MATLAB lays it out, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse as sp
+from io_samples import assert_same_frf, assert_same_model, frf, model
+from matlab73 import write_matlab73
+
+from updyn.errors import FormatError
+from updyn.io.mat import read_frf, read_model, write_frf, write_model
+from updyn.io.mat_variables import read_variables
+from updyn.io.named import frf_items, model_items
+from updyn.model import Group, Model
+
+K = np.array([[2.0, -1.0], [-1.0, 1.0]])
+M = np.diag([0.5, 0.25])
+TABLE = np.array([[1.0, 1.0], [2.0, 6.0]])
+EXPECTED = Model.from_groups({"model": Group(K, M, loss_factor=0.02)}, ["1:X", "2:RZ"])
+
+
+def save_5(path, variables):
+    scipy.io.savemat(path, variables, oned_as="column")
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "case.mat"
+
+
+@pytest.fixture(params=[save_5, write_matlab73], ids=["v5", "v7.3"])
+def save(request):
+    return request.param
+
+
+@pytest.mark.parametrize("with_geometry", [True, False])
+def test_model_round_trip_is_exact(path, with_geometry):
+    write_model(model(with_geometry), path)
+    assert_same_model(read_model(path), model(with_geometry))
+
+
+@pytest.mark.parametrize("n_references", [1, 2])
+def test_frf_round_trip_is_exact(path, n_references):
+    write_frf(frf(n_references), path)
+    assert_same_frf(read_frf(path), frf(n_references))
+
+
+def test_what_is_written_has_the_types_that_matlab_computes_with(path):
+    write_model(model(), path)
+    stored = scipy.io.loadmat(path, simplify_cells=True)
+    assert list(stored["groups"]) == ["shaft", "group_2", "a_first"]
+    assert stored["groups"]["group_2"]["name"] == "gear 1/é"
+    assert sp.issparse(stored["groups"]["shaft"]["K"])
+    assert stored["dofs"].tolist() == ["7:RZ", "1:X", "1:Y"]
+    assert stored["nodes"].dtype == np.float64
+
+
+def test_model_of_version_73_is_exact(path):
+    items = model_items(model())
+    groups = {"shaft": items["groups"]["shaft"], "g2": {**items["groups"]["gear 1/é"], "name": "gear 1/é"}}
+    groups["a_first"] = items["groups"]["a_first"]
+    write_matlab73(path, {**items, "groups": groups})
+    assert_same_model(read_model(path), model())
+
+
+@pytest.mark.parametrize("n_references", [1, 2])
+def test_frf_of_version_73_is_exact(path, n_references):
+    write_matlab73(path, frf_items(frf(n_references)))
+    assert_same_frf(read_frf(path), frf(n_references))
+
+
+@pytest.mark.parametrize("stiffness", [K, sp.csc_array(K)], ids=["full", "sparse"])
+def test_plain_matrices_and_a_table_of_dofs(path, save, stiffness):
+    save(path, {"K": stiffness, "M": M, "loss_factor": 0.02, "dofs": TABLE})
+    assert_same_model(read_model(path), EXPECTED)
+
+
+@pytest.mark.parametrize("dofs", [["1:X", "2:RZ"], TABLE], ids=["cellstr", "table"])
+def test_one_struct_is_opened(path, save, dofs):
+    cells = np.array(dofs, dtype=object)[:, None] if isinstance(dofs, list) and save is save_5 else dofs
+    save(path, {"beam": {"K": K, "M": M, "loss_factor": 0.02, "dofs": cells}})
+    assert_same_model(read_model(path), EXPECTED)
+
+
+def test_char_matrix_padded_with_blanks(path):
+    save_5(path, {"K": K, "M": M, "loss_factor": 0.02, "dofs": np.array(["1:X ", "2:RZ"])})
+    assert_same_model(read_model(path), EXPECTED)
+
+
+def test_direction_of_a_sensor_may_be_negative(path, save):
+    H = np.array([[1.0, -2.0], [3.0, -4.0], [5.0, 6.0]]) * (1 + 1j)
+    table = np.array([[3.0, -3.0], [4.0, 5.0]])
+    save(path, {"freq": [1.0, 2.0, 3.0], "H": H, "responses": table, "references": [[3, 1]], "quantity": "mobility"})
+    found = read_frf(path)
+    assert found.responses.labels == ["3:-Z", "4:RY"]
+    np.testing.assert_array_equal(found.values[:, :, 0], H)
+
+
+def test_dropped_axis_is_restored_only_where_labels_say_so(path, save):
+    H = np.ones((3, 2)) * (1 + 1j)
+    table, one = np.array([[3.0, 1.0], [4.0, 1.0]]), np.array([[3.0, 1.0]])
+    common = {"freq": [1.0, 2.0, 3.0], "quantity": "mobility"}
+    save(path, {**common, "H": H, "responses": one, "references": table})
+    with pytest.raises(FormatError, match=r"H: found shape \(3, 2\), expected .* = \(3, 1, 2\)"):
+        read_frf(path)
+    save(path, {**common, "H": H[:, :1].T, "responses": one, "references": one})
+    with pytest.raises(FormatError, match=r"H: found shape \(1, 3\), expected .* = \(3, 1, 1\)"):
+        read_frf(path)
+
+
+def test_frf_without_damping_is_stored_real_by_matlab(path, save):
+    H = np.array([[1.0], [-2.0], [-0.5]])
+    one = np.array([[3.0, 1.0]])
+    save(path, {"freq": [1.0, 2, 3], "H": H, "responses": one, "references": one, "quantity": "receptance"})
+    np.testing.assert_array_equal(read_frf(path).values[:, 0, 0], [1.0, -2.0, -0.5])
+    save(path, {"freq": [1.0, 2, 3], "H": abs(H), "responses": one, "references": one, "quantity": "receptance"})
+    with pytest.raises(FormatError, match="a magnitude without phase"):
+        read_frf(path)
+
+
+@pytest.mark.parametrize(
+    ("variables", "message"),
+    [
+        ({"K": K, "M": M}, "no 'dofs': the 2 DOFs need labels"),
+        ({"M": np.diag([1.0, np.nan]), "dofs": TABLE}, "mass: row 2 holds a number that is not finite"),
+        ({"K": np.array([[2.0, -0.9], [-1.0, 1.0]]), "dofs": TABLE}, "stiffness is not symmetric"),
+        ({"K": K, "dofs": np.array([[1.0, 1.0], [1.0, 1.0]])}, "1:X stands twice"),
+        ({"K": K, "dofs": np.array([[1.5, 1.0], [2.0, 1.0]])}, "dofs: expected whole numbers"),
+        ({"K": K, "dofs": "1:X"}, "has 2 DOFs, the model has 1 labels"),
+        ({"groups": {"a": {"K": K, "gamma": 0.1}}, "dofs": TABLE}, "group 'a': unknown name 'gamma'"),
+        ({"groups": {"a": K}, "dofs": TABLE}, "groups: 'a' is float64 of shape"),
+        ({"groups": {"a": {"K": K}, "b": {"K": K, "name": "a"}}, "dofs": TABLE}, "group 'a' stands twice"),
+        ({"K": K, "dofs": TABLE, "stiffness": K}, "unknown name 'stiffness'"),
+    ],
+)
+def test_model_that_cannot_be_used(path, save, variables, message):
+    save(path, variables)
+    with pytest.raises(FormatError, match=message) as caught:
+        read_model(path)
+    assert str(path) in str(caught.value)
+
+
+def test_classes_that_cannot_be_used(path):
+    scipy.io.savemat(path, {"K": K, "dofs": np.array([[1.0, 2.0], "a"], dtype=object)})
+    with pytest.raises(FormatError, match="dofs: cell 1 is not a text"):
+        read_model(path)
+    struct_array = np.array([(1.0,), (2.0,)], dtype=[("K", object)])
+    scipy.io.savemat(path, {"groups": struct_array, "dofs": TABLE})
+    with pytest.raises(FormatError, match="groups: struct array of shape"):
+        read_model(path)
+
+
+def test_string_class_of_version_73_is_refused_with_advice(path):
+    import h5py
+
+    write_matlab73(path, {"K": K})
+    with h5py.File(path, "r+") as file:
+        file["dofs"] = np.zeros((1, 6), dtype=np.uint32)
+        file["dofs"].attrs["MATLAB_class"] = np.bytes_("string")
+    with pytest.raises(FormatError, match=r"MATLAB class 'string' cannot be used .*cellstr"):
+        read_model(path)
+
+
+def test_files_that_matlab_itself_wrote():
+    """The examples that scipy brings along, where it does: MATLAB's own bytes, version 5 to 7.3."""
+    data = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
+    if not (data / "testhdf5_7.4_GLNX86.mat").is_file():
+        pytest.skip("this scipy comes without its test data")
+    wave = np.arange(0.0, 2 * np.pi + 0.1, np.pi / 4)[:9]
+    for version in ("6.1_SOL2", "7.4_GLNX86"):
+        np.testing.assert_allclose(read_variables(data / f"testdouble_{version}.mat")["testdouble"], [wave])
+        assert read_variables(data / f"teststring_{version}.mat")["teststring"] == [
+            '"Do nine men interpret?" "Nine men," I nod.'
+        ]
+        sparse = read_variables(data / f"testsparse_{version}.mat")["testsparse"]
+        assert (sparse.shape, sparse.nnz) == ((3, 5), 7)
+    assert read_variables(data / "testunicode_7.4_GLNX86.mat")["testunicode"][0].startswith("Japanese: ")
+    with pytest.raises(FormatError):
+        read_variables(data / "corrupted_zlib_data.mat")

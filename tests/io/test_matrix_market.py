@@ -1,0 +1,121 @@
+"""Matrix Market through a small TOML file: exact round trip, headers, and messages with file and line."""
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse as sp
+from io_samples import assert_same_model, model
+
+from updyn.errors import FormatError
+from updyn.io.matrix_market import read_model, write_model
+from updyn.model import Group, Model
+
+K = np.array([[2.0, -1.0], [-1.0, 1.0]])
+SYMMETRIC = "%%MatrixMarket matrix coordinate real symmetric\n2 2 3\n1 1 2.0\n2 1 -1.0\n2 2 1.0\n"
+GENERAL = "%%MatrixMarket matrix coordinate real general\n% all\n2 2 4\n1 1 2\n2 1 -1\n1 2 -1\n2 2 1\n"
+ARRAY = "%%MatrixMarket matrix array real general\n2 2\n2\n-1\n-1\n1\n"
+INTEGER = "%%MatrixMarket matrix array integer symmetric\n2 2\n2\n-1\n1\n"
+TOML = 'dofs = "dofs.csv"\n\n[[group]]\nname = "a"\nstiffness = "K.mtx"\nloss_factor = 0.25\n'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "dofs.csv").write_text("dof\n1:X\n2:X\n")
+    (tmp_path / "K.mtx").write_text(SYMMETRIC)
+    (tmp_path / "m.toml").write_text(TOML)
+    return tmp_path
+
+
+@pytest.mark.parametrize("with_geometry", [True, False])
+def test_round_trip_is_exact(tmp_path, with_geometry):
+    write_model(model(with_geometry), tmp_path / "case.toml")
+    assert_same_model(read_model(tmp_path / "case.toml"), model(with_geometry))
+
+
+def test_written_matrices_are_plain_matrix_market(tmp_path):
+    write_model(model(), tmp_path / "case.toml")
+    assert scipy.io.mminfo(tmp_path / "case_01_K.mtx")[3:] == ("coordinate", "real", "symmetric")
+    stored = sp.csr_array(scipy.io.mmread(tmp_path / "case_01_K.mtx")).toarray()
+    np.testing.assert_array_equal(stored, model().groups["shaft"].stiffness.toarray())
+
+
+@pytest.mark.parametrize("matrix", [SYMMETRIC, GENERAL, ARRAY, INTEGER])
+def test_headers_of_the_same_matrix(folder, matrix):
+    (folder / "K.mtx").write_text(matrix)
+    expected = Model.from_groups({"a": Group(K, loss_factor=0.25)}, ["1:X", "2:X"])
+    assert_same_model(read_model(folder / "m.toml"), expected)
+
+
+@pytest.mark.parametrize("dofs", ["node,direction\n# two\n1,X\n\n2,X\n", "dof\n1:X\n2:X"])
+def test_tables_of_dofs(folder, dofs):
+    (folder / "dofs.csv").write_text(dofs)
+    assert read_model(folder / "m.toml").dofs.labels == ["1:X", "2:X"]
+
+
+def test_labels_inline(folder):
+    (folder / "m.toml").write_text(TOML.replace('"dofs.csv"', '["4:RX", "5:Z"]'))
+    assert read_model(folder / "m.toml").dofs.labels == ["4:RX", "5:Z"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("stiffness", "stifness", r"m.toml:5: unknown key 'stifness' in \[group\]; did you mean 'stiffness'"),
+        ("dofs =", "dof =", r"m.toml:1: unknown key 'dof'; did you mean 'dofs'"),
+        ('"K.mtx"', '"k1.mtx"', r"m.toml:5: stiffness: no such file 'k1.mtx'; did you mean 'K.mtx'"),
+        ('"dofs.csv"', '"dof.csv"', r"m.toml:1: dofs: no such file 'dof.csv'; did you mean 'dofs.csv'"),
+        ('"K.mtx"', "3", r"m.toml:5: stiffness is 3; expected a text"),
+        ("0.25", "-1.0", r"m.toml:6: group 'a': loss factor -1.0"),
+        ("0.25", '"x"', r"m.toml:6: group 'a': loss factor 'x'"),
+        ('name = "a"\n', "", r"m.toml:3: \[\[group\]\] number 1 has no name"),
+        ('name = "a"', 'name = "a.b"', r"m.toml: group name 'a.b' holds '.'"),
+        ("[[group]]", "[group]", r"m.toml:3: 'group' is not a list of tables; write \[\[group\]\]"),
+        ("name = ", "name ", r"m.toml:4: not a TOML file"),
+        ('dofs = "dofs.csv"\n', "", r"m.toml: no 'dofs'"),
+        ("0.25", '0.25\n[[group]]\nname = "a"\nmass = "K.mtx"', r"m.toml:8: group name 'a' stands twice"),
+        ("0.25", '0.25\n[[group]]\nname = "b"\nmas = "K.mtx"', r"m.toml:9: unknown key 'mas' in \[group\]"),
+        ("0.25", "0.25\n[geometry]\nlines = 'l.csv'", r"m.toml:7: \[geometry\] needs nodes"),
+    ],
+)
+def test_entries_of_the_toml_file(folder, old, new, message):
+    (folder / "m.toml").write_text(TOML.replace(old, new))
+    with pytest.raises(FormatError, match=message):
+        read_model(folder / "m.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("dofs.csv", "dof\n1:X\n2:W\n", r"dofs.csv:3: DOF '2:W'"),
+        ("dofs.csv", "dof\n1:X\n2:X\n1:X\n", r"dofs.csv:4: DOF 1:X stands twice: also on line 2"),
+        ("dofs.csv", "label\n1:X\n", r"dofs.csv:1: header 'label'; expected 'dof' or 'node,direction'"),
+        ("dofs.csv", "node,direction\n1,X\n2\n", r"dofs.csv:3: 1 column\(s\); expected 2"),
+        ("dofs.csv", "", r"dofs.csv: the table is empty"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3\n", "2 2 4\n") + "1 2 -1\n", r"K.mtx: entry \(1, 2\) stands twice; under"),
+        ("K.mtx", SYMMETRIC.replace("real", "complex").replace("\n2 2 1.0", " 0\n2 2 1.0 0"), "field 'complex'"),
+        ("K.mtx", SYMMETRIC.replace("symmetric", "skew-symmetric"), "symmetry 'skew-symmetric'"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3", "3 2 3"), "the matrix is 3 x 2"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "x"), "K.mtx: not a readable Matrix Market file"),
+    ],
+)
+def test_files_beside_the_toml_file(folder, name, text, message):
+    (folder / name).write_text(text)
+    with pytest.raises(FormatError, match=message):
+        read_model(folder / "m.toml")
+
+
+def test_geometry_tables_with_faults(folder):
+    (folder / "m.toml").write_text(TOML + '[geometry]\nnodes = "n.csv"\n')
+    (folder / "n.csv").write_text("node,x,y,z\n1,0,0,0\n2,0,zero,0\n")
+    with pytest.raises(FormatError, match=r"n.csv:3: 'zero' is not a number"):
+        read_model(folder / "m.toml")
+    (folder / "n.csv").write_text("node,x,y,z\n1,0,0,0\n2.5,0,0,0\n")
+    with pytest.raises(FormatError, match=r"n.csv:3: '2.5' is not a whole number"):
+        read_model(folder / "m.toml")
+
+
+def test_a_matrix_alone_is_not_a_model(folder):
+    with pytest.raises(FormatError, match=r'write a small TOML file.*\[\[group\]\].*stiffness = "K.mtx"'):
+        read_model(folder / "K.mtx")
+    with pytest.raises(FormatError, match=r"write to 'x.toml' instead"):
+        write_model(model(), folder / "x.mtx")
