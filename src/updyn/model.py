@@ -41,11 +41,13 @@ class Group:
 
     Parameters
     ----------
-    stiffness, mass, viscous : array_like or sparse, shape (N, N), optional
-        Real symmetric contribution of the part to K (N/m), M (kg) and C1 (N s/m), in the DOFs of the model. None: the
-        part has no such contribution.
+    stiffness, mass : array_like or sparse, shape (N, N), optional
+        Real symmetric contribution of the part to K (N/m) and M (kg), in the DOFs of the model. None: the part has no
+        such contribution.
     loss_factor : float
         Structural (hysteretic) loss factor gamma, relative to `stiffness`; not negative.
+    viscous : array_like or sparse, shape (N, N), optional
+        Likewise the contribution to C1 (N s/m).
 
     Raises
     ------

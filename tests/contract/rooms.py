@@ -1,0 +1,104 @@
+"""The source as the contract tests read it: files, rooms, imports (module level and inside functions)."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import updyn
+
+SRC = Path(updyn.__file__).parent
+
+#: Rooms from the bottom up, as in the design; those on one line are siblings and do not import each other.
+ORDER = (
+    ("errors",),
+    ("dofs",),
+    ("geometry",),
+    ("frf",),
+    ("model",),
+    ("engines",),
+    ("linalg",),
+    ("dynamics",),
+    ("sensitivity",),
+    ("correlation",),
+    ("updating",),
+    ("elements",),
+    ("io",),
+    ("matching",),
+    ("job",),
+    ("control", "plant"),
+    ("report", "viewer"),
+    ("demos",),
+    ("cli", "web"),
+)
+LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
+#: Names that only the package itself holds and that any module may ask it for.
+FACADE = {"__version__"}
+#: A private module beside its room.
+PRIVATE = {"_frf_xarray": "frf", "__main__": "cli"}
+
+
+def files() -> list[Path]:
+    return sorted(p for p in SRC.rglob("*.py"))
+
+
+def module_of(path: Path, root: Path = SRC) -> str:
+    parts = list(path.relative_to(root).with_suffix("").parts)
+    if parts[-1] == "__init__":
+        parts.pop()
+    return ".".join([root.name, *parts])
+
+
+def room_of(module: str) -> str | None:
+    """Return the room of a module, or None for the package itself."""
+    parts = module.split(".")
+    if len(parts) == 1:
+        return None
+    return PRIVATE.get(parts[1], parts[1])
+
+
+def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str, str | None]]:
+    """Yield line, module and (for ``from`` imports) name of every import, type-checking ones left out."""
+    tree = ast.parse(source)
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        for child in node.body
+        for inner in ast.walk(child)
+    }
+    for node in ast.walk(tree):
+        if id(node) in typing_only:
+            continue
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name, None
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = module.split(".")
+                up = parts[: len(parts) - node.level + (1 if is_package else 0)]
+                base = ".".join([*up, base] if base else up)
+            for alias in node.names:
+                yield node.lineno, base, alias.name
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("importlib.import_module", "import_module"):
+            target = node.args[0] if node.args else None
+            if isinstance(target, ast.Constant) and isinstance(target.value, str):
+                yield node.lineno, target.value, None
+
+
+def used_rooms(source: str, module: str, is_package: bool, package: str = "updyn") -> Iterator[tuple[int, str]]:
+    """Yield line and room of every import within the package; ``""`` stands for the package's own namespace."""
+    for line, target, name in imports(source, module, is_package):
+        parts = target.split(".")
+        if parts[0] != package:
+            continue
+        if len(parts) > 1:
+            yield line, PRIVATE.get(parts[1], parts[1])
+        elif name is None or name in FACADE:
+            if name is None:
+                yield line, ""
+        else:
+            found = PRIVATE.get(name, name)
+            yield line, found if found in LEVEL else ""
