@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -60,20 +60,28 @@ class Method(Protocol):
         """Fit the unknowns."""
 
 
-def descend(
-    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion, *, first: bool = True
-) -> Outcome:
-    """Minimise one residual from x within the bounds, priors included, and record every step."""
+def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion) -> Outcome:
+    """Minimise one residual from x, priors included, and record every step.
+
+    Loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent goes on from
+    the nearest point within the bounds.
+    """
     lower, upper = problem.coordinates.bounds
 
     def evaluate(at: _Vector) -> Local | None:
         local = residual.local(problem, at)
         return None if local is None else with_prior(local, problem, at)
 
-    observe: Callable[..., bool] = monitor.step
-    if first and (start := evaluate(x)) is not None:
+    if (start := evaluate(x)) is not None and not monitor.begun:
         monitor.start(x, start)
-    return settings.minimise(evaluate, x, lower, upper, observe)
+    outcome = settings.minimise(evaluate, x, problem.coordinates.relaxed_lower, upper, monitor.step)
+    inside = np.clip(outcome.x, lower, upper)
+    if (inside != outcome.x).any():
+        local = evaluate(inside)
+        if outcome.reason == "stopped" and local is not None:
+            return Outcome(inside, local, "stopped")
+        outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
+    return outcome
 
 
 def spread_of(local: Local, n_values: int, n: int) -> float:

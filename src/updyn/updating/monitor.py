@@ -70,6 +70,11 @@ class Monitor:
             self.timing_s[name] = self.timing_s.get(name, 0.0) + time.perf_counter() - start
             self._stage = before
 
+    @property
+    def begun(self) -> bool:
+        """Whether the current stage has recorded a step."""
+        return bool(self.history) and self.history[-1].stage == self._stage
+
     def start(self, x: NDArray[np.float64], local: Local) -> None:
         """Record where a stage starts."""
         self.step(Step(x, local, 0.0, True))

@@ -21,6 +21,8 @@ __all__ = ["Block", "Coordinates", "Problem"]
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
+_RELAXED = -0.5
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
@@ -52,6 +54,16 @@ class Coordinates:
     def bounds(self) -> tuple[_Vector, _Vector]:
         """Bounds in x, each shape (n,)."""
         return self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
+
+    @property
+    def relaxed_lower(self) -> _Vector:
+        """Lower bounds in x that let loss factors turn negative on the way, shape (n,).
+
+        The true loss factor of a lightly damped part lies on its bound at zero, and a search that may not step across
+        gets caught there: of the paper's start and its variants a third fail with the wall and none without.
+        """
+        lower = self.bounds[0]
+        return np.where(self.parameters.is_factor, lower, np.minimum(lower, _RELAXED))
 
     @property
     def prior(self) -> tuple[_Vector, _Vector]:

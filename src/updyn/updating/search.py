@@ -27,8 +27,6 @@ _Vector = NDArray[np.float64]
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: Loss factors may go down to this during the search only; the final fit keeps the user's bounds.
-_RELAXED = -0.5
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
 
@@ -57,7 +55,7 @@ class Search:
     def run(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
-        relaxed = np.where(problem.unknowns.is_loss, np.minimum(lower, _RELAXED), lower)
+        relaxed = problem.coordinates.relaxed_lower
         settings = TrustRegion(self.max_iterations, 1e-9, radius=0.3)
         best: tuple[float, _Vector] | None = None
 

@@ -18,6 +18,8 @@ __all__ = ["Local", "Outcome", "Step", "TrustRegion"]
 
 _Vector = NDArray[np.float64]
 
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Local:
@@ -147,9 +149,11 @@ class TrustRegion:
                 if small and gain > 0.25:
                     return Outcome(x, here, "converged")
             else:
+                # A whole Gauss-Newton step this small that still does not help: only rounding is left.
+                if length <= _ROUNDING and size < 0.99 * radius:
+                    return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
-                    # Rounding decides: the gradient says whether this is a minimum.
                     return Outcome(x, here, "converged" if fall <= 1e-6 * here.cost else "stalled")
             if stop:
                 return Outcome(x, here, "stopped")

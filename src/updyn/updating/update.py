@@ -317,8 +317,8 @@ def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tup
     remedy = fit.note
     if chi_square > 2.0:
         message += (
-            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the data, "
-            "and the standard deviations were widened by as much."
+            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
+            "data, and the standard deviations were widened by as much."
         )
         remedy = "Look at the channels with the lowest FRAC; free other groups or refine the model."
     return "converged", message, remedy

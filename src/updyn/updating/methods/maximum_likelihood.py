@@ -82,8 +82,8 @@ class MaximumLikelihood:
                 reason = "stopped" if monitor.stopped else "max-iterations"
                 break
             before = len(monitor.history)
-            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance), first=number == 0)
-            left -= len(monitor.history) - before - (number == 0)
+            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance))
+            left -= len(monitor.history) - before
             moved, x, reason = outcome.x - x, outcome.x, outcome.reason
             if reason in ("stopped", "max-iterations"):
                 break
