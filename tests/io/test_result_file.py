@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Mapping
+from fractions import Fraction
 
 import h5py
 import numpy as np
@@ -159,7 +160,9 @@ def test_xarray_opens_the_main_data(tmp_path):
         np.testing.assert_array_equal(data["history_cost"], [12.5, INF, 1e-30])
         assert json.loads(str(data["versions"].values)) == {"updyn": "0.1.0", "Python": "3.11"}
     with h5py.File(tmp_path / "run.nc") as file:
-        assert file["start/groups/0001/stiffness"] == file["updated/groups/0001/stiffness"]  # unchanged: stored once
+        assert (
+            file["start_model/groups/0001/stiffness"] == file["updated_model/groups/0001/stiffness"]
+        )  # unchanged: stored once
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
@@ -175,8 +178,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 
 def test_an_object_among_the_options_is_kept_as_text_with_a_warning(tmp_path):
     with pytest.warns(UpdynWarning, match="options holds a Fraction, .* '1/3' is kept"):
-        from fractions import Fraction
-
         write_result(sample(options={"ratio": Fraction(1, 3)}), tmp_path / "run.nc")
     assert read_result(tmp_path / "run.nc").options == {"ratio": "1/3"}
 
@@ -193,8 +194,8 @@ def change(name, value):
 @pytest.mark.parametrize(
     ("alter", "message"),
     [
-        (lambda f: f.__delitem__("start"), "no group 'start'"),
-        (lambda f: f.__delitem__("updated/groups/0000"), "group|stiffness"),
+        (lambda f: f.__delitem__("start_model"), "no group 'start_model'"),
+        (lambda f: f.__delitem__("updated_model/groups/0000"), "group|stiffness"),
         (lambda f: f.attrs.__setitem__("status", "done"), "status 'done'; "),
         (lambda f: f.attrs.__delitem__("method"), "attribute 'method' is None"),
         (lambda f: f.attrs.__setitem__("updyn_kind", "model"), "read it with updyn.read_model"),

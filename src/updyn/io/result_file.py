@@ -10,7 +10,7 @@ xarray opens the root, which holds what one plots::
     line                                  lines of the fit, in Hz
     options, noise, correlation, identifiability, ...     JSON texts, see updyn.io.values_text
 
-and the sub-groups ``start`` and ``updated`` are models as in `updyn.io.hdf5`.
+and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
         with h5py.File(temporary, "r+") as file:
             put_kind(file, "result")
             stored: dict[int, Any] = {}
-            put_model(file.create_group("start"), result.start, stored)
-            put_model(file.create_group("updated"), result.model, stored)
+            put_model(file.create_group("start_model"), result.start, stored)
+            put_model(file.create_group("updated_model"), result.model, stored)
 
 
 def read_result(path: str | Path) -> UpdateResult:
@@ -111,11 +111,11 @@ def read_result(path: str | Path) -> UpdateResult:
     with library(path, "record of a run (NetCDF-4)"):
         with h5py.File(path, "r") as file:
             check_kind(file, path, "result")
-            for name in ("start", "updated"):
+            for name in ("start_model", "updated_model"):
                 if name not in file:
                     raise FormatError(f"no group {name!r}; found: {', '.join(file)}", path)
-            start, model = take_model(file["start"], path), take_model(file["updated"], path)
-        with xr.open_dataset(path, engine="h5netcdf") as data:
+            start, model = take_model(file["start_model"], path), take_model(file["updated_model"], path)
+        with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
             data.load()
     with placed(path):
         return _from_dataset(data, path, start=start, model=model, frf=FRF.from_xarray(data))
