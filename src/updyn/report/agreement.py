@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.report.data import ReportData
-from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, log_step, numbers, rows_height
+from updyn.report.plots import (
+    PRINTED_CELLS,
+    Figure,
+    categories,
+    colour_bar,
+    label,
+    labels,
+    log_step,
+    numbers,
+    rows_height,
+)
 from updyn.report.words import figure_of_agreement
 
 __all__ = [
@@ -33,6 +43,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
         ]
         for r, held, line in zip(data.responses, data.held_out, frac, strict=True)
     ]
+    height = max(rows_height(len(rows), extra=110), 190)
     trace = {
         "type": "heatmap",
         "z": numbers(frac),
@@ -45,12 +56,13 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
         "ygap": 1,
         "hovertext": hover,
         "hoverinfo": "text",
-        "colorbar": {"title": {"text": "FRAC", "side": "right"}, "thickness": 12, "tickvals": [0, 0.25, 0.5, 0.75, 1]},
+        "colorbar": colour_bar("FRAC", (0, 0.25, 0.5, 0.75, 1), height),
     }
+    if frac.size == 1:
+        trace["showscale"] = False
     if frac.size <= PRINTED_CELLS:
         trace["text"] = [[label(figure_of_agreement(v)) for v in line] for line in frac]
         trace["texttemplate"] = "%{text}"
-    height = rows_height(len(rows), extra=110)
     return {
         "data": [trace],
         "height": height,

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["PRINTED_CELLS", "Figure", "categories", "label", "labels", "log_step", "numbers", "rows_height"]
+__all__ = [
+    "PRINTED_CELLS",
+    "Figure",
+    "categories",
+    "colour_bar",
+    "label",
+    "labels",
+    "log_step",
+    "numbers",
+    "rows_height",
+]
 
 #: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
 Figure = dict[str, Any]
@@ -41,6 +51,19 @@ def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
     if array.ndim > 1:
         out["shape"] = ", ".join(map(str, array.shape))
     return out
+
+
+def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:
+    """Return a colour bar beside the top of a heat map, of a readable length however tall the map is."""
+    return {
+        "title": {"text": title, "side": "right"},
+        "thickness": 12,
+        "tickvals": list(ticks),
+        "lenmode": "pixels",
+        "len": min(max(height - 80, 110), 280),
+        "y": 1.0,
+        "yanchor": "top",
+    }
 
 
 def log_step(values: ArrayLike) -> int | str:

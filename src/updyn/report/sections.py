@@ -19,12 +19,7 @@ __all__ = ["SECTIONS", "agreement", "head", "overlay"]
 def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> str:
     """Return title, verdict in two sentences, cause and remedy, key figures."""
     said = w.verdict(result, figures)
-    frf = result.frf
-    about = (
-        f"{len(result.parameters)} unknowns, method {result.method}; {len(frf.responses)} responses × "
-        f"{len(frf.references)} references, {len(frf.freq)} lines from {w.number(float(frf.freq[0]))} to "
-        f"{w.number(float(frf.freq[-1]))} Hz"
-    )
+    about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {w.extent(result.frf)}"
     remedy = f"What to do next: {result.remedy}" if result.remedy else ""
     cause = result.message if result.message and result.message not in said.status else ""
     return (
@@ -59,7 +54,7 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
 
 
 def _from_to(before: float | None, after: float, say: Callable[[float], str]) -> str:
-    return (say(before) + " → " if before is not None else "") + say(after)
+    return (say(before).removesuffix(" dB") + " → " if before is not None else "") + say(after)
 
 
 def overlay(c: Content) -> str:

@@ -116,7 +116,7 @@ def provenance(c: Content) -> str:
     options = [(str(k), w.plain(v)) for k, v in c.result.options.items()]
     about = [
         ("method", c.result.method),
-        ("measured data", f"{c.result.frf!r}"),
+        ("measured data", f"{c.result.frf.quantity}, {w.extent(c.result.frf)}"),
         ("source of the data", c.result.frf.source or "not stated"),
         ("model", f"{c.result.start.n_dofs} DOFs, groups: {', '.join(c.result.start.groups)}"),
         ("responses fitted", ", ".join(c.result.fitted_responses) or "none"),

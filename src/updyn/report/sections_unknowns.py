@@ -71,8 +71,10 @@ def identifiability(c: Content) -> str:
     parts = [
         '<section id="identifiability"><h2>What the data determine</h2>',
         m.paragraph(
-            f"The data determine {ident.rank} of {ident.n_parameters} independent combinations of the unknowns."
-            + ("" if ident.complete else " The remaining ones are open: the fit left them where it happened to be.")
+            f"The data determine all of the {w.counted(ident.n_parameters, 'unknown')}."
+            if ident.complete
+            else f"The data determine {ident.rank} independent combinations of the {ident.n_parameters} unknowns. The "
+            "rest is open: the fit left it where it happened to be."
         ),
     ]
     if ident.advice:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.report.plots import PRINTED_CELLS, Figure, categories, label, labels, log_step, numbers, rows_height
+from updyn.report.plots import PRINTED_CELLS, Figure, colour_bar, label, labels, log_step, numbers, rows_height
 from updyn.report.words import interval, quantity_words
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -157,7 +157,7 @@ def singular_values(result: UpdateResult) -> Figure | None:
     ident = result.identifiability
     values = np.array(ident.singular_values, dtype=np.float64)
     values = values[np.isfinite(values)]
-    if not values.size:
+    if values.size < 2:
         return None
     positive = values[values > 0]
     foot = float(max(positive.min() / 10.0, 1e-18)) if positive.size else 1e-16
@@ -212,28 +212,29 @@ def correlation_map(result: UpdateResult) -> Figure | None:
     matrix = correlations(np.asarray(result.covariance, dtype=np.float64))
     if not np.isfinite(matrix).any():
         return None
+    shown = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in result.parameters)
+    height = max(rows_height(len(names), extra=220), 320)
     trace = {
         "type": "heatmap",
         "z": numbers(matrix),
-        "x": list(range(len(names))),
-        "y": list(range(len(names))),
+        "x": shown,
+        "y": shown,
         "zmin": -1.0,
         "zmax": 1.0,
         "colorscale": _DIVERGING,
         "xgap": 1,
         "ygap": 1,
-        "hovertemplate": "%{z:.3f}<extra></extra>",
-        "colorbar": {"title": {"text": "correlation", "side": "right"}, "thickness": 12, "tickvals": [-1, 0, 1]},
+        "hovertemplate": "%{y}<br>%{x}<br>%{z:.3f}<extra></extra>",
+        "colorbar": colour_bar("correlation", (-1, -0.5, 0, 0.5, 1), height - 100),
     }
     if matrix.size <= PRINTED_CELLS:
         trace["text"] = [[f"{v:.2f}".replace("-", "−") if np.isfinite(v) else "" for v in row] for row in matrix]
         trace["texttemplate"] = "%{text}"
-    axis = categories([f"{p.group}: {quantity_words(p.quantity)}" for p in result.parameters], "")
-    return {
-        "data": [trace],
-        "height": rows_height(len(names), extra=220),
-        "layout": {"xaxis": {**axis, "tickangle": -50}, "yaxis": {**axis, "autorange": "reversed"}},
-    }
+    font = {"size": 12 if len(names) <= 40 else 9}
+    axis: dict[str, Any] = {"type": "category", "showgrid": False, "zeroline": False, "tickfont": font}
+    rows = {**axis, "autorange": "reversed", "dtick": 1}
+    columns = {**axis, "tickangle": -50} | ({"dtick": 1} if len(names) <= 40 else {})
+    return {"data": [trace], "height": height, "layout": {"xaxis": columns, "yaxis": rows}}
 
 
 # -- convergence -------------------------------------------------------------------------------------------

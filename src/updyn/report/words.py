@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from updyn.frf import FRF
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -16,7 +17,9 @@ __all__ = [
     "agreement_name",
     "change",
     "combination",
+    "counted",
     "decibels",
+    "extent",
     "figure_of_agreement",
     "held_out",
     "interval",
@@ -46,6 +49,7 @@ _QUANTITY_WORDS = {
 }
 _POWER = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 _NORMAL_95 = 1.959964
+_WRITTEN_TERMS = 16
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -106,15 +110,25 @@ def unknown(name: str) -> str:
 
 def combination(direction: Mapping[str, float]) -> str:
     """Return weights by unknown as words, the largest first: what goes up, what goes down, by how much."""
-    ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
-    return ", ".join(f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in ordered)
+    shown, more = _largest(direction)
+    terms = [f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in shown]
+    return ", ".join(terms) + more
 
 
 def weighted_sum(direction: Mapping[str, float]) -> str:
     """Return weights by unknown as a sum, the largest first: ``1 × mass of hub + 0.62 × stiffness of hub``."""
+    shown, more = _largest(direction)
+    terms = [f"{'−' if w < 0 else '+'} {number(abs(w), 3)} × {unknown(name)}" for name, w in shown]
+    return " ".join(terms).removeprefix("+ ") + more
+
+
+def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
+    """Return the terms to write out, and what is said of the rest of a long combination."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
-    terms = [f"{'−' if w < 0 else '+'} {number(abs(w), 3)} × {unknown(name)}" for name, w in ordered]
-    return " ".join(terms).removeprefix("+ ")
+    rest = ordered[_WRITTEN_TERMS:]
+    if not rest:
+        return ordered, ""
+    return ordered[:_WRITTEN_TERMS], f", and {len(rest)} more with weights up to {number(abs(rest[0][1]), 3)}"
 
 
 def unit(quantity: str, response: str, reference: str) -> str:
@@ -167,7 +181,7 @@ def verdict(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) ->
 def _status_sentence(result: UpdateResult) -> str:
     ident, steps = result.identifiability, result.iterations
     n, rank = ident.n_parameters, ident.rank
-    in_steps = f"after {steps} iteration{'' if steps == 1 else 's'}"
+    in_steps = f"after {counted(steps, 'iteration')}"
     what = "the one unknown" if n == 1 else f"all {n} unknowns"
     if rank >= n:
         determined = f"the data determine {what}"
@@ -220,6 +234,18 @@ def figure_of_agreement(value: float) -> str:
     if 0.9995 <= value < 1.0:
         return ">0.999"
     return f"{value:.3f}" if 0.99 <= value < 1.0 else f"{value:.2f}"
+
+
+def counted(n: int, noun: str) -> str:
+    """Return ``"1 line"``, ``"2 lines"``."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def extent(frf: FRF) -> str:
+    """Return how many channels and lines there are, and from where to where."""
+    channels = f"{counted(len(frf.responses), 'response')} × {counted(len(frf.references), 'reference')}"
+    first, last = number(float(frf.freq[0])), number(float(frf.freq[-1]))
+    return f"{channels}, {counted(len(frf.freq), 'line')} from {first} to {last} Hz"
 
 
 def decibels(value: float) -> str:
