@@ -247,13 +247,12 @@ class Model:
         return self._sum(lambda g: None if g.stiffness is None or not g.loss_factor else g.stiffness * g.loss_factor)
 
     def _sum(self, part: Callable[[Group], Matrix | None]) -> Matrix:
-        parts = [matrix for group in self.groups.values() if (matrix := part(group)) is not None]
-        if not parts:
-            return _read_only(sp.csr_array((self.n_dofs, self.n_dofs), dtype=np.float64))
-        while len(parts) > 1:  # in pairs: adding one after the other would copy the growing sum once a group
-            pairs = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)]
-            parts = pairs + parts[2 * len(pairs) :]
-        return _read_only(parts[0])
+        total = sp.csr_array((self.n_dofs, self.n_dofs), dtype=np.float64)
+        for group in self.groups.values():
+            matrix = part(group)
+            if matrix is not None:
+                total = total + matrix
+        return _read_only(total)
 
     def group(self, name: str) -> Group:
         """Return a group by name.
