@@ -71,7 +71,7 @@ def class_arguments(node: ast.ClassDef) -> list[str]:
     for item in node.body:
         if isinstance(item, Function) and item.name == "__init__" and not is_overload(item):
             return arguments(item, method=True)
-    if any("dataclass" in ast.unparse(d) for d in node.decorator_list):
+    if any("dataclass" in ast.unparse(d) for d in node.decorator_list) or "NamedTuple" in map(ast.unparse, node.bases):
         return [
             item.target.id
             for item in node.body
@@ -230,6 +230,11 @@ def test_the_check_itself(old, new, found):
     assert len(got) == len(found)
     for said, start in zip(got, found, strict=True):
         assert said.startswith(start)
+
+
+def test_fields_of_a_named_tuple_are_looked_at():
+    source = "'M.'\nclass P(NamedTuple):\n    'Pair.'\n    x: int\n"
+    assert check_module(source, "m") == ["m.P: documents [], takes ['x']"]
 
 
 def test_what_is_not_public_may_be_brief_but_not_wrong():
