@@ -1,0 +1,217 @@
+"""Correlation of mode shapes: MAC and its kin, and the pairing of modes. Pure functions on arrays; shapes are columns.
+
+Sources: Allemang & Brown, IMAC I (1982) 110-116 (MAC); Allemang, Sound and Vibration 37 (8) (2003) 14-21
+(cross-orthogonality, ECOMAC); Lieven & Ewins, IMAC VI (1988) 690-695 (COMAC); Hunt, IMAC X (1992) 66-71 (ECOMAC).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import DataError
+
+__all__ = ["ModePairs", "auto_mac", "comac", "cross_orthogonality", "ecomac", "mac", "pair_modes", "ratio"]
+
+Array = NDArray[np.float64]
+
+
+def mac(A: ArrayLike, B: ArrayLike) -> Array:
+    """Modal assurance criterion, |a^H b|^2 / (a^H a b^H b) (Allemang & Brown 1982).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n_a) and (N, n_b)
+        Shapes as columns at the same DOFs in the same order; real or complex, any scale.
+
+    Returns
+    -------
+    ndarray of float, shape (n_a, n_b)
+        Between 0 and 1; 1: one shape is a multiple of the other.
+
+    Raises
+    ------
+    DataError
+        If the row counts differ, or a shape is zero or not finite: its direction is not defined.
+    """
+    a, b = _unit_shapes("A", A), _unit_shapes("B", B)
+    _same_rows(a, b)
+    return np.asarray(np.minimum(np.abs(a.conj().T @ b) ** 2, 1.0))
+
+
+def auto_mac(A: ArrayLike) -> Array:
+    """MAC of shapes with themselves, shape (n, n): large values off the diagonal say that the sensors are too few.
+
+    Raises
+    ------
+    DataError
+        As `mac`.
+    """
+    return mac(A, A)
+
+
+def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
+    """Mass-weighted cross-orthogonality, a^H M b / sqrt(a^H M a b^H M b) (Allemang 2003).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n_a) and (N, n_b)
+        Shapes as columns, any scale.
+    M : array_like or sparse, shape (N, N)
+        Mass at these DOFs, in kg (kg m2).
+
+    Returns
+    -------
+    ndarray of float or complex, shape (n_a, n_b)
+        Modulus 1 for equal modes, 0 for different modes of one structure; the sign is that of the shapes.
+
+    Raises
+    ------
+    DataError
+        If sizes differ, or a shape has no mass.
+    """
+    a, b = _shapes("A", A), _shapes("B", B)
+    _same_rows(a, b)
+    mass = M if hasattr(M, "tocsr") else np.atleast_2d(np.asarray(M, dtype=np.float64))
+    if mass.shape != (len(a), len(a)):
+        raise DataError(f"mass of shape {mass.shape} for shapes with {len(a)} rows; expected {(len(a), len(a))}")
+    weights = []
+    for name, shapes in (("A", a), ("B", b)):
+        own = np.einsum("in,in->n", shapes.conj(), mass @ shapes).real
+        if (own <= 0).any():
+            raise DataError(f"shape {int(np.flatnonzero(own <= 0)[0]) + 1} of {name} moves no mass")
+        weights.append(np.sqrt(own))
+    return np.asarray((a.conj().T @ (mass @ b)) / np.outer(*weights))
+
+
+def comac(A: ArrayLike, B: ArrayLike) -> Array:
+    """Co-ordinate MAC of paired shapes, (sum |a b*|)^2 / (sum |a|^2 sum |b|^2) over modes (Lieven & Ewins 1988).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n)
+        Paired shapes as columns: mode r of A with mode r of B; each scaled to unit length here.
+
+    Returns
+    -------
+    ndarray of float, shape (N,)
+        Between 0 and 1, by DOF. 0 where either set does not move at all.
+
+    Raises
+    ------
+    DataError
+        If the shapes of the arrays differ, or a shape is zero.
+    """
+    a, b = _paired(A, B)
+    above = np.sum(np.abs(a * b.conj()), axis=1) ** 2
+    return ratio(above, np.sum(np.abs(a) ** 2, axis=1) * np.sum(np.abs(b) ** 2, axis=1))
+
+
+def ecomac(A: ArrayLike, B: ArrayLike) -> Array:
+    """Enhanced co-ordinate MAC of paired shapes, sum |a - b| / (2 n) over modes (Hunt 1992; Allemang 2003).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n)
+        Paired shapes as columns; each is scaled to unit length here, and b turned in phase with a.
+
+    Returns
+    -------
+    ndarray of float, shape (N,)
+        By DOF; 0: no difference. Sensitive to wrong gains and signs of a sensor.
+
+    Raises
+    ------
+    DataError
+        As `comac`.
+    """
+    a, b = _paired(A, B)
+    inner = np.sum(b.conj() * a, axis=0)
+    size = np.abs(inner)
+    turn = np.divide(inner, size, out=np.ones_like(inner), where=size > 0)
+    return np.asarray(np.sum(np.abs(a - b * turn), axis=1) / (2 * a.shape[1]))
+
+
+class ModePairs(NamedTuple):
+    """Which mode of A belongs to which of B.
+
+    Attributes
+    ----------
+    first, second : ndarray of int, shape (k,)
+        Columns of A and of B.
+    mac : ndarray of float, shape (k,)
+        MAC of each pair.
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    mac: Array
+
+
+def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs:
+    """Pair modes one to one so that the sum of MAC is largest (Hungarian assignment; Kuhn 1955).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n_a) and (N, n_b)
+        Shapes as columns.
+    minimum : float
+        Pairs with a MAC below this are left out.
+
+    Returns
+    -------
+    ModePairs
+        At most min(n_a, n_b) pairs, by ascending column of A.
+
+    Raises
+    ------
+    DataError
+        As `mac`.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    values = mac(A, B)
+    first, second = linear_sum_assignment(values, maximize=True)
+    found = values[first, second]
+    keep = found >= minimum
+    return ModePairs(first[keep], second[keep], found[keep])
+
+
+def ratio(above: Array, below: Array) -> Array:
+    """Divide; 0 where the denominator is 0, and no rounding above 1."""
+    return np.minimum(np.divide(above, below, out=np.zeros_like(below), where=below > 0), 1.0)
+
+
+def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+    array = np.asarray(given)
+    if not (np.issubdtype(array.dtype, np.number)):
+        raise DataError(f"{name}: expected numbers, found {array.dtype}")
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or 0 in array.shape:
+        raise DataError(f"{name}: expected shapes as columns, (DOFs, modes), found an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise DataError(f"{name}: shape {int(np.argwhere(~np.isfinite(array))[0][1]) + 1} holds a number not finite")
+    return array * 1.0
+
+
+def _unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+    array = _shapes(name, given)
+    largest = np.abs(array).max(axis=0)
+    if (largest == 0).any():
+        raise DataError(f"{name}: shape {int(np.flatnonzero(largest == 0)[0]) + 1} is zero; it has no direction")
+    array = array / largest
+    return np.asarray(array / np.linalg.norm(array, axis=0))
+
+
+def _same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
+    if len(a) != len(b):
+        raise DataError(f"shapes at {len(a)} and at {len(b)} DOFs; expected the same DOFs in the same order")
+
+
+def _paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    a, b = _unit_shapes("A", A), _unit_shapes("B", B)
+    if a.shape != b.shape:
+        raise DataError(f"arrays of shape {a.shape} and {b.shape}; expected paired modes (see pair_modes)")
+    return a, b
