@@ -74,7 +74,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
 
 
 def csac_lines(data: ReportData) -> Figure | None:
-    """CSAC over frequency before and after: mean over the references, and for several the range between them."""
+    """CSAC over frequency, before and after."""
     if data.csac_before is None and data.csac_after is None:
         return None
     traces: list[dict[str, Any]] = []
@@ -88,7 +88,7 @@ def csac_lines(data: ReportData) -> Figure | None:
                 "mode": "lines",
                 "name": name,
                 "x": x,
-                "y": numbers(csac.mean(axis=1)),
+                "y": numbers(csac),
                 "line": {"color": f"@{name}", "dash": dash, "width": 1.6},
                 "hovertemplate": f"%{{x:.5g}} Hz: CSAC {name} %{{y:.3f}}<extra></extra>",
             }

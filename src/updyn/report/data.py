@@ -19,8 +19,6 @@ __all__ = ["EVALUATION_BUDGET", "ReportData", "data_checksum", "gather", "keep_l
 EVALUATION_BUDGET = 2_000_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
-#: A FRAC over fewer lines says little (over one line it is 1 whatever the model).
-_FEWEST_FOR_FRAC = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,11 +44,11 @@ class ReportData:
     used : ndarray of bool, shape (n_f,)
         Which of the lines were used in the fit.
     compared : ndarray of bool, shape (n_f,)
-        Lines over which FRAC and level differences are formed: from the first to the last line used in the fit.
+        Lines over which FRAC and level differences are formed: all but those of a band held out.
     frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
         Frequency response assurance criterion of each channel over the lines `compared`.
-    csac_before, csac_after : ndarray of float, shape (n_f, n_references), or None
-        Cross signature assurance criterion at each line; None too where there is one response only (it is 1 then).
+    csac_before, csac_after : ndarray of float, shape (n_f,), or None
+        Cross signature assurance criterion at each line; None too where there is one channel only (it is 1 then).
     notes : tuple of str
         What was left out or thinned, in sentences for the reader.
     """
@@ -95,7 +93,7 @@ def gather(result: UpdateResult) -> ReportData:
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
     before = _computed(result.start, frf, freq, "start model", notes)
     after = _computed(result.model, frf, freq, "updated model", notes)
-    compared = _span(freq, result.lines)
+    compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(
         freq=freq,
@@ -124,12 +122,12 @@ def _is_used(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
     return used
 
 
-def _span(freq: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which lines lie between the first and the last used; all, where that is too few for a criterion."""
-    if len(lines):
-        inside = (freq >= np.min(lines) * (1 - 1e-9)) & (freq <= np.max(lines) * (1 + 1e-9))
-        if inside.sum() >= _FEWEST_FOR_FRAC:
-            return np.asarray(inside)
+def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDArray[np.bool_]:
+    """Return which lines lie outside the band held out; all where that leaves none."""
+    if band is not None:
+        outside = (freq < band[0]) | (freq > band[1])
+        if outside.any():
+            return np.asarray(outside)
     return np.ones(len(freq), dtype=np.bool_)
 
 
@@ -158,11 +156,11 @@ def _frac(
 
 
 def _csac(measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None) -> NDArray[np.float64] | None:
-    if computed is None or measured.shape[1] < 2:
+    if computed is None or measured[:1].size < 2:
         return None
     from updyn.correlation import csac
 
-    return np.asarray(csac(measured, computed), dtype=np.float64).reshape(len(measured), -1)
+    return np.asarray(csac(measured, computed), dtype=np.float64)
 
 
 def keep_lines(values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int) -> NDArray[np.intp]:

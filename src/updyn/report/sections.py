@@ -21,7 +21,7 @@ def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> st
     said = w.verdict(result, figures)
     about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {w.extent(result.frf)}"
     remedy = f"What to do next: {result.remedy}" if result.remedy else ""
-    cause = result.message if result.message and result.message not in said.status else ""
+    cause = result.message if result.remedy or not result.ok else ""  # else it repeats the verdict
     return (
         f"<header><h1>{m.esc(result.title or 'Model update')}</h1>{m.paragraph(about, 'byline')}"
         f'<section id="verdict" aria-label="Verdict"><p><span class="badge {said.kind}">{m.esc(said.badge)}</span></p>'
@@ -117,22 +117,17 @@ def agreement(c: Content) -> str:
     )
     parts.append(_agreement_table(c.result))
     if "csac" in c.figures:
-        several = (
-            f" The curve is the mean over the {len(c.data.references)} references."
-            if len(c.data.references) > 1
-            else ""
-        )
         caption = (
-            "CSAC (cross signature assurance criterion) compares, line by line, the deflection over all responses: "
-            f"dips show the frequencies at which the model moves in a different shape.{several}"
+            "CSAC (cross signature assurance criterion) compares, line by line, the deflection over all channels: "
+            "dips show the frequencies at which the model moves in a different shape."
         )
         parts.append("<h3>CSAC over frequency</h3>")
         parts.append(
             m.figure("csac", "CSAC over frequency before and after", caption, height=c.figures["csac"]["height"])
         )
-    elif len(c.data.responses) == 1:
+    elif len(c.data.responses) * len(c.data.references) == 1:
         parts.append(
-            m.paragraph("CSAC compares shapes over several responses; with one response it is always 1.", "muted")
+            m.paragraph("CSAC compares shapes over several channels; with one channel it is always 1.", "muted")
         )
     return "".join(parts) + "</section>"
 

@@ -55,6 +55,7 @@ _NOISE_WORDS = {
     "relative": "part proportional to the level",
     "floor": "floor",
     "chi_square": "reduced chi-square",
+    "correlation_length": "lines over which the residual is correlated",
     "inflation": "factor on the standard deviations",
 }
 

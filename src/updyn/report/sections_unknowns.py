@@ -81,8 +81,8 @@ def identifiability(c: Content) -> str:
         parts.append(m.note(ident.advice))
     if ident.null_directions:
         parts.append(
-            "<h3>Open combinations</h3><p>Weights are relative to the largest. These move together without "
-            "changing anything measured:</p>"
+            "<h3>Open combinations</h3><p>These move together without changing anything measured. "
+            "In brackets: how far, against the first (in percent of itself for a factor, in value for a loss factor).</p>"
         )
         parts.append(_directions(ident.null_directions, w.combination))
     if ident.determined_directions:

@@ -56,13 +56,10 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FIGURE_WORDS = {
     "frac_median": "FRAC, median over channels",
     "frac_min": "FRAC, worst channel",
-    "frac_mean": "FRAC, mean over channels",
     "csac_mean": "CSAC, mean over lines",
     "csf_mean": "CSF, mean over lines",
     "db_error_median": "level difference, median (dB)",
-    "db_error_mean": "level difference, mean (dB)",
-    "db_error_rms": "level difference, rms (dB)",
-    "db_error_max": "level difference, largest (dB)",
+    "db_error_p95": "level difference, 95 % of values below (dB)",
 }
 
 
@@ -213,9 +210,8 @@ def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str,
     text = " and ".join(parts)
     held = figures.get("validation", {})
     if held.get("frac_median") is not None:
-        text += (
-            f"; on what was held out ({held_out(result)}) the median FRAC is {figure_of_agreement(held['frac_median'])}"
-        )
+        what = held_out(result) or "the validation data"
+        text += f"; on what was held out ({what}) the median FRAC is {figure_of_agreement(held['frac_median'])}"
     return text[0].upper() + text[1:] + "."
 
 
