@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 _SAME = 1e-9  # of the length: positions closer than this are one node
-_DEFAULT_ELEMENTS = 60
+_DEFAULT_ELEMENTS = 100
 _T = TypeVar("_T")
 
 
@@ -41,7 +41,7 @@ def mesh(
     wanted : iterable of (str, float)
         What needs a node, and where in m.
     n_elements : int or None
-        No element is longer than `length` over this (None: 60).
+        No element is longer than `length` over this (None: 100).
     nodes : array_like of float or None
         All positions in m, instead.
 

@@ -154,7 +154,7 @@ def beam(
     loss_factor : float
         Structural loss factor.
     n_elements : int, optional
-        No element is longer than `length` over this number (60 if neither this nor `nodes` is given). There are more
+        No element is longer than `length` over this number (100 if neither this nor `nodes` is given). There are more
         elements than that where stations, segment ends, supports and masses cut them.
     nodes : array_like of float, shape (n,), optional
         All node positions in m, instead of `n_elements`; each station, segment end, support and mass must be among

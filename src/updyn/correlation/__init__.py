@@ -1,0 +1,24 @@
+"""Correlation: how alike two sets of mode shapes, or two sets of frequency response functions, are."""
+
+from __future__ import annotations
+
+from updyn.correlation.compare import Correlation, correlate
+from updyn.correlation.functions import csac, csf, db_error, fdac, frac
+from updyn.correlation.shapes import ModePairs, auto_mac, comac, cross_orthogonality, ecomac, mac, pair_modes
+
+__all__ = [
+    "Correlation",
+    "ModePairs",
+    "auto_mac",
+    "comac",
+    "correlate",
+    "cross_orthogonality",
+    "csac",
+    "csf",
+    "db_error",
+    "ecomac",
+    "fdac",
+    "frac",
+    "mac",
+    "pair_modes",
+]
