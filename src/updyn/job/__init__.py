@@ -1,0 +1,18 @@
+"""The job file, and the whole way from it to a result: what the command line calls, and what any other front may."""
+
+from updyn.job.load import load_job
+from updyn.job.prepare import Prepared, prepare
+from updyn.job.run import OUTPUTS, check_out, default_out, job_identifiability, run_job
+from updyn.job.schema import Job
+
+__all__ = [
+    "OUTPUTS",
+    "Job",
+    "Prepared",
+    "check_out",
+    "default_out",
+    "job_identifiability",
+    "load_job",
+    "prepare",
+    "run_job",
+]

@@ -1,0 +1,120 @@
+"""`load_job`: from a TOML file to a `Job`; all that can be told from the text alone is told here."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from updyn.errors import JobError, OptionError, suggest
+from updyn.job.schema import KINDS, Job, MethodTable, complaints
+from updyn.job.toml_lines import read_toml
+
+__all__ = ["load_job"]
+
+_PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+
+
+def load_job(path: str | Path) -> Job:
+    """Read a job file.
+
+    Parameters
+    ----------
+    path : path
+        The TOML file.
+
+    Returns
+    -------
+    Job
+        Checked as far as its text goes; the files that it names are not opened.
+
+    Raises
+    ------
+    JobError
+        If the file is not there, is not TOML, or holds an unknown key, a wrong value or too little. The message has
+        one line for each complaint, each with its line in the file.
+    """
+    path = Path(path)
+    text = _text(path)
+    try:
+        document, lines = read_toml(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _not_toml(error, text, path) from error
+    try:
+        job = Job.model_validate(document).with_source(path, lines)
+    except ValidationError as error:
+        raise _joined(complaints(error, lines), path) from error
+    _check_model(job)
+    _check_method(job)
+    return job
+
+
+def _text(path: Path) -> str:
+    if path.is_dir():
+        raise JobError("is a folder; expected a job file (TOML)", path)
+    if not path.is_file():
+        siblings = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        raise JobError(f"no such file; {suggest(path.name, siblings)}" if siblings else "no such file", path)
+    raw = path.read_bytes()
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise JobError(f"byte {raw[error.start]:#04x} is not UTF-8; TOML is", path, line) from error
+
+
+def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
+    message = str(error)
+    found = _PLACE.search(message)
+    if found is None:
+        return JobError(f"not TOML: {message}", path)
+    column = f" at column {found[2]}" if found[2] else " at the end of the file"
+    line = int(found[1]) if found[1] else text.rstrip("\n").count("\n") + 1
+    return JobError(f"not TOML: {message[: found.start()]}{column}", path, line)
+
+
+def _joined(found: Sequence[tuple[int | None, str]], path: Path) -> JobError:
+    (line, first), *others = found
+    return JobError("\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line)
+
+
+def _check_model(job: Job) -> None:
+    table = job.model
+    if table.file is not None and table.kind is not None:
+        raise job.error("[model] has a file and a kind; expected one of the two", "model", "kind")
+    if table.file is None and table.kind is None:
+        for key in table.keys:  # a misspelt file or kind is the likelier mistake
+            raise job.error(f"unknown key {key!r} in [model]; {suggest(key, ('file', 'format', 'kind'))}", "model", key)
+        raise job.error("[model] needs a file, or a kind with the keys of its builder", "model")
+    if table.kind is not None:
+        if table.kind not in KINDS:
+            raise job.error(f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind")
+        if table.format is not None:
+            raise job.error("model.format belongs to a file, not to a kind", "model", "format")
+        return
+    for key in table.keys:
+        known = ("file", "format", "kind")
+        raise job.error(f"unknown key {key!r} in [model] with a file; {suggest(key, known)}", "model", key)
+
+
+def _check_method(job: Job) -> None:
+    from updyn.updating.methods import METHODS, make_method, options_of
+
+    table = job.method
+    if table.name not in METHODS:
+        raise job.error(f"method.name = {table.name!r}: {suggest(table.name, METHODS)}", "method", "name")
+    known = options_of(table.name)
+    for key in table.options:
+        if key not in known:
+            choices = [*MethodTable.model_fields, *known]
+            raise job.error(
+                f"unknown key {key!r} in [method] with name {table.name!r}; {suggest(key, choices)}", "method", key
+            )
+    for key, value in table.options.items():
+        try:
+            make_method(table.name, {key: value})
+        except OptionError as error:
+            raise job.error(f"method.{error}", "method", key) from error

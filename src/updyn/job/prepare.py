@@ -1,0 +1,262 @@
+"""`prepare`: read what a job names, match sensors to DOFs, choose the unknowns."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DofError, InputError, JobError, suggest
+from updyn.frf import FRF
+from updyn.job.schema import KINDS, Job
+from updyn.model import Model
+from updyn.updating.parameters import Parameter, ParameterSet, parameters
+
+__all__ = ["Prepared", "prepare"]
+
+_QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous")
+_SHOWN = 8  # sensors without a DOF that are named one by one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A job with all that it names, ready to run.
+
+    Attributes
+    ----------
+    job : Job
+        The job.
+    model : Model
+        Where the update starts.
+    frf : FRF
+        The data in the job's band, named as the model names its DOFs.
+    fitted : FRF
+        Of these, what is fitted: all but what is held out for validation.
+    parameters : ParameterSet
+        The unknowns.
+    """
+
+    job: Job
+    model: Model
+    frf: FRF
+    fitted: FRF
+    parameters: ParameterSet
+
+
+def prepare(job: Job) -> Prepared:
+    """Read the model and the measurement of a job, match them, and choose the unknowns.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    JobError
+        If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not in the model, or
+        the like; the message says on which line of the job, and where in the file.
+    """
+    model = _model(job)
+    frf = _matched(job, model, _measurement(job))
+    fitted = _fitted(job, frf)
+    _check_noise_and_lines(job, fitted)
+    return Prepared(job, model, frf, fitted, _parameters(job, model))
+
+
+@contextmanager
+def _at(job: Job, *place: str | int) -> Iterator[None]:
+    """Give an error the line of the job that it belongs to."""
+    try:
+        yield
+    except JobError:
+        raise
+    except InputError as error:
+        raise job.error(str(error), *place) from error
+
+
+# -- model and measurement ---------------------------------------------------------------------------------
+def _model(job: Job) -> Model:
+    table = job.model
+    if table.kind is not None:
+        module, function = KINDS[table.kind]
+        try:
+            model = getattr(importlib.import_module(module), function)(table.keys)
+        except InputError as error:
+            raise job.error_about(str(error), "model") from error
+        assert isinstance(model, Model)
+        return model
+    from updyn.io import read_model
+
+    assert table.file is not None
+    with _at(job, "model", "file"):
+        return read_model(_existing(job, table.file, "model"), format=table.format)
+
+
+def _measurement(job: Job) -> FRF:
+    from updyn.io import read_frf
+
+    table = job.test
+    path = _existing(job, table.file, "test")
+    try:
+        frf = read_frf(path, **table.reader_options)
+    except InputError as error:
+        raise job.error_about(str(error), "test") from error
+    if table.averages is not None:
+        if frf.averages not in (None, table.averages):
+            raise job.error(
+                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it out",
+                "test",
+                "averages",
+            )
+        frf = replace(frf, averages=table.averages)
+    with _at(job, "test", "responses"):
+        frf = frf.select(responses=table.responses)
+    with _at(job, "test", "references"):
+        frf = frf.select(references=table.references)
+    with _at(job, "test", "band"):
+        return frf.select(band=table.band)
+
+
+def _existing(job: Job, file: str, table: str) -> Path:
+    path = job.beside(file)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise job.error(f"{table}.file = {file!r} is a folder ({path})", table, "file")
+    siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    hint = suggest(path.name, siblings) if siblings else f"the folder {str(path.parent)!r} is empty or does not exist"
+    raise job.error(f"{table}.file = {file!r}: no such file; {hint}", table, "file")
+
+
+# -- sensors to DOFs ---------------------------------------------------------------------------------------
+def _matched(job: Job, model: Model, frf: FRF) -> FRF:
+    responses, references = frf.responses, frf.references
+    if job.match.table:
+        responses, references = _renamed(job, responses, references)
+        frf = replace(frf, responses=responses, references=references)
+    lost = [
+        _not_there(model, dof, what)
+        for what, dofs in (("response", responses), ("reference", references))
+        for dof in dofs
+        if dof not in model.dofs
+    ]
+    if lost:
+        shown = lost[:_SHOWN] + ([f"... and {len(lost) - _SHOWN} more"] if len(lost) > _SHOWN else [])
+        table = f"[match.table], for instance {str(next(iter(responses)))!r} = {model.dofs.labels[0]!r}"
+        raise job.error(
+            f"{len(lost)} of the sensors and forces of {job.test.file} are not DOFs of the model:\n  "
+            + "\n  ".join(shown)
+            + f"\nGive them the model's labels in {table}, or keep only some with responses and references in [test]",
+            "test",
+            "file",
+        )
+    return frf
+
+
+def _not_there(model: Model, dof: Dof, what: str) -> str:
+    try:
+        model.dofs.match([dof], what)
+    except DofError as error:
+        return str(error)
+    raise AssertionError(dof)
+
+
+def _renamed(job: Job, responses: DofSet, references: DofSet) -> tuple[DofSet, DofSet]:
+    """Return the DOFs under the names of [match.table]; signs multiply."""
+    table: dict[tuple[int, str], Dof] = {}
+    for old, new in job.match.table.items():
+        with _at(job, "match", "table", old):
+            before, after = Dof.parse(old), Dof.parse(new)
+            if before not in responses and before not in references:
+                held = [*responses.labels, *(x for x in references.labels if x not in responses.labels)]
+                raise DofError(f"{old!r} is no response or reference of {job.test.file}; {suggest(old, held)}")
+            if (before.node, before.direction) in table:
+                raise DofError(f"{old!r} names a sensor that already has an entry, with another sign")
+            table[before.node, before.direction] = after if before.sign > 0 else -after
+
+    def new_name(dof: Dof) -> Dof:
+        after = table.get((dof.node, dof.direction))
+        return dof if after is None else after if dof.sign > 0 else -after
+
+    with _at(job, "match", "table"):
+        return DofSet([new_name(d) for d in responses]), DofSet([new_name(d) for d in references])
+
+
+# -- what is fitted ----------------------------------------------------------------------------------------
+def _fitted(job: Job, frf: FRF) -> FRF:
+    held = job.method.validation
+    if held is None:
+        return frf
+    with _at(job, "method", "validation"):
+        if isinstance(held[0], str):
+            at = frf.responses.match(held, "validation response").index  # type: ignore[arg-type]
+            keep = np.setdiff1d(np.arange(len(frf.responses)), at)
+            rest = None if keep.size == 0 else frf.select(responses=frf.responses[keep])
+        else:
+            low, high = frf.select(band=held).freq[[0, -1]]  # type: ignore[arg-type]
+            kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
+            rest = None if kept.size == 0 else frf.select(lines=kept)
+        if rest is None:
+            raise JobError("validation holds out everything: nothing is left to fit", job.path, job.place("method"))
+    return rest
+
+
+def _check_noise_and_lines(job: Job, fitted: FRF) -> None:
+    from updyn.updating.noise import choose_noise
+
+    with _at(job, "method", "noise"):
+        choose_noise(job.method.noise, fitted)
+    if isinstance(job.method.lines, tuple):
+        with _at(job, "method", "lines"):
+            fitted.find_lines(job.method.lines)
+
+
+def _parameters(job: Job, model: Model) -> ParameterSet:
+    chosen: dict[str, tuple[int, Parameter]] = {}
+    for number in range(len(job.parameter)):
+        try:
+            items = _choose(job, model, number)
+        except InputError as error:
+            raise job.error_about(str(error), "parameter", number) from error
+        for p in items:
+            if p.name in chosen:
+                first = job.place("parameter", chosen[p.name][0])
+                raise job.error(
+                    f"{p.name} is already an unknown of the [[parameter]] on line {first}", "parameter", number
+                )
+            chosen[p.name] = (number, p)
+    groups = list(model.groups)
+    order = sorted(
+        (p for _, p in chosen.values()), key=lambda p: (groups.index(p.group), _QUANTITY_ORDER.index(p.quantity))
+    )
+    return ParameterSet(tuple(order))
+
+
+def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
+    table = job.parameter[number]
+    quantity, bounds = table.quantity, table.bounds
+    groups = "all" if table.groups == ("all",) and "all" not in model.groups else table.groups
+    chosen: dict[str, Any] = {quantity: groups}
+    with _at(job, "parameter", number, "groups"):
+        items: Sequence[Parameter] = parameters(model, **chosen)
+    if bounds is not None and table.start is None:  # may move the start of a loss factor onto a bound
+        items = parameters(model, **chosen, bounds={quantity: bounds})
+    elif table.start is not None:
+        items = [
+            replace(
+                p, start=table.start, lower=bounds[0] if bounds else p.lower, upper=bounds[1] if bounds else p.upper
+            )
+            for p in items
+        ]
+    return [replace(p, prior_std=table.prior_std) for p in items]

@@ -1,0 +1,74 @@
+"""The job file that a run leaves behind: defaults written out, files named from where it lies."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn import __version__
+from updyn.job.schema import Job
+
+__all__ = ["resolved_job"]
+
+
+def resolved_job(job: Job, out: Path) -> str:
+    """Return the text of a job file that repeats `job` from the folder `out`.
+
+    Parameters
+    ----------
+    job : Job
+        The job as it was run.
+    out : Path
+        Folder in which the text will lie; files are named relative to it.
+
+    Returns
+    -------
+    str
+        TOML, with every default written out.
+    """
+    import tomlkit
+
+    from updyn.updating.methods import options_of
+
+    content = job.model_dump(exclude_none=True, mode="python")
+    content["title"] = job.title or job.path.stem
+    for table in ("model", "test"):
+        if "file" in content[table]:
+            content[table]["file"] = _from(out, job.beside(content[table]["file"]))
+    defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
+    content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"Written by updyn {__version__} from {_from(out, job.path)}"))
+    for key, value in content.items():
+        if value != {} and value != {"table": {}}:
+            document.add(key, _item(value))
+    return tomlkit.dumps(document)
+
+
+def _from(folder: Path, path: Path) -> str:
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive: there is no relative path
+        return path.resolve().as_posix()
+
+
+def _item(value: Any) -> Any:
+    """Return a value as tomlkit writes it: tables as tables, lists of tables as arrays of tables."""
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.table()
+        for key, item in value.items():
+            if item != {}:
+                table.add(key, _item(item))
+        return table
+    if isinstance(value, list | tuple):
+        if value and all(isinstance(x, Mapping) for x in value):
+            tables = tomlkit.aot()
+            for x in value:
+                tables.append(_item(x))
+            return tables
+        return [_item(x) for x in value]
+    return value

@@ -1,0 +1,193 @@
+"""`run_job`: from a job to a finished folder, replaced as a whole once the run has finished."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from updyn.errors import InputError, JobError
+from updyn.job.prepare import Prepared, prepare
+from updyn.job.resolved import resolved_job
+from updyn.job.schema import Job
+
+if TYPE_CHECKING:
+    from updyn.updating.monitor import Progress
+    from updyn.updating.result import Identifiability, UpdateResult
+
+__all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "run_job"]
+
+#: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
+OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
+
+
+def default_out(job: Job) -> Path:
+    """Return the folder of a run where none is named: the job's stem, beside it."""
+    return job.path.with_suffix("")
+
+
+def check_out(job: Job, out: str | Path) -> Path:
+    """Return `out` as a path after checking that a run may write there.
+
+    Raises
+    ------
+    JobError
+        If it is a file, lies in no folder that can be written, or a result would replace an input of the job.
+    """
+    out = Path(out)
+    if out.exists() and not out.is_dir():
+        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
+    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
+    inputs = {"job file": job.path, "measurement": job.beside(job.test.file)}
+    if job.model.file is not None:
+        inputs["model"] = job.beside(job.model.file)
+    for what, path in inputs.items():
+        for name in OUTPUTS:
+            if path.resolve() == (out / name).resolve():
+                raise JobError(f"the run would write over its own {what} {str(path)!r}; choose another --out", job.path)
+    return out
+
+
+def run_job(
+    job: Job,
+    out: str | Path | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    prepared: Prepared | None = None,
+) -> UpdateResult:
+    """Run a job and write its folder.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`.
+    out : path, optional
+        The folder; by default the job's stem, beside it. What an earlier run wrote there is replaced, file by file,
+        only when this run has finished.
+    callback : callable, optional
+        Called with a `Progress` after every step; returning True stops the run.
+    prepared : Prepared, optional
+        From `prepare`, where it was called before.
+
+    Returns
+    -------
+    UpdateResult
+        Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs again
+        from there) and ``report.html`` unless the job says not to.
+
+    Raises
+    ------
+    InputError
+        If the job, a file or the output folder cannot be used; nothing is written then.
+    SolverError
+        If the model cannot be solved where it starts; nothing is written.
+    """
+    out = check_out(job, default_out(job) if out is None else out)
+    ready = prepare(job) if prepared is None else prepared
+    with _folder(out) as temporary:
+        result = _update(ready, callback)
+        _write(result, job, out, temporary)
+        for name in OUTPUTS:
+            if (temporary / name).exists():
+                (temporary / name).replace(out / name)
+            else:  # of an earlier run: it would pass for a part of this one
+                (out / name).unlink(missing_ok=True)
+    return result
+
+
+def job_identifiability(prepared: Prepared) -> Identifiability:
+    """Say what the job's data could determine, at the start of the unknowns.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        From `prepare`.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    JobError
+        If the lines or the noise of ``[method]`` do not fit the data.
+    SolverError
+        If the model cannot be solved at a line.
+    """
+    from updyn.updating.update import identifiability
+
+    job, method = prepared.job, prepared.job.method
+    with _method_errors(job):
+        return identifiability(prepared.model, prepared.fitted, prepared.parameters, _lines(job), method.noise)
+
+
+def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None) -> UpdateResult:
+    from updyn.updating.update import update
+
+    job, method = ready.job, ready.job.method
+    options: dict[str, Any] = dict(method.options)
+    for key in ("tier", "backend"):
+        if getattr(method, key) is not None:
+            options[key] = getattr(method, key)
+    with _method_errors(job):
+        return update(
+            ready.model,
+            ready.frf,
+            ready.parameters,
+            method=method.name,
+            lines=_lines(job),
+            noise=method.noise,
+            callback=callback,
+            validation=method.validation,
+            title=job.title or job.path.stem,
+            **options,
+        )
+
+
+def _lines(job: Job) -> str | list[float] | None:
+    return list(job.method.lines) if isinstance(job.method.lines, tuple) else job.method.lines
+
+
+@contextmanager
+def _method_errors(job: Job) -> Iterator[None]:
+    """Give an error of the update the line of [method] that it is about: all else has been checked before."""
+    try:
+        yield
+    except InputError as error:
+        raise job.error_about(str(error), "method") from error
+
+
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """Make `out` and a temporary folder in it; leave no trace of either when the block raises."""
+    made = [p for p in (out, *out.absolute().parents) if not p.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
+    try:
+        yield temporary
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for folder in made:
+            folder.rmdir()
+        raise
+    shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _write(result: UpdateResult, job: Job, out: Path, folder: Path) -> None:
+    from updyn.io import write_model, write_result
+    from updyn.io.result_json import write_result_json
+
+    write_model(result.model, folder / "model.h5")
+    write_result(result, folder / "run.nc")
+    if job.output.report:
+        from updyn.report import write_report
+
+        write_report(result, folder / "report.html")
+    (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
+    write_result_json(result, folder / "result.json")

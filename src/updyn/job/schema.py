@@ -1,0 +1,294 @@
+"""What a job file may hold: one pydantic model a table, and how their complaints read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    Strict,
+    ValidationError,
+)
+
+from updyn.errors import JobError, suggest
+from updyn.job.toml_lines import Place, line_of
+
+__all__ = ["Job", "MatchTable", "MethodTable", "ModelTable", "OutputTable", "ParameterTable", "TestTable", "complaints"]
+
+Pair = Annotated[tuple[float, float], Strict(False)]
+Texts = Annotated[tuple[str, ...], Strict(False)]
+
+#: Builders that `[model] kind = "..."` may name: module and function.
+KINDS = {"beam": ("updyn.elements.beam", "beam_from_table")}
+
+
+def _groups(given: Any) -> Any:
+    globs = [given] if isinstance(given, str) else given
+    if not isinstance(globs, list | tuple) or not globs or not all(isinstance(g, str) for g in globs):
+        raise ValueError("expected group names or globs, such as ['shaft', 'gear*']")
+    return tuple(globs)
+
+
+def _lines(given: Any) -> Any:
+    if isinstance(given, str):
+        return given
+    if isinstance(given, list | tuple) and given and all(_is_number(x) for x in given):
+        return tuple(float(x) for x in given)
+    raise ValueError("expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines")
+
+
+def _validation(given: Any) -> Any:
+    if isinstance(given, list | tuple) and given:
+        if all(isinstance(x, str) for x in given):
+            return tuple(given)
+        if len(given) == 2 and all(_is_number(x) for x in given):
+            return float(given[0]), float(given[1])
+    raise ValueError("expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz")
+
+
+def _noise(given: Any) -> Any:
+    if not isinstance(given, str | Mapping):
+        raise ValueError("expected a table with relative and/or floor, such as { relative = 0.02, floor = 0.001 }")  # noqa: TRY004
+    return given
+
+
+def _tables(given: Any) -> Any:
+    if isinstance(given, dict):
+        raise ValueError("one table, [parameter]; write [[parameter]], as there may be several")  # noqa: TRY004
+    return given
+
+
+def _by(given: Any) -> Any:
+    if given != "label":
+        raise ValueError('only by = "label" is available, with [match.table] for sensors of another name')
+    return given
+
+
+def _is_number(given: Any) -> bool:
+    return isinstance(given, int | float) and not isinstance(given, bool)
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class ModelTable(_Table):
+    """``[model]``: a file, or a kind with the keys of its builder."""
+
+    model_config = ConfigDict(extra="allow")
+
+    file: str | None = None
+    format: str | None = None
+    kind: str | None = None
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The builder's own keys."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class TestTable(_Table):
+    """``[test]``: the measurement, and what of it is used."""
+
+    __test__ = False  # not a test, whatever its name suggests to pytest
+
+    file: str
+    format: str | None = None
+    quantity: str | None = None
+    duplicates: str | None = None
+    scalar_direction: str | None = None
+    response_labels: Texts | None = None  # of a file that holds bare arrays
+    reference_labels: Texts | None = None
+    order: Texts | None = None
+    averages: int | None = Field(default=None, ge=1)
+    band: Pair | None = None
+    responses: Texts | None = Field(default=None, min_length=1)  # labels as the file has them; all where left out
+    references: Texts | None = Field(default=None, min_length=1)
+
+    @property
+    def reader_options(self) -> dict[str, Any]:
+        """Keyword arguments for the reader; only those that the job states."""
+        stated = {
+            "format": self.format,
+            "quantity": self.quantity,
+            "duplicates": self.duplicates,
+            "scalar_direction": self.scalar_direction,
+            "responses": self.response_labels,
+            "references": self.reference_labels,
+            "order": self.order,
+        }
+        return {k: v for k, v in stated.items() if v is not None}
+
+
+class MatchTable(_Table):
+    """``[match]``: how sensors map to DOFs of the model."""
+
+    by: Annotated[Literal["label"], BeforeValidator(_by)] = "label"
+    table: dict[str, str] = Field(default_factory=dict)
+
+
+class ParameterTable(_Table):
+    """``[[parameter]]``: one quantity of some groups."""
+
+    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
+    quantity: Literal["stiffness", "mass", "loss_factor", "viscous"]
+    bounds: Pair | None = None
+    prior_std: float | None = Field(default=None, gt=0)
+    start: float | None = None
+
+
+class MethodTable(_Table):
+    """``[method]``: how the unknowns are found; further keys are options of the method."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = "maximum-likelihood"
+    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = None
+    noise: Annotated[str | dict[str, float] | None, BeforeValidator(_noise)] = None
+    validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
+    tier: str | None = None
+    backend: str | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The method's own options."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class OutputTable(_Table):
+    """``[output]``: what is written beside the numbers."""
+
+    report: bool = True
+
+
+class Job(_Table):
+    """A job file.
+
+    Attributes
+    ----------
+    title : str
+        For the record.
+    model, test, match, parameter, method, output
+        Its tables.
+    path : Path
+        Where it was read; what it names is relative to this file's folder.
+    """
+
+    title: str = ""
+    model: ModelTable
+    test: TestTable
+    match: MatchTable = MatchTable()
+    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables), Strict(False)] = Field(min_length=1)
+    method: MethodTable = MethodTable()
+    output: OutputTable = OutputTable()
+
+    _path: Path = PrivateAttr(default=Path("job.toml"))
+    _lines: dict[Place, int] = PrivateAttr(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """Where the job was read."""
+        return self._path
+
+    def place(self, *place: str | int) -> int | None:
+        """Return the line of a table, key or array item, or of the nearest thing around it."""
+        return line_of(place, self._lines)
+
+    def beside(self, file: str) -> Path:
+        """Return the path of a file that the job names."""
+        return self.path.parent / file
+
+    def error(self, message: str, *place: str | int) -> JobError:
+        """Return an error at a place of the job file."""
+        return JobError(message, self.path, self.place(*place))
+
+    def error_about(self, message: str, *place: str | int) -> JobError:
+        """Return an error about a table, at the line of its first key that the message names, else at its own."""
+        words = re.findall(r"\w+", message)
+        inside = {p[len(place)]: p for p in self._lines if len(p) == len(place) + 1 and p[: len(place)] == place}
+        return self.error(message, *next((inside[w] for w in words if w in inside), place))
+
+    def with_source(self, path: Path, lines: dict[Place, int]) -> Job:
+        """Return this job, told where it was read."""
+        out = self.model_copy()
+        out._path, out._lines = path, lines
+        return out
+
+
+_WORDS = {
+    "bool_type": "expected true or false",
+    "dict_type": "expected a table",
+    "finite_number": "expected a finite number",
+    "float_type": "expected a number",
+    "int_type": "expected a whole number",
+    "list_type": "expected an array",
+    "model_type": "expected a table",
+    "string_type": "expected a text",
+    "too_long": "too many entries",
+    "too_short": "too few entries",
+    "tuple_type": "expected an array",
+}
+
+
+def complaints(error: ValidationError, lines: Mapping[Place, int]) -> list[tuple[int | None, str]]:
+    """Turn what pydantic says into lines and sentences, unknown keys first, then by line."""
+    found = []
+    for item in error.errors():
+        place = tuple(item["loc"])
+        found.append((item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place)))
+    return [(line or None, text) for _, line, text in sorted(found)]
+
+
+def _sentence(item: Any, place: Place) -> str:
+    kind, name, given = item["type"], _dotted(place), item["input"]
+    if kind == "extra_forbidden":
+        where = f" in [{_dotted(place[:-1])}]" if place[:-1] else ""
+        return f"unknown key {place[-1]!r}{where}; {suggest(str(place[-1]), _keys(place[:-1]))}"
+    if kind == "missing":
+        if isinstance(place[-1], int):
+            return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
+        table = _dotted(place[:-1])
+        return f"missing key {place[-1]!r}{f' in [{table}]' if table else ''}"
+    if kind == "literal_error":
+        choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
+        return f"{name} = {given!r}: {suggest(str(given), choices)}"
+    if kind == "value_error":
+        reason = str(item["ctx"]["error"])
+        return f"{name} = {given!r}: {reason}" if name else reason
+    if kind in ("greater_than", "greater_than_equal"):
+        bound = next(iter(item["ctx"].values()))
+        return f"{name} = {given!r}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
+    return f"{name} = {given!r}: {_WORDS.get(kind, item['msg'])}"
+
+
+def _dotted(place: Place) -> str:
+    out = ""
+    for part in place:
+        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else str(part)
+    return out
+
+
+def _keys(place: Place) -> list[str]:
+    """Return the keys that the table at `place` may hold."""
+    table: Any = Job
+    for part in place:
+        if isinstance(part, str) and part in getattr(table, "model_fields", {}):
+            table = _TABLES.get(part, table)
+    return list(table.model_fields)
+
+
+_TABLES = {
+    "model": ModelTable,
+    "test": TestTable,
+    "match": MatchTable,
+    "parameter": ParameterTable,
+    "method": MethodTable,
+    "output": OutputTable,
+}

@@ -1,0 +1,203 @@
+"""On which line of a TOML text each key stands.
+
+`tomllib` reads TOML but forgets the lines. This scanner reads a text that `tomllib` has accepted, so it checks nothing
+and only keeps places: keys, dotted keys, tables, arrays of tables, inline tables and the items of arrays.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["Place", "line_of", "read_toml", "toml_lines"]
+
+#: Where something stands in the parsed document: keys and positions in arrays, from the root.
+Place = tuple[str | int, ...]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_SCALAR = re.compile(r"[^,\]}\n#]*")
+_BLANKS = re.compile(r"[ \t]*")
+_FILLER = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_BASIC = re.compile(r'"(?:[^"\\\n]|\\.)*"')
+_LITERAL = re.compile(r"'[^'\n]*'")
+_LONG_BASIC = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}(?!")', re.DOTALL)
+_LONG_LITERAL = re.compile(r"'''.*?'{3,5}(?!')", re.DOTALL)
+
+
+def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Parse a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The document.
+
+    Returns
+    -------
+    document : dict
+        As `tomllib` reads it.
+    lines : dict of Place to int
+        Line, counted from 1, of every table, key and array item.
+
+    Raises
+    ------
+    tomllib.TOMLDecodeError
+        If the text is not TOML.
+    """
+    document = tomllib.loads(text)
+    return document, toml_lines(text)
+
+
+def toml_lines(text: str) -> dict[Place, int]:
+    """Return the line of every table, key and array item of a valid TOML text.
+
+    Parameters
+    ----------
+    text : str
+        A document that `tomllib` accepts.
+
+    Returns
+    -------
+    dict of Place to int
+        Lines counted from 1. A table that is opened more than once, or by a dotted key, has its first line.
+    """
+    return _Scanner(text.replace("\r\n", "\n")).run()
+
+
+def line_of(place: Place, lines: Mapping[Place, int]) -> int | None:
+    """Return the line of `place`, or of the nearest thing around it that has one.
+
+    Parameters
+    ----------
+    place : Place
+        From the root; a validator's path may go deeper than the text.
+    lines : mapping of Place to int
+        From `toml_lines`.
+
+    Returns
+    -------
+    int or None
+        None where not even its table is in the text.
+    """
+    for depth in range(len(place), 0, -1):
+        if place[:depth] in lines:
+            return lines[place[:depth]]
+    return None
+
+
+class _Scanner:
+    """One pass over the text; `at` is where it stands."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.lines: dict[Place, int] = {}
+        self.count: dict[Place, int] = {}  # items so far of each array of tables
+
+    def run(self) -> dict[Place, int]:
+        table: Place = ()
+        self.skip(_FILLER)
+        while self.at < len(self.text):
+            if self.text[self.at] == "[":
+                table = self.header()
+            else:
+                self.pair(table)
+            self.skip(_FILLER)
+        return self.lines
+
+    def header(self) -> Place:
+        line, is_array = self.line(), self.text.startswith("[[", self.at)
+        self.at += 2 if is_array else 1
+        keys = self.keys()
+        self.at += 2 if is_array else 1
+        place: Place = ()
+        for key in keys[:-1]:
+            place = self.last(self.mark((*place, key), line))
+        place = self.mark((*place, keys[-1]), line)
+        if not is_array:
+            return place
+        number = self.count.get(place, 0)
+        self.count[place] = number + 1
+        return self.mark((*place, number), line)
+
+    def last(self, place: Place) -> Place:
+        """Return the item that a header speaks of when it names an array of tables: its last."""
+        return (*place, self.count[place] - 1) if place in self.count else place
+
+    def pair(self, table: Place) -> None:
+        line, place = self.line(), table
+        for key in self.keys():
+            place = self.mark((*place, key), line)
+        self.at += 1  # =
+        self.skip(_BLANKS)
+        self.value(place)
+
+    def value(self, place: Place) -> None:
+        start = self.text[self.at]
+        if start == "[":
+            self.array(place)
+        elif start == "{":
+            self.inline_table(place)
+        elif start in "\"'":
+            self.string()
+        else:
+            self.skip(_SCALAR)
+
+    def array(self, place: Place) -> None:
+        self.at += 1
+        self.skip(_FILLER)
+        number = 0
+        while self.text[self.at] != "]":
+            self.value(self.mark((*place, number), self.line()))
+            self.comma()
+            number += 1
+        self.at += 1
+
+    def inline_table(self, place: Place) -> None:
+        self.at += 1
+        self.skip(_FILLER)
+        while self.text[self.at] != "}":
+            self.pair(place)
+            self.comma()
+        self.at += 1
+
+    def comma(self) -> None:
+        self.skip(_FILLER)
+        if self.text[self.at] == ",":
+            self.at += 1
+            self.skip(_FILLER)
+
+    def keys(self) -> list[str]:
+        """Read a key, dotted or not, up to what follows it."""
+        out = []
+        while True:
+            self.skip(_BLANKS)
+            out.append(self.string() if self.text[self.at] in "\"'" else self.skip(_BARE))
+            self.skip(_BLANKS)
+            if self.text[self.at] != ".":
+                return out
+            self.at += 1
+
+    def string(self) -> str:
+        """Read a string of any of the four kinds and return what it says."""
+        long = self.text.startswith(('"""', "'''"), self.at)
+        basic = self.text[self.at] == '"'
+        pattern = (_LONG_BASIC if basic else _LONG_LITERAL) if long else (_BASIC if basic else _LITERAL)
+        raw = self.skip(pattern)
+        # A long string is never a key, so what it says is not needed.
+        return "" if long else str(tomllib.loads(f"x={raw}")["x"])
+
+    def skip(self, pattern: re.Pattern[str]) -> str:
+        found = pattern.match(self.text, self.at)
+        assert found is not None  # the text is valid TOML
+        self.at = found.end()
+        return found[0]
+
+    def line(self) -> int:
+        return self.text.count("\n", 0, self.at) + 1
+
+    def mark(self, place: Place, line: int) -> Place:
+        self.lines.setdefault(place, line)
+        return place
