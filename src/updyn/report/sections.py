@@ -41,7 +41,11 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
         text = _from_to(before.get("db_error_median"), after["db_error_median"], w.decibels)
         tiles.append(("Level difference, median", text, "0 dB is perfect, before → after"))
     tiles.append(
-        ("Determined by the data", f"{ident.rank} of {ident.n_parameters}", "independent combinations of the unknowns")
+        (
+            "Determined by the data",
+            f"{ident.rank} of {ident.n_parameters}",
+            "all unknowns" if ident.complete else "independent combinations of the unknowns",
+        )
     )
     chi = result.noise.get("chi_square")
     if isinstance(chi, int | float) and math.isfinite(chi):

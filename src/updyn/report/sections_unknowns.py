@@ -14,6 +14,15 @@ from updyn.updating.result import UpdateResult
 __all__ = ["convergence", "identifiability", "parameters"]
 
 
+_STAGE_WORDS = {
+    "search": "trials from several starts, each jump up is the next",
+    "log": "fit of logarithmic level and phase",
+    "maximum-likelihood": "fit weighted with the noise",
+    "output-error": "fit of the unweighted FRFs",
+    "equation-error": "fit of the condensed force equation",
+}
+
+
 def parameters(c: Content) -> str:
     """Return table and figures of the unknowns."""
     kinds = ("", "text", "", "", "", "", "", "", "note-cell")
@@ -82,7 +91,7 @@ def identifiability(c: Content) -> str:
     if ident.null_directions:
         parts.append(
             "<h3>Open combinations</h3><p>These move together without changing anything measured. "
-            "In brackets: how far, against the first (in percent of itself for a factor, in value for a loss factor).</p>"
+            "In brackets: how far, against the first (relative to itself for a factor, in value for a loss factor).</p>"
         )
         parts.append(_directions(ident.null_directions, w.combination))
     if ident.determined_directions:
@@ -125,19 +134,19 @@ def convergence(c: Content) -> str:
     parts = ['<section id="convergence"><h2>Convergence</h2>']
     if "cost" not in c.figures:
         return "".join(parts) + m.paragraph("No iterations were recorded.", "muted") + "</section>"
-    taken = [h for h in c.result.history if h.accepted]
-    if taken:
-        refused = len(c.result.history) - len(taken)
-        parts.append(
-            m.paragraph(
-                f"{c.result.iterations} steps taken, {refused} refused; the cost went from "
-                f"{w.number(taken[0].cost, 3)} to {w.number(taken[-1].cost, 3)}."
-            )
-        )
     stages = list(dict.fromkeys(h.stage for h in c.result.history))
+    last = [h for h in c.result.history if h.accepted and h.stage == stages[-1]]
+    refused = sum(not h.accepted for h in c.result.history)
+    said = f"{w.counted(c.result.iterations, 'step')} taken, {refused} refused."
+    if last:
+        where = f"In the last stage, {stages[-1]}, the" if len(stages) > 1 else "The"
+        said += f" {where} cost went from {w.number(last[0].cost, 3)} to {w.number(last[-1].cost, 3)}."
+    parts.append(m.paragraph(said))
     caption = "Cost: half the sum of squared weighted residuals."
     if len(stages) > 1:
-        caption += " Each stage weighs the residuals in its own way: compare costs within a stage only."
+        explained = "; ".join(f"{s}: {_STAGE_WORDS[s]}" for s in stages if s in _STAGE_WORDS)
+        caption += " Each stage weighs the residuals in its own way: compare costs within a stage only. " + explained
+        caption = caption.strip().removesuffix(".") + "."
     parts.append(m.figure("cost", "Cost by iteration", caption, height=c.figures["cost"]["height"]))
     for name, title in (("factor-paths", "Paths of the factors"), ("loss-factor-paths", "Paths of the loss factors")):
         if name in c.figures:

@@ -228,7 +228,10 @@ def correlation_map(result: UpdateResult) -> Figure | None:
         "colorbar": colour_bar("correlation", (-1, -0.5, 0, 0.5, 1), height - 100),
     }
     if matrix.size <= PRINTED_CELLS:
-        trace["text"] = [[f"{v:.2f}".replace("-", "−") if np.isfinite(v) else "" for v in row] for row in matrix]
+        trace["text"] = [
+            [f"{v + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−") if np.isfinite(v) else "" for v in row]
+            for row in matrix
+        ]
         trace["texttemplate"] = "%{text}"
     font = {"size": 12 if len(names) <= 40 else 9}
     axis: dict[str, Any] = {"type": "category", "showgrid": False, "zeroline": False, "tickfont": font}
@@ -256,7 +259,7 @@ def cost_path(result: UpdateResult) -> Figure | None:
                 "x": [h.number for h in taken],
                 "y": numbers([max(h.cost, foot) for h in taken]),
                 "text": [f"{h.cost:.4g}, largest step {h.step:.2g}" for h in taken],
-                "marker": {"symbol": _STAGE_SYMBOLS[i % 5], "size": 8},
+                "marker": {"symbol": _STAGE_SYMBOLS[i % 5], "size": 8 if len(steps) <= 60 else 5},
                 "line": {"color": _STAGE_COLOURS[i % 5]},
                 "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
             }
@@ -305,7 +308,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: 
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")
         trace: dict[str, Any] = {
             "type": "scatter",
-            "mode": "lines+markers" if p.name in named else "lines",
+            "mode": "lines+markers" if p.name in named and len(steps) <= 60 else "lines",
             "name": shown,
             "x": [h.number for h in steps],
             "y": numbers(paths[p.name]),

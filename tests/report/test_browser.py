@@ -1,0 +1,82 @@
+"""The page in a real browser: figures are drawn, the channel picker works, nothing is refused and nothing fails."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+
+import pytest
+from report_case import realistic
+from test_page import hostile
+
+import updyn
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+pytestmark = pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
+
+# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as SVG.
+ACTIONS = """<script>
+(async () => {
+  const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;
+  const said = [at()];
+  document.getElementById("next-channel").click(); said.push(at());
+  const key = (name) => document.getElementById("overlay").dispatchEvent(new KeyboardEvent("keydown", { key: name }));
+  key("ArrowLeft"); key("ArrowLeft"); said.push(at());
+  root.dataset.channels = said.join("|");
+  document.querySelector("input[name=freq-scale][value=log]").click();
+  const plot = document.getElementById("overlay-plot");
+  root.dataset.axis = plot._fullLayout.xaxis.type;
+  root.dataset.title = plot._fullLayout.yaxis.title.text;
+  root.dataset.first = plot.calcdata[0][0].y.toPrecision(5);
+  const svg = await Plotly.toImage(plot, { format: "svg", imageDataOnly: true });
+  root.dataset.svg = svg.startsWith("<svg");
+})();
+</script></body>"""
+
+
+def dump(path, profile):
+    command = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
+        "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", path.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    return done.stdout
+
+
+def attributes(dom):
+    return dict(re.findall(r'data-(\w+)="([^"]*)"', re.search(r"<html[^>]*>", dom)[0]))
+
+
+def test_page_is_drawn_and_works(tmp_path):
+    result = realistic()
+    path = updyn.write_report(result, tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    dom = dump(path, tmp_path / "profile")
+    found = attributes(dom)
+    assert "errors" not in found, found["errors"]
+    # 12 figures and the overlay, of two layers each at least
+    assert len(re.findall(r'class="main-svg"', dom)) >= 26
+    names = [re.sub(r"\(channel.*", "", c).strip() for c in found["channels"].split("|")]
+    assert names == [
+        "Response at 1:Z, force at 3:Z",
+        "Response at 4:Z, force at 3:Z",
+        "Response at 12:Z, force at 12:Z",
+    ]
+    assert found["axis"] == "log"
+    assert found["title"].endswith("((m/s²)/N)")
+    # the browser draws what was measured: the first line of the channel that the keys led to
+    assert float(found["first"]) == pytest.approx(abs(result.frf.values[0, 4, 1]), rel=1e-4)
+    assert found["svg"] == "true"
+
+
+def test_hostile_text_runs_nothing(tmp_path):
+    path = updyn.write_report(hostile(), tmp_path / "report.html")
+    dom = dump(path, tmp_path / "profile")
+    assert "errors" not in attributes(dom)
+    assert int(attributes(dom)["drawn"]) > 10
+    assert not re.search(r"<b [^>]*onmouseover", dom)
+    assert "<img" not in dom
