@@ -1,1 +1,211 @@
-"""Reading and writing: one module a format, chosen by a lazy registry."""
+"""Reading and writing: one module a format, chosen by a lazy registry.
+
+The functions here are the front doors. They look at the content of a file, then at its suffix (or do as ``format=``
+says), load the one module that knows the format, and check the options by name. Formats: `updyn.io.registry`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from updyn.frf import FRF
+    from updyn.geometry import Geometry
+    from updyn.model import Model
+    from updyn.updating.result import UpdateResult
+
+__all__ = ["read_frf", "read_geometry", "read_model", "read_result", "write_frf", "write_model", "write_result"]
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    format: str | None = None,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    **options: Any,
+) -> FRF:
+    """Read frequency response functions.
+
+    Parameters
+    ----------
+    path : path
+        The file: universal file (58, 58b), netCDF-4/HDF5, ``.npz``, ``.mat`` or CSV.
+    format : str, optional
+        Format name, to force it: "uff", "netcdf", "npz", "mat", "csv".
+    quantity : {"receptance", "mobility", "accelerance"}, optional
+        What was measured, where the file does not say. If the file says something else, that is an error.
+    duplicates : {"raise", "average"}
+        Several functions at one pair of response and reference: an error, or their mean, weighted with their
+        coherence where every one of them has it. Formats that hold each pair once take "raise" only.
+    **options
+        What the reader of that format takes besides, checked by name; see the ``read_frf`` of its module
+        (`updyn.io.uff`, `updyn.io.netcdf`, `updyn.io.npz`, `updyn.io.mat`, `updyn.io.csv`).
+
+    Returns
+    -------
+    FRF
+        What the file holds, in SI units, in the order of the file.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the content is not valid; the message says where.
+    OptionError
+        If the format has no such option; the nearest is named.
+    """
+    reader = _function(path, "read_frf", format)
+    return reader(path, **_known(reader, {"quantity": quantity, "duplicates": duplicates, **options}))  # type: ignore[no-any-return]
+
+
+def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
+    """Write frequency response functions, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    frf : FRF
+        The data.
+    path : path
+        File to write; its suffix chooses the format.
+    format : str, optional
+        Format name, to force it.
+
+    Raises
+    ------
+    FormatError
+        If no format fits, or the format cannot hold the data.
+    """
+    _function(path, "write_frf", format)(frf, path)
+
+
+def read_geometry(path: str | Path, *, format: str | None = None) -> Geometry:
+    """Read where nodes stand.
+
+    Parameters
+    ----------
+    path : path
+        A universal file (datasets 15, 2411, 2420, 82), or a table ``node,x,y,z`` in m.
+    format : str, optional
+        Format name, to force it: "uff" or "csv".
+
+    Returns
+    -------
+    Geometry
+        Positions in m in the global system, with the lines to draw where the file has them.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the content is not valid; the message says where.
+    """
+    return _function(path, "read_geometry", format)(path)  # type: ignore[no-any-return]
+
+
+def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    format : str, optional
+        Format name, to force it.
+    **options
+        What the reader of that format takes, checked by name.
+
+    Returns
+    -------
+    Model
+        What the file holds.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the content is not valid; the message says where.
+    OptionError
+        If the format has no such option; the nearest is named.
+    """
+    reader = _function(path, "read_model", format)
+    return reader(path, **_known(reader, options))  # type: ignore[no-any-return]
+
+
+def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
+    """Write a model, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : path
+        File to write; its suffix chooses the format.
+    format : str, optional
+        Format name, to force it.
+
+    Raises
+    ------
+    FormatError
+        If no format fits, or the format cannot hold the model.
+    """
+    _function(path, "write_model", format)(model, path)
+
+
+def read_result(path: str | Path) -> UpdateResult:
+    """Read the record of an update, as `write_result` makes it.
+
+    Parameters
+    ----------
+    path : path
+        The file, usually ``run.nc``.
+
+    Returns
+    -------
+    UpdateResult
+        The outcome, with its models.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or is not the record of an update.
+    """
+    from updyn.io import result_file
+
+    return result_file.read_result(path)
+
+
+def write_result(result: UpdateResult, path: str | Path) -> None:
+    """Write the record of an update, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The outcome.
+    path : path
+        File to write, usually ``run.nc``.
+    """
+    from updyn.io import result_file
+
+    result_file.write_result(result, path)
+
+
+def _function(path: str | Path, verb: str, name: str | None) -> Callable[..., Any]:
+    from updyn.io.registry import find_format, load
+
+    return getattr(load(find_format(path, verb, name)), verb)  # type: ignore[no-any-return]
+
+
+def _known(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options, each of which the reader must have by name."""
+    from updyn.errors import OptionError, suggest
+
+    known = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    for name in options:
+        if name not in known:
+            kind = reader.__module__.rpartition(".")[2]
+            raise OptionError(
+                f"{reader.__name__} of the format {kind!r} has no option {name!r}; {suggest(name, known)}"
+            )
+    return options

@@ -1,8 +1,8 @@
 """Which module reads and writes which format: a lazy registry.
 
 Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
-that format is met, and offers, as far as it can, ``read_frf(path, **options)``, ``write_frf(frf, path)``,
-``read_model(path)`` and ``write_model(model, path)``.
+that format is met, and offers, as far as it can, ``read_frf(path, *, quantity, duplicates, ...)``,
+``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)`` and ``read_geometry(path)``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Format:
     magic : tuple of bytes
         What files of this format may start with; empty: not told by content.
     can : tuple of str
-        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``.
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``.
     """
 
     name: str
@@ -47,12 +47,12 @@ _MODEL = ("read_model", "write_model")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 FORMATS = (
-    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), _FRF),
-    Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5,), _FRF),
+    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry")),
+    Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5, b"CDF"), _FRF),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
     Format("mat", "updyn.io.mat", (".mat",), (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), (*_FRF, *_MODEL)),
-    Format("csv", "updyn.io.csv", (".csv", ".txt"), (), _FRF),
+    Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
 )
 
@@ -64,7 +64,7 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     ----------
     path : path
         The file; it need not exist for a verb that writes.
-    verb : {"read_frf", "write_frf", "read_model", "write_model"}
+    verb : {"read_frf", "write_frf", "read_model", "write_model", "read_geometry"}
         What is to be done.
     name : str, optional
         Format name, to force it.
