@@ -37,7 +37,7 @@ def test_layout_can_be_read_without_updyn(tmp_path):
         assert file.attrs["updyn_format"] == 1
         assert file["dofs/node"][()].tolist() == [7, 1, 1]
         assert file["dofs/direction"][()].tolist() == [b"RZ", b"X", b"Y"]
-        assert [file[f"groups/{i:04d}"].attrs["name"] for i in range(3)] == ["shaft", "gear 1/é", "a_first"]
+        assert [file[f"groups/{i:04d}"].attrs["name"].decode() for i in range(3)] == ["shaft", "gear 1/é", "a_first"]
         place = file["groups/0000/stiffness"]
         parts = tuple(place[name][()] for name in ("data", "indices", "indptr"))
         upper = sp.csr_array(parts, shape=(3, 3)).toarray()

@@ -49,6 +49,7 @@ __all__ = [
 FORMAT_VERSION = 1
 _READERS = {"model": "read_model", "frf": "read_frf", "result": "read_result"}
 _MATRICES = ("stiffness", "mass", "viscous")
+_LIBVER = ("v108", "v110")  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
 _COMPRESS_FROM = 2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
 
 
@@ -64,7 +65,7 @@ def write_model(model: Model, path: str | Path) -> None:
     """
     import h5py
 
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_LIBVER) as file:
         put_kind(file, "model")
         put_model(file, model)
 
@@ -125,10 +126,9 @@ def check_kind(file: Any, path: str | Path, expected: str) -> None:
         raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
     version = take_number(file, "updyn_format", path)
     if version != FORMAT_VERSION:
+        writer = take_text(file, "updyn_version", path) if "updyn_version" in file.attrs else "(unknown)"
         raise FormatError(
-            f"format version {version:g}, written by updyn {file.attrs.get('updyn_version', '(unknown)')}; this "
-            f"updyn reads version {FORMAT_VERSION}",
-            path,
+            f"format version {version:g}, written by updyn {writer}; this updyn reads version {FORMAT_VERSION}", path
         )
 
 
@@ -147,7 +147,7 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
         a second link to the same data.
     """
     stored = {} if stored is None else stored
-    parent.attrs["title"] = _text(model.title, "title")
+    _put_text(parent, "title", model.title)
     dofs = parent.create_group("dofs")
     _put_array(dofs, "node", model.dofs.nodes)
     _put_array(dofs, "direction", np.array(DIRECTIONS, dtype="S2")[model.dofs.axes])
@@ -156,7 +156,7 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
     groups = parent.create_group("groups")
     for number, (name, group) in enumerate(model.groups.items()):
         place = groups.create_group(f"{number:04d}")
-        place.attrs["name"] = _text(name, "group name")
+        _put_text(place, "name", name)
         place.attrs["loss_factor"] = group.loss_factor
         for what in _MATRICES:
             matrix = getattr(group, what)
@@ -231,7 +231,7 @@ def _put_matrix(place: Any, matrix: Matrix) -> Any:
     upper = matrix.indices >= row  # a mask on the entries: scipy.sparse.triu would drop explicit zeros
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
     place.attrs["size"] = matrix.shape[0]
-    place.attrs["storage"] = "upper triangle with diagonal, CSR"
+    _put_text(place, "storage", "upper triangle with diagonal, CSR")
     _put_array(place, "data", matrix.data[upper])
     _put_array(place, "indices", matrix.indices[upper])
     _put_array(place, "indptr", indptr.astype(matrix.indptr.dtype))
@@ -297,15 +297,19 @@ def take_geometry(place: Any, path: str | Path) -> Geometry:
 # -- items -------------------------------------------------------------------------------------------------
 def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
     big = array.size >= _COMPRESS_FROM
-    place.create_dataset(
-        name, data=array, **({"compression": "gzip", "compression_opts": 1, "shuffle": True} if big else {})
-    )
+    packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True} if big else {}
+    place.create_dataset(name, data=array, **packed)
 
 
-def _text(text: str, what: str) -> str:
+def _put_text(place: Any, name: str, text: str) -> None:
+    """Write a text of fixed length: texts of variable length lie in a heap without a checksum."""
     if "\0" in text:
-        raise InputError(f"{what} {text!r} holds a NUL character, which HDF5 cannot store")
-    return text
+        raise InputError(f"{name} {text!r} holds a NUL character, which HDF5 cannot store")
+    import h5py
+
+    raw = text.encode("utf-8")
+    kind = h5py.string_dtype("utf-8", max(len(raw), 1))
+    place.attrs.create(name, np.array(raw, dtype=kind), dtype=kind)
 
 
 def _group(parent: Any, name: str, path: str | Path) -> Any:
