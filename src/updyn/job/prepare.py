@@ -200,11 +200,11 @@ def _fitted(job: Job, frf: FRF) -> FRF:
         return frf
     with _at(job, "method", "validation"):
         if isinstance(held[0], str):
-            at = frf.responses.match(held, "validation response").index  # type: ignore[arg-type]
+            at = frf.responses.match(held, "validation response").index
             keep = np.setdiff1d(np.arange(len(frf.responses)), at)
             rest = None if keep.size == 0 else frf.select(responses=frf.responses[keep])
         else:
-            low, high = frf.select(band=held).freq[[0, -1]]  # type: ignore[arg-type]
+            low, high = frf.select(band=held).freq[[0, -1]]
             kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
             rest = None if kept.size == 0 else frf.select(lines=kept)
         if rest is None:

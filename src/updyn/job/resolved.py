@@ -44,7 +44,7 @@ def resolved_job(job: Job, out: Path) -> str:
     for key, value in content.items():
         if value != {} and value != {"table": {}}:
             document.add(key, _item(value))
-    return tomlkit.dumps(document)
+    return tomlkit.dumps(document).rstrip("\n") + "\n"
 
 
 def _from(folder: Path, path: Path) -> str:

@@ -1,0 +1,87 @@
+"""Reading a file without being told what it holds: a measurement, a model, the record of a run, or a geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from updyn import io
+from updyn.errors import FormatError, InputError
+from updyn.io.registry import FORMATS, find_format
+
+__all__ = ["KINDS", "able", "read_anything"]
+
+#: What a file may hold, in the order in which it is tried, and the front door that reads it.
+KINDS: Mapping[str, Callable[..., Any]] = {
+    "frf": io.read_frf,
+    "model": io.read_model,
+    "result": io.read_result,
+    "geometry": io.read_geometry,
+}
+_WORDS = {"frf": "a measurement", "model": "a model", "result": "the record of a run", "geometry": "a geometry"}
+
+
+def read_anything(
+    path: str | Path, kinds: Sequence[str] = tuple(KINDS), options: Mapping[str, Mapping[str, Any]] | None = None
+) -> tuple[str, Any]:
+    """Read a file as the first of some kinds that it holds.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kinds : sequence of str
+        Of `KINDS`, in the order to try.
+    options : mapping of str to mapping, optional
+        By kind, keyword arguments of its front door.
+
+    Returns
+    -------
+    kind : str
+        What it holds.
+    content : FRF, Model, UpdateResult or Geometry
+        What was read.
+
+    Raises
+    ------
+    FormatError
+        If it holds none of these; the message says why not, kind by kind.
+    """
+    path = Path(path)
+    if not path.is_file():
+        find_format(path, "read_frf")  # says so, and names the nearest file
+    reasons: dict[str, InputError] = {}
+    for kind in kinds:
+        try:
+            return kind, KINDS[kind](path, **(options or {}).get(kind, {}))
+        except InputError as error:
+            reasons[kind] = error
+    if len(reasons) == 1:
+        raise next(iter(reasons.values()))
+    told = [k for k in kinds if k in ("frf", "model") and _told_by_content(path, f"read_{k}")]
+    if len(told) == 1:
+        raise reasons[told[0]]
+    why = "".join(f"\n  as {_WORDS[k]}: {_without_path(e)}" for k, e in reasons.items() if not told or k in told)
+    raise FormatError(f"could not be read{why}", path)
+
+
+def able(path: str | Path, verb: str, name: str | None = None) -> bool:
+    """Say whether there is a format for `path`, or of that name, that can do `verb`."""
+    try:
+        find_format(path, verb, name)
+    except FormatError:
+        return False
+    return True
+
+
+def _told_by_content(path: Path, verb: str) -> bool:
+    if not able(path, verb):
+        return False
+    chosen = find_format(path, verb)
+    return bool(chosen.magic) or path.suffix.lower() in {s for f in FORMATS if verb in f.can for s in f.suffixes}
+
+
+def _without_path(error: InputError) -> str:
+    text, place = str(error), getattr(error, "path", None)
+    return text.removeprefix(f"{place}:").strip() if place else text

@@ -1,0 +1,317 @@
+"""The command line. Thin: it reads words, calls the library and prints; what takes time to load is loaded when used.
+
+Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message on stderr and
+nothing written over; 3 the run ended without that, with its results written; 130 stopped by the user.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from updyn import __version__
+from updyn.errors import InputError, UpdynError, UpdynWarning
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from updyn.job import Job, Prepared
+    from updyn.updating.result import UpdateResult
+
+__all__ = ["BAD_INPUT", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
+
+DONE, BAD_INPUT, NOT_DETERMINED, STOPPED = 0, 2, 3, 130
+
+app = App(
+    name="updyn",
+    version=__version__,
+    help="Finite-element model updating from measured frequency response functions.",
+    help_epilogue="Exit codes: 0 converged with all unknowns determined; 2 bad input; 3 ended without that, results "
+    "written; 130 stopped by the user.",
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after the program's name; None: those of this process.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    with _warnings_as_notes():
+        try:
+            command, bound, _ = app.parse_args(
+                sys.argv[1:] if arguments is None else list(arguments), exit_on_error=False, print_error=False
+            )
+            code = command(*bound.args, **bound.kwargs)
+            return code if isinstance(code, int) else DONE
+        except CycloptsError as error:
+            return _complain(f"{error}\nTry: updyn --help")
+        except UpdynError as error:
+            return _complain(str(error))
+        except OSError as error:
+            return _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        except KeyboardInterrupt:
+            _note("stopped; nothing was written", "yellow")
+            return STOPPED
+
+
+# -- commands ----------------------------------------------------------------------------------------------
+@app.command
+def run(job: Path, /, *, out: Path | None = None) -> int:
+    """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
+
+    Ctrl-C ends the run after its current step and writes the results so far.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    out
+        Folder for the results; by default the job's name without its suffix, beside it.
+    """
+    from updyn.job import load_job
+
+    return _run(load_job(job), out)
+
+
+@app.command
+def check(job: Path, /) -> int:
+    """Say all that can be known about a job without running it, identifiability at the start included.
+
+    Exit code 3 if the data cannot determine all unknowns.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    """
+    from updyn.describe import describe_identifiability, describe_parameters
+    from updyn.job import check_out, default_out, job_identifiability, load_job, prepare
+
+    ready = prepare(loaded := load_job(job))
+    out = check_out(loaded, default_out(loaded))
+    found = job_identifiability(ready)
+    _say(_overview(ready))
+    _say("")
+    _say(describe_parameters(ready.parameters))
+    _say("\nAt the start of the unknowns:")
+    _say(describe_identifiability(found))
+    _say(f"\nThe job can be run; results would go to {out}.")
+    return DONE if found.complete else NOT_DETERMINED
+
+
+@app.command
+def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[bool, Parameter("--list")] = False) -> int:
+    """Run a shipped example: write its inputs to DIR/inputs, run the job there, put the results in DIR.
+
+    Parameters
+    ----------
+    name
+        Which example; see --list.
+    out
+        Folder DIR; by default updyn-demo-NAME in the current one.
+    list_
+        List the examples and do nothing.
+    """
+    from updyn.demos import DEMOS, find_demo
+    from updyn.job import load_job
+
+    if list_:
+        from updyn.describe import table
+
+        _say(table(("demo", ""), [[d.name, d.description] for d in DEMOS.values()]).split("\n", 1)[1])
+        return DONE
+    chosen = find_demo(name)
+    folder = Path(f"updyn-demo-{chosen.name}") if out is None else out
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"the output folder {str(folder)!r} is a file; choose another with --out")
+    inputs = folder / "inputs"
+    inputs.mkdir(parents=True, exist_ok=True)
+    _note(f"demo {chosen.name}: inputs in {inputs}")
+    return _run(load_job(chosen.write_inputs(inputs)), folder, lambda result: chosen.epilogue(result, inputs))
+
+
+@app.command
+def convert(
+    source: Annotated[Path, Parameter("IN")],
+    target: Annotated[Path, Parameter("OUT")],
+    /,
+    *,
+    from_: Annotated[str | None, Parameter("--from")] = None,
+    to: str | None = None,
+    quantity: str | None = None,
+    duplicates: str | None = None,
+    scalar_direction: str | None = None,
+    force: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Convert a measurement or a model to another format. What IN is, is told by its content.
+
+    Parameters
+    ----------
+    source
+        File to read.
+    target
+        File to write; its suffix says the format.
+    from_, to
+        Format names, where content or suffix do not tell.
+    quantity
+        What was measured, where the file does not say: receptance, mobility or accelerance.
+    duplicates
+        What to do with functions that stand twice; the reader's default is to refuse them.
+    scalar_direction
+        Direction of functions whose file names none.
+    force
+        Write over OUT where it exists.
+    """
+    from updyn import io
+    from updyn._anything import able, read_anything
+
+    if target.exists() and (not force or target.resolve() == source.resolve()):
+        same = target.resolve() == source.resolve()
+        raise InputError(f"{target}: {'is the file to read' if same else 'exists already; --force writes over it'}")
+    reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction}
+    reading = {k: v for k, v in reading.items() if v is not None}
+    kinds = [k for k in (("frf",) if reading else ("frf", "model")) if able(target, f"write_{k}", to)]
+    if not kinds:
+        from updyn.io.registry import find_format
+
+        find_format(target, "write_frf" if reading or not able(source, "read_model", from_) else "write_model", to)
+    kind, content = read_anything(source, kinds, {"frf": {"format": from_, **reading}, "model": {"format": from_}})
+    (io.write_frf if kind == "frf" else io.write_model)(content, target, format=to)
+    _say(f"{target}: {content!r}")
+    return DONE
+
+
+@app.command
+def info(file: Path, /, *, quantity: str | None = None) -> int:
+    """Say what is in a file: a measurement, a model, the record of a run, or a geometry.
+
+    Parameters
+    ----------
+    file
+        The file.
+    quantity
+        What was measured, where the file does not say.
+    """
+    from updyn import describe
+    from updyn._anything import KINDS, read_anything
+
+    kinds = tuple(KINDS) if quantity is None else ("frf",)
+    kind, content = read_anything(file, kinds, {"frf": {} if quantity is None else {"quantity": quantity}})
+    if kind == "result":
+        _say(content.summary())
+        return DONE
+    shown: Callable[[Any], str] = getattr(describe, f"describe_{kind}")
+    _say(shown(content))
+    return DONE
+
+
+@app.command
+def correlate(job: Path, /) -> int:
+    """Compare the model of a job with its measurement as they are, without updating.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    """
+    from updyn.correlation import correlate as compare
+    from updyn.describe import table
+    from updyn.job import load_job, prepare
+
+    ready = prepare(load_job(job))
+    found = compare(ready.model, ready.frf)
+    _say(_overview(ready))
+    _say("\n" + table(("figure", "value"), [[k, f"{v:.4g}"] for k, v in found.figures().items()]))
+    rows = found.by_response()
+    names = list(next(iter(rows.values())))
+    _say("\n" + table(("response", *names), [[label, *(f"{v:.4g}" for v in r.values())] for label, r in rows.items()]))
+    return DONE
+
+
+# -- what they share ---------------------------------------------------------------------------------------
+def _run(job: Job, out: Path | None, epilogue: Callable[[UpdateResult], str] = lambda _: "") -> int:
+    from updyn._progress import watch
+    from updyn.job import check_out, default_out, prepare, run_job
+
+    folder = check_out(job, default_out(job) if out is None else out)
+    ready = prepare(job)
+    with watch(_stderr()) as watching:
+        result = run_job(job, folder, watching, prepared=ready)
+    _say(result.summary())
+    if text := epilogue(result):
+        _say("\n" + text)
+    first = "report.html" if job.output.report else "result.json"
+    _say(f"\nResults in {folder}: {folder / first}")
+    return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
+
+
+def _overview(ready: Prepared) -> str:
+    frf, fitted, job = ready.frf, ready.fitted, ready.job
+    held = job.method.validation
+    return "\n".join(
+        [
+            f"{job.title or job.path.stem}: {job.method.name}",
+            f"model: {ready.model!r}",
+            f"test: {frf!r}, all matched to DOFs of the model",
+            f"fit: {len(fitted.freq)} lines, {len(fitted.responses)} responses, lines to use: "
+            + (job.method.lines if isinstance(job.method.lines, str) else str(len(job.method.lines or fitted.freq)))
+            + ("" if held is None else f"; held out: {', '.join(str(h) for h in held)}"),
+        ]
+    )
+
+
+def _stderr() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def _note(text: str, style: str | None = None) -> None:
+    _stderr().print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def _complain(message: str) -> int:
+    _note(f"error: {message}", "red")
+    return BAD_INPUT
+
+
+def _say(text: str) -> None:
+    """Print to stdout; a reader that has gone away (``updyn info FILE | head``) is not an error."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def _warnings_as_notes() -> Iterator[None]:
+    """Show each `UpdynWarning` once, as a short note; leave other warnings as they are."""
+    seen: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UpdynWarning)
+        others = warnings.showwarning
+
+        def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, UpdynWarning):
+                others(message, category, *where, **more)
+            elif str(message) not in seen:
+                seen.add(str(message))
+                _note(f"note: {message}", "yellow")
+
+        warnings.showwarning = show
+        yield

@@ -1,0 +1,70 @@
+"""Shipped examples: each writes its inputs and a job file, and runs as any job does.
+
+Adding one is a module here with ``write_inputs(folder) -> path of the job file`` and, where there is more to say than
+the summary, ``epilogue(result, folder) -> text``; and one line in `DEMOS`. A module is loaded when its demo is run.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from updyn.errors import InputError, suggest
+
+if TYPE_CHECKING:
+    from updyn.updating.result import UpdateResult
+
+__all__ = ["DEMOS", "Demo", "find_demo"]
+
+
+@dataclass(frozen=True, slots=True)
+class Demo:
+    """One example.
+
+    Parameters
+    ----------
+    name : str
+        What users call it.
+    description : str
+        In a line.
+    module : str
+        Where it is.
+    """
+
+    name: str
+    description: str
+    module: str
+
+    def write_inputs(self, folder: Path) -> Path:
+        """Write model, measurement and job file into `folder`; return the path of the job file."""
+        return Path(importlib.import_module(self.module).write_inputs(folder))
+
+    def epilogue(self, result: UpdateResult, folder: Path) -> str:
+        """Return what the example has to say about its result beyond the summary; empty where nothing."""
+        speak = getattr(importlib.import_module(self.module), "epilogue", None)
+        return "" if speak is None else str(speak(result, folder))
+
+
+_ALL = (
+    Demo("beam", "a free-free steel beam, measured by impact hammer", "updyn.demos.beam"),
+    Demo("gear-train", "the seven-DOF gear train of Bao, Wang & Cheng (2010), 18 unknowns", "updyn.demos.gear_train"),
+    Demo("chain", "a 12-DOF damped chain, synthetic data with 1 % noise: 12 unknowns recovered", "updyn.demos.chain"),
+)
+
+#: By name, the default first.
+DEMOS = {d.name: d for d in _ALL}
+
+
+def find_demo(name: str) -> Demo:
+    """Return a demo by name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; the nearest are named.
+    """
+    if name not in DEMOS:
+        raise InputError(f"no demo {name!r}; {suggest(name, DEMOS)}")
+    return DEMOS[name]
