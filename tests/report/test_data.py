@@ -16,7 +16,7 @@ from updyn.report.data import data_checksum, gather, keep_lines, model_checksum
 from updyn.report.figures import all_figures, overlay
 from updyn.report.plots import numbers
 from updyn.report.unknowns import correlations
-from updyn.report.words import change, decibels, figure_of_agreement, interval, number, unit, verdict
+from updyn.report.words import change, decibels, estimate, figure_of_agreement, interval, number, unit, verdict
 from updyn.updating.parameters import Parameter
 
 
@@ -160,6 +160,7 @@ def test_intervals():
 
 
 def test_numbers_in_words():
+    assert [estimate(1.00001, 0.0019), estimate(12.3456, 0.51), estimate(0.72, np.inf)] == ["1.0000", "12.35", "0.72"]
     assert number(-0.00001234) == "−1.234·10⁻⁵"
     assert number(np.inf) == "∞"
     assert number(np.nan) == "–"

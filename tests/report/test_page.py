@@ -128,7 +128,7 @@ def test_every_status_has_its_words_and_badge(status):
 def test_table_of_unknowns(html):
     rows = re.findall(r"<tr[^>]*><th scope=\"row\">(.*?)</tr>", html)
     cells = {tuple(re.split(r"<[^>]+>+", r.replace("</th>", "").replace("</td>", ""))) for r in rows}
-    assert ("bay 2", "stiffness", "1", "0.72", "−28 %", "0.0029", "0.7144 to 0.7257", "0.4 to 2.5", "") in cells
+    assert ("bay 2", "stiffness", "1", "0.7200", "−28 %", "0.0029", "0.7144 to 0.7257", "0.4 to 2.5", "") in cells
     assert ("bay 5", "stiffness", "1", "1.3", "+30 %", "–", "open", "0.4 to 2.5", "not determined by the data") in cells
     found = next(c for c in cells if c[:2] == ("bay 8", "stiffness"))
     assert found[-1] == "at its lower bound"

@@ -64,10 +64,10 @@ def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -
         p.group,
         w.quantity_words(p.quantity),
         w.number(p.start),
-        w.number(value, 5),
+        w.estimate(value, std),
         w.change(p, value),
         w.number(std, 2) if math.isfinite(std) else "–",
-        f"{w.number(span[0])} to {w.number(span[1])}" if span else "open",
+        f"{w.estimate(span[0], std)} to {w.estimate(span[1], std)}" if span else "open",
         f"{w.number(p.lower, 3)} to {w.number(p.upper, 3)}",
         "; ".join(notes),
     ]

@@ -18,6 +18,7 @@ __all__ = ["correlation_map", "correlations", "cost_path", "estimates", "singula
 _LEGEND_ENTRIES = 12
 _DIVERGING = [[0.0, "#b35806"], [0.25, "#f1a340"], [0.5, "#f7f7f7"], [0.75, "#6a9fd4"], [1.0, "#08519c"]]
 _STAGE_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "star")
+_PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 _STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
 
 
@@ -304,6 +305,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: 
     moved = sorted(paths, key=lambda n: -_excursion(paths[n]))
     named = set(moved[:_LEGEND_ENTRIES])
     traces = []
+    style = {p.name: i for i, p in enumerate(p for p in chosen if p.name in named)}
     for p in sorted(chosen, key=lambda p: p.name in named):
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")
         trace: dict[str, Any] = {
@@ -316,7 +318,11 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: 
             "showlegend": p.name in named,
             "hovertemplate": f"{shown}: %{{y:.5g}}<extra></extra>",
         }
-        if p.name not in named:
+        if p.name in named:
+            at = style[p.name]
+            trace["line"] = {"color": _PATH_COLOURS[at % 6], "dash": ("solid", "dash")[at // 6]}
+            trace["marker"]["color"] = _PATH_COLOURS[at % 6]
+        else:
             trace["line"] = {"color": "@faint", "width": 1}
         traces.append(trace)
     return {

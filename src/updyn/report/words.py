@@ -19,6 +19,7 @@ __all__ = [
     "combination",
     "counted",
     "decibels",
+    "estimate",
     "extent",
     "figure_of_agreement",
     "held_out",
@@ -92,6 +93,14 @@ def number(value: float | None, digits: int = 4) -> str:
         mantissa, exponent = text.split("e")
         return mantissa.replace("-", "−") + "·10" + str(int(exponent)).translate(_SUPERSCRIPT)
     return text.replace("-", "−")
+
+
+def estimate(value: float, std: float) -> str:
+    """Return an estimate to two digits of its standard deviation; to five digits of its own where there is none."""
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
+        return number(value, 5)
+    decimals = 1 - math.floor(math.log10(std))
+    return f"{value:.{decimals}f}".replace("-", "−") if 0 <= decimals <= 8 else number(value, 5)
 
 
 def quantity_words(quantity: str) -> str:
