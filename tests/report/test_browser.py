@@ -16,7 +16,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
 
-# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as SVG.
+# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as SVG, a cell of FRAC.
 ACTIONS = """<script>
 (async () => {
   const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;
@@ -32,6 +32,8 @@ ACTIONS = """<script>
   root.dataset.first = plot.calcdata[0][0].y.toPrecision(5);
   const svg = await Plotly.toImage(plot, { format: "svg", imageDataOnly: true });
   root.dataset.svg = svg.startsWith("<svg");
+  document.querySelector("[data-figure=frac-after]").emit("plotly_click", { points: [{ x: 0, y: 3 }] });
+  root.dataset.cell = `${at()}; ${document.getElementById("channel-figures").textContent}`;
 })();
 </script></body>"""
 
@@ -71,6 +73,8 @@ def test_page_is_drawn_and_works(tmp_path):
     # the browser draws what was measured: the first line of the channel that the keys led to
     assert float(found["first"]) == pytest.approx(abs(result.frf.values[0, 4, 1]), rel=1e-4)
     assert found["svg"] == "true"
+    assert "Response at 9:Z, force at 3:Z" in found["cell"]
+    assert "held out" in found["cell"]
 
 
 def test_hostile_text_runs_nothing(tmp_path):

@@ -69,9 +69,10 @@ def table(head: Sequence[str], rows: Iterable[str], *, caption: str = "", kinds:
         f'<th scope="col"{_class("text" if i < len(kinds) and kinds[i] in ("text", "note-cell") else "")}>{esc(h)}</th>'
         for i, h in enumerate(head)
     )
-    said = f"<caption>{esc(caption)}</caption>" if caption else ""
+    said = f"<figcaption>{esc(caption)}</figcaption>" if caption else ""  # beside, not inside: it must not scroll
     return (
-        f'<div class="scroll"><table>{said}<thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+        f'<figure class="table">{said}<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div></figure>"
     )
 
 

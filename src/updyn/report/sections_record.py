@@ -62,7 +62,9 @@ _NOISE_WORDS = {
 
 def noise(c: Content) -> str:
     """Return noise model and what is left over."""
-    items = [(_NOISE_WORDS.get(k, k), w.plain(v)) for k, v in c.result.noise.items()]
+    items = [
+        (_NOISE_WORDS.get(k, k), w.number(v) if isinstance(v, float) else w.plain(v)) for k, v in c.result.noise.items()
+    ]
     chi = c.result.noise.get("chi_square")
     parts = ['<section id="noise"><h2>Noise and residual</h2>']
     if isinstance(chi, int | float) and math.isfinite(chi):

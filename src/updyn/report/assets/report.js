@@ -53,9 +53,12 @@ const updynReport = (() => {
     return again;
   }
 
-  function narrowed(own, place) {
-    if (!own.legend || own.legend.orientation !== "v" || place.clientWidth > 640) return own;
-    return { ...own, legend: { orientation: "h" } };
+  // On a narrow page the legend stands in rows above the data, and the figure grows by them.
+  function fitted(figure, place) {
+    const { data, layout: own, height } = figure;
+    if (!own.showlegend || place.clientWidth > 640) return { data, own, height };
+    const entries = data.filter((trace) => trace.showlegend !== false).length;
+    return { data, own: { ...own, legend: { orientation: "h" } }, height: height + 12 * Math.max(entries - 2, 0) };
   }
 
   function repaint() { for (const again of painters) again(); }
@@ -81,7 +84,7 @@ const updynReport = (() => {
     const figures = read("updyn-figures");
     for (const place of document.querySelectorAll("[data-figure]")) {
       const figure = figures[place.dataset.figure];
-      draw(place, () => ({ data: figure.data, own: narrowed(figure.layout, place), height: figure.height }));
+      draw(place, () => fitted(figure, place));
     }
     for (const part of document.querySelectorAll("details")) { // what was drawn while folded away has no width yet
       part.addEventListener("toggle", () => {
