@@ -7,6 +7,8 @@ eps (lambda + s)^2 / (lambda s), so s is put near the eigenvalues wanted, in two
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,18 +86,32 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     SolverError
         If K + s M is singular for every s, or modes were missed.
     """
-    shift = _first_shift(K, M)
     N = K.shape[0]
     heavy = np.flatnonzero(np.diff(M.indptr))
+    share = _BELOW
     if N > DENSE_LIMIT >= len(heavy):
-        value, _ = _few_masses(K, M, heavy, n, shift)
-        return _few_masses(K, M, heavy, n, _second_shift(value, shift, _BELOW))
-    if N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
-        dense = K.toarray(), M.toarray()
-        value, _ = _dense(*dense, n, shift)
-        return _dense(*dense, n, _second_shift(value, shift, _BELOW))
-    value, _ = _sparse(K, M, n, shift, tolerance=1e-2)
-    return _counted(K, M, n, _second_shift(value, shift, _BELOW_SPARSE))
+        crude = fine = partial(_few_masses, K, M, heavy, n)
+    elif N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
+        crude = fine = partial(_dense, K.toarray(), M.toarray(), n)
+    else:
+        crude, fine, share = partial(_sparse, K, M, n, tolerance=1e-2), partial(_counted, K, M, n), _BELOW_SPARSE
+    shift, value = _definite(crude, _first_shift(K, M))
+    try:
+        return fine(_second_shift(value, shift, share))
+    except SolverError:
+        if value[0] >= 0:
+            raise
+        return fine(shift)
+
+
+def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDArray[Any]]:
+    """Return a shift that makes K + s M definite, and what it gives; an indefinite K needs more than the first."""
+    for _ in range(3):
+        try:
+            return shift, solve(shift)[0]
+        except SolverError:
+            shift *= 1e3
+    return shift, solve(shift)[0]
 
 
 def _first_shift(K: Any, M: Any) -> float:
@@ -181,13 +197,14 @@ def _sparse(K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis:
 def _counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
     """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
     basis = None
+    below: tuple[int, int] | None = None
     for factor in (2, 6):
         value, vectors = _sparse(K, M, n + _EXTRA, shift, basis=basis)
         below = _count_below(K, M, value, n)
         if below is None or below[0] == below[1]:
             return value[:n], vectors[:, :n]
         basis = min(factor * (n + _EXTRA) + 40, K.shape[0] - 1)
-    raise SolverError(f"the eigenvalue solver found {below[1]} modes where there are {below[0]}")
+    raise SolverError(f"the eigenvalue solver found too few modes: (there are, found) = {below}")
 
 
 def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
