@@ -8,9 +8,9 @@ from typing import Any
 
 from updyn import io
 from updyn.errors import FormatError, InputError
-from updyn.io.registry import FORMATS, find_format
+from updyn.io.registry import find_format
 
-__all__ = ["KINDS", "able", "read_anything"]
+__all__ = ["KINDS", "read_anything"]
 
 #: What a file may hold, in the order in which it is tried, and the front door that reads it.
 KINDS: Mapping[str, Callable[..., Any]] = {
@@ -66,20 +66,12 @@ def read_anything(
     raise FormatError(f"could not be read{why}", path)
 
 
-def able(path: str | Path, verb: str, name: str | None = None) -> bool:
-    """Say whether there is a format for `path`, or of that name, that can do `verb`."""
+def _told_by_content(path: Path, verb: str) -> bool:
     try:
-        find_format(path, verb, name)
+        find_format(path, verb)
     except FormatError:
         return False
     return True
-
-
-def _told_by_content(path: Path, verb: str) -> bool:
-    if not able(path, verb):
-        return False
-    chosen = find_format(path, verb)
-    return bool(chosen.magic) or path.suffix.lower() in {s for f in FORMATS if verb in f.can for s in f.suffixes}
 
 
 def _without_path(error: InputError) -> str:

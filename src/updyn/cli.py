@@ -131,9 +131,8 @@ def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[boo
     from updyn.job import load_job
 
     if list_:
-        from updyn.describe import table
-
-        _say(table(("demo", ""), [[d.name, d.description] for d in DEMOS.values()]).split("\n", 1)[1])
+        width = max(len(n) for n in DEMOS)
+        _say("\n".join(f"{d.name:<{width}}  {d.description}" for d in DEMOS.values()))
         return DONE
     chosen = find_demo(name)
     folder = Path(f"updyn-demo-{chosen.name}") if out is None else out
@@ -178,18 +177,14 @@ def convert(
         Write over OUT where it exists.
     """
     from updyn import io
-    from updyn._anything import able, read_anything
+    from updyn._anything import read_anything
 
     if target.exists() and (not force or target.resolve() == source.resolve()):
         same = target.resolve() == source.resolve()
         raise InputError(f"{target}: {'is the file to read' if same else 'exists already; --force writes over it'}")
     reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction}
     reading = {k: v for k, v in reading.items() if v is not None}
-    kinds = [k for k in (("frf",) if reading else ("frf", "model")) if able(target, f"write_{k}", to)]
-    if not kinds:
-        from updyn.io.registry import find_format
-
-        find_format(target, "write_frf" if reading or not able(source, "read_model", from_) else "write_model", to)
+    kinds = ("frf",) if reading else ("frf", "model")
     kind, content = read_anything(source, kinds, {"frf": {"format": from_, **reading}, "model": {"format": from_}})
     (io.write_frf if kind == "frf" else io.write_model)(content, target, format=to)
     _say(f"{target}: {content!r}")

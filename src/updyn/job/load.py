@@ -117,4 +117,4 @@ def _check_method(job: Job) -> None:
         try:
             make_method(table.name, {key: value})
         except OptionError as error:
-            raise job.error(f"method.{error}", "method", key) from error
+            raise job.error(str(error), "method", key) from error

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DofError, InputError, JobError, suggest
+from updyn.errors import DataError, DofError, InputError, JobError, suggest
 from updyn.frf import FRF
 from updyn.job.schema import KINDS, Job
 from updyn.model import Model
@@ -70,7 +70,7 @@ def prepare(job: Job) -> Prepared:
     model = _model(job)
     frf = _matched(job, model, _measurement(job))
     fitted = _fitted(job, frf)
-    _check_noise_and_lines(job, fitted)
+    _check_method(job, fitted)
     return Prepared(job, model, frf, fitted, _parameters(job, model))
 
 
@@ -146,18 +146,19 @@ def _matched(job: Job, model: Model, frf: FRF) -> FRF:
         responses, references = _renamed(job, responses, references)
         frf = replace(frf, responses=responses, references=references)
     lost = [
-        _not_there(model, dof, what)
+        (dof, _not_there(model, dof, what))
         for what, dofs in (("response", responses), ("reference", references))
         for dof in dofs
         if dof not in model.dofs
     ]
     if lost:
-        shown = lost[:_SHOWN] + ([f"... and {len(lost) - _SHOWN} more"] if len(lost) > _SHOWN else [])
-        table = f"[match.table], for instance {str(next(iter(responses)))!r} = {model.dofs.labels[0]!r}"
+        shown = [text for _, text in lost[:_SHOWN]]
+        shown += [f"... and {len(lost) - _SHOWN} more"] if len(lost) > _SHOWN else []
         raise job.error(
             f"{len(lost)} of the sensors and forces of {job.test.file} are not DOFs of the model:\n  "
             + "\n  ".join(shown)
-            + f"\nGive them the model's labels in {table}, or keep only some with responses and references in [test]",
+            + f'\nGive each its label in the model under [match.table] ("{lost[0][0]}" = "..."), or keep only those that '
+            "are, with responses and references in [test]",
             "test",
             "file",
         )
@@ -208,13 +209,19 @@ def _fitted(job: Job, frf: FRF) -> FRF:
             kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
             rest = None if kept.size == 0 else frf.select(lines=kept)
         if rest is None:
-            raise JobError("validation holds out everything: nothing is left to fit", job.path, job.place("method"))
+            raise DataError("validation holds out everything: nothing is left to fit")
     return rest
 
 
-def _check_noise_and_lines(job: Job, fitted: FRF) -> None:
+def _check_method(job: Job, fitted: FRF) -> None:
+    from updyn.dynamics.fields import TIERS
+    from updyn.linalg.factorise import check_backend
     from updyn.updating.noise import choose_noise
 
+    if job.method.tier is not None and job.method.tier not in TIERS:
+        raise job.error(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}", "method", "tier")
+    with _at(job, "method", "backend"):
+        check_backend(job.method.backend)
     with _at(job, "method", "noise"):
         choose_noise(job.method.noise, fitted)
     if isinstance(job.method.lines, tuple):
@@ -227,6 +234,8 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
     for number in range(len(job.parameter)):
         try:
             items = _choose(job, model, number)
+        except JobError:
+            raise
         except InputError as error:
             raise job.error_about(str(error), "parameter", number) from error
         for p in items:

@@ -222,6 +222,7 @@ class Job(_Table):
         return out
 
 
+_LONGEST = 40  # characters of a value that a message repeats
 _WORDS = {
     "bool_type": "expected true or false",
     "dict_type": "expected a table",
@@ -239,33 +240,42 @@ _WORDS = {
 
 def complaints(error: ValidationError, lines: Mapping[Place, int]) -> list[tuple[int | None, str]]:
     """Turn what pydantic says into lines and sentences, unknown keys first, then by line."""
-    found = []
-    for item in error.errors():
-        place = tuple(item["loc"])
+    found, items = [], [(tuple(item["loc"]), item) for item in error.errors()]
+    for place, item in items:
+        if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
+            continue  # an array is "too short" because of a bad item, which has its own complaint
         found.append((item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place)))
     return [(line or None, text) for _, line, text in sorted(found)]
 
 
 def _sentence(item: Any, place: Place) -> str:
     kind, name, given = item["type"], _dotted(place), item["input"]
+    shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
     if kind == "extra_forbidden":
-        where = f" in [{_dotted(place[:-1])}]" if place[:-1] else ""
-        return f"unknown key {place[-1]!r}{where}; {suggest(str(place[-1]), _keys(place[:-1]))}"
+        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), _keys(place[:-1]))}"
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
-        table = _dotted(place[:-1])
-        return f"missing key {place[-1]!r}{f' in [{table}]' if table else ''}"
+        return f"missing key {place[-1]!r}{_inside(place[:-1])}"
     if kind == "literal_error":
         choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
-        return f"{name} = {given!r}: {suggest(str(given), choices)}"
+        return f"{shown}: {suggest(str(given), choices)}"
     if kind == "value_error":
-        reason = str(item["ctx"]["error"])
-        return f"{name} = {given!r}: {reason}" if name else reason
+        return f"{shown}: {item['ctx']['error']}"
     if kind in ("greater_than", "greater_than_equal"):
         bound = next(iter(item["ctx"].values()))
-        return f"{name} = {given!r}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
-    return f"{name} = {given!r}: {_WORDS.get(kind, item['msg'])}"
+        return f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
+    return f"{shown}: {_WORDS.get(kind, item['msg'])}"
+
+
+def _inside(table: Place) -> str:
+    if not table:
+        return ""
+    return (
+        f" in [[{table[0]}]] {table[1] + 1}"
+        if len(table) == 2 and isinstance(table[1], int)
+        else f" in [{_dotted(table)}]"
+    )
 
 
 def _dotted(place: Place) -> str:
