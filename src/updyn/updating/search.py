@@ -3,8 +3,8 @@
 The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened by two things. Loss
 factors start inflated, so that the model's resonances are broad enough to overlap the measured ones, and may pass
 through negative values on the way: a wall at zero stops most searches for lightly damped parts, whose true values lie
-on it. And where a search ends in a misfit that is not noise, others are tried, with other inflations and from random
-points.
+on it. And a basin is believed only when further tries, with other inflations and then from random points, end in it
+too.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ _Vector = NDArray[np.float64]
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
+#: Costs that differ by less than this share are those of one basin.
+_SAME = 1e-3
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
 
@@ -58,6 +60,7 @@ class Search:
         relaxed = problem.coordinates.relaxed_lower
         settings = TrustRegion(self.max_iterations, 1e-9, radius=0.3)
         best: tuple[float, _Vector] | None = None
+        costs: list[float] = []
 
         def evaluate(x: _Vector) -> Local | None:
             local = LogError().local(problem, x)
@@ -69,9 +72,10 @@ class Search:
                 continue
             monitor.start(x, first)
             outcome = settings.minimise(evaluate, x, relaxed, upper, monitor.step)
+            costs.append(outcome.local.cost)
             if best is None or outcome.local.cost < best[0]:
                 best = outcome.local.cost, outcome.x
-            if monitor.stopped or self._is_noise(problem, outcome.x):
+            if monitor.stopped or self._believed(problem, best[1], costs):
                 break
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         return np.clip(start if best is None else best[1], lower, upper)
@@ -93,15 +97,26 @@ class Search:
                 yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
 
     @staticmethod
+    def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
+        """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
+        agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
+        return agree >= 3 or Search._rms(problem, best) < _EXACT or (agree == 2 and Search._is_noise(problem, best))
+
+    @staticmethod
+    def _rms(problem: Problem, x: _Vector) -> float:
+        return float(np.sqrt(np.mean(np.abs(_log_misfit(problem, x)) ** 2)))
+
+    @staticmethod
     def _is_noise(problem: Problem, x: _Vector) -> bool:
-        """Whether what is left looks like noise: exact, or small and not correlated from line to line."""
-        H, measured = problem.responses(x), problem.frf.values
-        usable = (H != 0) & (measured != 0)
-        r = np.where(usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0)
+        """Whether what is left looks like noise: small, and not correlated from line to line."""
+        r = _log_misfit(problem, x)
         power = float(np.mean(np.abs(r) ** 2))
-        if power < _EXACT**2:
-            return True
         if len(r) < 8 or power > 0.3**2:
             return False
-        neighbours = float(np.mean((r[1:] * r[:-1].conj()).real))
-        return neighbours < 0.3 * power
+        return float(np.mean((r[1:] * r[:-1].conj()).real)) < 0.3 * power
+
+
+def _log_misfit(problem: Problem, x: _Vector) -> NDArray[np.complex128]:
+    H, measured = problem.responses(x), problem.frf.values
+    usable = (H != 0) & (measured != 0)
+    return np.where(usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0)

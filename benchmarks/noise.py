@@ -1,0 +1,83 @@
+"""How close to the Cramer-Rao bound, and do the error bars say the truth?
+
+Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise of 1 % and 5 %, each
+draw fitted from the perturbed start. For every unknown: RMS error over the Cramer-Rao bound, and share of draws whose 95 %
+interval covers the truth. The bound is that of complex Gaussian noise of known variance at the truth.
+
+    python benchmarks/noise.py [--draws 200] [--seed 0] [--stated]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from cases import Case, chain12, gear_train
+
+import updyn
+from updyn.demos.gear_train_case import starting_model
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import OutputError
+
+
+def cramer_rao(case: Case, relative: float) -> np.ndarray:
+    """Standard deviations of the unknowns' values at the truth."""
+    problem = Problem.build(case.start, case.clean, case.unknowns)
+    x = problem.coordinates.to_x(np.array([case.truth[p.name] for p in case.unknowns]))
+    weight = np.sqrt(2.0) / (relative * np.abs(case.clean.values))
+    R = OutputError(weight).local(problem, x).R
+    half = np.linalg.solve(R.T, np.eye(len(x)))
+    return np.linalg.norm(half, axis=0) * problem.coordinates.slope(x)
+
+
+def study(case: Case, relative: float, draws: int, seed: int, stated: bool) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    names = case.unknowns.names
+    truth = np.array([case.truth[n] for n in names])
+    errors, inside, failed, used = [], [], 0, 0
+    for _ in range(draws):
+        noise = {"relative": relative} if stated else None
+        result = updyn.update(case.start, case.noisy(relative, rng), case.unknowns, noise=noise)
+        error = np.array([result.values[n] for n in names]) - truth
+        std = np.array([result.std[n] for n in names])
+        errors.append(error)
+        inside.append(np.abs(error) <= 1.96 * std)
+        failed += result.status != "converged"
+        used += len(result.history)
+    bound = cramer_rao(case, relative)
+    return {
+        "bound": bound / np.where(case.unknowns.is_factor, truth, 1.0),
+        "ratio": np.sqrt(np.mean(np.square(errors), axis=0)) / bound,
+        "bias": np.mean(errors, axis=0) / bound,
+        "coverage": np.mean(inside, axis=0),
+        "not converged": np.array([failed]),
+        "steps": np.array([used / draws]),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--stated", action="store_true", help="state the noise instead of estimating it")
+    args = parser.parse_args()
+    for case in (gear_train(start=starting_model()), chain12()):
+        for relative in (0.01, 0.05):
+            begun = time.perf_counter()
+            out = study(case, relative, args.draws, args.seed, args.stated)
+            print(
+                f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws: {out['not converged'][0]} not converged, "
+                f"{out['steps'][0]:.0f} steps and {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
+            )
+            print(f"{'unknown':<24}{'bound':>10}{'RMS/bound':>11}{'bias/bound':>12}{'covered':>10}")
+            for i, name in enumerate(case.unknowns.names):
+                print(
+                    f"{name:<24}{100 * out['bound'][i]:>9.3g}%{out['ratio'][i]:>11.2f}{out['bias'][i]:>12.2f}"
+                    f"{100 * out['coverage'][i]:>9.1f}%"
+                )
+            print(f"all: coverage {100 * out['coverage'].mean():.1f} %, largest RMS/bound {out['ratio'].max():.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
