@@ -123,7 +123,7 @@ def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[boo
     name
         Which example; see --list.
     out
-        Folder DIR; by default updyn-demo-NAME in the current one.
+        Folder DIR; by default demo/NAME in the current one.
     list_
         List the examples and do nothing.
     """
@@ -135,7 +135,7 @@ def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[boo
         _say("\n".join(f"{d.name:<{width}}  {d.description}" for d in DEMOS.values()))
         return DONE
     chosen = find_demo(name)
-    folder = Path(f"updyn-demo-{chosen.name}") if out is None else out
+    folder = Path("demo", chosen.name) if out is None else out
     if folder.exists() and not folder.is_dir():
         raise InputError(f"the output folder {str(folder)!r} is a file; choose another with --out")
     inputs = folder / "inputs"

@@ -157,8 +157,8 @@ def _matched(job: Job, model: Model, frf: FRF) -> FRF:
         raise job.error(
             f"{len(lost)} of the sensors and forces of {job.test.file} are not DOFs of the model:\n  "
             + "\n  ".join(shown)
-            + f'\nGive each its label in the model under [match.table] ("{lost[0][0]}" = "..."), or keep only those that '
-            "are, with responses and references in [test]",
+            + f'\nGive each its label in the model under [match.table] ("{lost[0][0]}" = "..."), or keep only those '
+            "that are, with responses and references in [test]",
             "test",
             "file",
         )
