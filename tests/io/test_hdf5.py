@@ -33,7 +33,7 @@ def test_layout_can_be_read_without_updyn(tmp_path):
     expected = model()
     write_model(expected, tmp_path / "m.h5")
     with h5py.File(tmp_path / "m.h5") as file:
-        assert file.attrs["updyn_kind"] == "model"
+        assert file.attrs["updyn_kind"] == b"model"
         assert file.attrs["updyn_format"] == 1
         assert file["dofs/node"][()].tolist() == [7, 1, 1]
         assert file["dofs/direction"][()].tolist() == [b"RZ", b"X", b"Y"]

@@ -100,9 +100,9 @@ def put_kind(file: Any, kind: str) -> None:
     """Write the attributes that say what the file is."""
     from updyn import __version__
 
-    file.attrs["updyn_kind"] = kind
+    _put_text(file, "updyn_kind", kind)
     file.attrs["updyn_format"] = FORMAT_VERSION
-    file.attrs["updyn_version"] = __version__
+    _put_text(file, "updyn_version", __version__)
 
 
 def check_kind(file: Any, path: str | Path, expected: str) -> None:

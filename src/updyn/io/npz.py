@@ -151,7 +151,12 @@ def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     if not start.startswith(b"PK"):
         raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
     out: dict[str, NDArray[Any]] = {}
-    with library(path, ".npz archive"), np.load(path, allow_pickle=False) as archive:
+    # Through an open file: numpy leaves one that it opened itself open where the archive is damaged.
+    with (
+        Path(path).open("rb") as file,
+        library(path, ".npz archive"),
+        np.load(file, allow_pickle=False) as archive,
+    ):
         for name in archive.files:
             if name in out:
                 raise FormatError(f"holds {name!r} twice", path)
