@@ -61,12 +61,17 @@ class Correlation:
         return self.measured.references
 
     def fdac(self, lines: ArrayLike | None = None) -> Array:
-        """Return `fdac` between lines, shape (n, n): row computed, column measured.
+        """Compute `fdac` between lines.
 
         Parameters
         ----------
         lines : array_like of float, optional
             Lines of the data to take, in Hz; None: all, which needs memory for n_f^2 numbers.
+
+        Returns
+        -------
+        ndarray of float, shape (n, n)
+            Row: line of the computed, column: line of the measured.
 
         Raises
         ------

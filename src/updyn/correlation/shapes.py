@@ -44,6 +44,16 @@ def mac(A: ArrayLike, B: ArrayLike) -> Array:
 def auto_mac(A: ArrayLike) -> Array:
     """MAC of shapes with themselves, shape (n, n): large values off the diagonal say that the sensors are too few.
 
+    Parameters
+    ----------
+    A : array_like, shape (N, n)
+        Shapes as columns.
+
+    Returns
+    -------
+    ndarray of float, shape (n, n)
+        Symmetric, 1 on the diagonal.
+
     Raises
     ------
     DataError
@@ -57,10 +67,12 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
 
     Parameters
     ----------
-    A, B : array_like, shape (N, n_a) and (N, n_b)
+    A : array_like, shape (N, n_a)
         Shapes as columns, any scale.
     M : array_like or sparse, shape (N, N)
         Mass at these DOFs, in kg (kg m2).
+    B : array_like, shape (N, n_b)
+        Shapes as columns, any scale.
 
     Returns
     -------
