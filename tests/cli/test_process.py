@@ -1,0 +1,113 @@
+"""The command line as a process of its own: start, light import, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.demos import chain
+from updyn.dynamics.response import response
+
+LONG = """\
+[model]
+file = "chain.h5"
+[test]
+file = "long.npz"
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+[[parameter]]
+groups = "part*"
+quantity = "mass"
+[method]
+name = "output-error"
+max_iterations = 100000
+tolerance = 0.0
+[output]
+report = false
+"""
+
+
+def updyn_process(*arguments: str, **more: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "updyn", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        **more,  # type: ignore[call-overload]
+    )
+
+
+def test_help_is_light() -> None:
+    code = (
+        "import sys; from updyn.cli import main; code = main(['--help']); "
+        "heavy = {'xarray', 'pandas', 'plotly', 'pyuff', 'h5py', 'h5netcdf', 'pydantic', 'tomlkit', 'scipy.optimize'}; "
+        "print(sorted(heavy & set(sys.modules)), code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[] 0"
+
+
+def test_bad_input_in_a_process(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text("[model\n")
+    process = updyn_process("run", "job.toml", cwd=tmp_path)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert out == ""
+    assert err.splitlines() == [
+        "error: job.toml:1: not TOML: Expected ']' at the end of a table declaration at column 7"
+    ]
+
+
+@pytest.fixture
+def long_job(chain_folder: Path) -> Path:
+    """A job whose steps take long enough to be interrupted."""
+    freq = np.linspace(0.5, 25.0, 2000)
+    labels = [f"{i}:X" for i in range(1, 13)]
+    frf = response(chain.build().scaled(chain.TRUTH), freq, labels, labels, quantity="accelerance")
+    updyn.write_frf(frf, chain_folder / "long.npz")
+    job = chain_folder / "job.toml"
+    job.write_text(LONG, encoding="utf-8")
+    return job
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT to a child is another thing on Windows")
+def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
+    process = updyn_process("run", str(long_job))
+    assert process.stderr is not None
+    assert "iteration 0" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "Stopping after this step" in err
+    assert out.startswith("job: stopped after ")
+    found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
+    assert found["status"] == "stopped"
+    assert updyn.read_result(long_job.parent / "job" / "run.nc").status == "stopped"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT to a child is another thing on Windows")
+def test_a_second_ctrl_c_leaves_at_once_and_writes_nothing(long_job: Path) -> None:
+    process = updyn_process("run", str(long_job))
+    assert process.stderr is not None
+    assert "iteration 0" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    while "Stopping after this step" not in process.stderr.readline():
+        pass
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert "nothing was written" in err
+    assert "Traceback" not in err
+    assert not (long_job.parent / "job").exists()
