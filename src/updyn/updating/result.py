@@ -175,8 +175,8 @@ class UpdateResult:
 
     @property
     def iterations(self) -> int:
-        """Number of accepted steps."""
-        return sum(1 for h in self.history if h.accepted and h.number > 0)
+        """Number of accepted steps, those of the search for a start not counted."""
+        return sum(1 for h in self.history if h.accepted and h.step > 0 and h.stage != "search")
 
     def __repr__(self) -> str:
         return f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns, {self.iterations} iterations)"

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from updyn.updating.fit import descend
+from updyn.updating.identifiability import analyse
 from updyn.updating.monitor import Monitor
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, with_prior
-from updyn.updating.trust_region import Local, TrustRegion
+from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
 __all__ = ["Search"]
 
@@ -31,6 +33,9 @@ _INFLATED = (0.3, 0.1, 1.0)
 _SAME = 1e-3
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
+#: Unknowns with a larger standard deviation than this are moved, at most so many, so far, so often.
+_UNSURE, _HOPS, _FAR, _ROUNDS = 0.01, 6, 8.0, 2
+_ROUGH = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +100,44 @@ class Search:
                 level = inflated[i % len(inflated)]
                 moved = start + self.spread * (2.0 * draw - 1.0)
                 yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
+
+    def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
+        """Look for a better minimum beside a minimum of the log error, shape (n,).
+
+        Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each such unknown is moved
+        alone, well outside its own standard deviation, and all are fitted again from there. Moving one unknown by itself
+        leaves the ridge of the misfit; steps along the ridge were measured to fall back (benchmarks/noise.py).
+        """
+        if not self._is_noise(problem, x):
+            return x
+        lower, upper = problem.coordinates.bounds
+        best = descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, _ROUGH))
+        for _ in range(_ROUNDS):
+            before = best.local.cost
+            for moved in self._neighbours(problem, best):
+                if monitor.stopped:
+                    return best.x
+                start = np.clip(moved, lower, upper)
+                other = descend(
+                    problem, LogError(), start, monitor, TrustRegion(self.max_iterations, _ROUGH, radius=0.3)
+                )
+                if other.local.cost < best.local.cost * (1.0 - _SAME):
+                    best = other
+            if best.local.cost == before:
+                break
+        return best.x
+
+    @staticmethod
+    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Vector]:
+        unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.frf.values.size - problem.n, 1))
+        analysis = analyse(at.local.R / unit, problem.coordinates.parameters.names)
+        std = np.where(analysis.involved, 0.0, np.sqrt(np.diag(analysis.covariance)))
+        for i in np.argsort(-std)[:_HOPS]:
+            if std[i] > _UNSURE:
+                for sign in (1.0, -1.0):
+                    moved = at.x.copy()
+                    moved[i] += sign * min(_FAR * std[i], 1.0)
+                    yield moved
 
     @staticmethod
     def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:

@@ -42,8 +42,11 @@ class LogMethod:
         """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
+            search = Search(self.starts, seed=self.seed)
             with monitor.stage("search"):
-                x = Search(self.starts, seed=self.seed).run(problem, monitor)
+                x = search.run(problem, monitor)
+                if not monitor.stopped:
+                    x = search.escape(problem, x, monitor)
         with monitor.stage("log"):
             return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
 

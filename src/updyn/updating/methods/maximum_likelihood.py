@@ -63,11 +63,15 @@ class MaximumLikelihood:
         """
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
+            search = Search(self.starts, seed=self.seed)
             with monitor.stage("search"):
-                x = Search(self.starts, seed=self.seed).run(problem, monitor)
+                x = search.run(problem, monitor)
             with monitor.stage("log"):
                 if not monitor.stopped:
                     x = descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance)).x
+            with monitor.stage("search"):
+                if not monitor.stopped:
+                    x = search.escape(problem, x, monitor)
         with monitor.stage("maximum-likelihood"):
             return self._weighted(problem, noise, x, monitor)
 
