@@ -1,0 +1,305 @@
+"""Universal files (UFF, UNV): FRFs from dataset 58, text or binary, with geometry and units.
+
+What is read, and how:
+
+- Function type 4 is an FRF, type 6 the coherence of the same pair of DOFs (taken as gamma^2). Other functions (time
+  responses, spectra, multiple coherence) are left out with a warning that counts them. Datasets of other numbers are
+  normal in such files; they are named in ``FRF.source``.
+- The quantity follows from the data types of records 9 and 10. Where they say "unknown", ``quantity=`` has to.
+- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, says no direction: either
+  ``scalar_direction=`` gives one, or the file is refused.
+- If a pair of DOFs is there with one sense and another pair with the opposite one (5:Z and 5:-Z), the sense met first
+  is taken and the values of the other change sign.
+- Every pair of response and reference has to be there, on the same lines. Nothing is interpolated or filled in.
+- Dataset 164 gives the units; without it numbers are taken to be SI. A unit label that contradicts SI ("g", "mm",
+  "lbf") is refused, unless ``scale=`` says by what to multiply.
+- With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a displacement
+  system of its own are expressed in the global one, where they coincide with its axes to 1e-6; oblique ones are
+  refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them.
+
+The files are taken apart here and not by pyuff, which the tests use as the second opinion: of small deviations that
+real files have, it drops functions without a word (after a dataset with a line that ends in "-1"), cuts exponents off
+numbers (fields one column wider than the format says), and fails on others (padded lines, exponents with D).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.frf import FRF, check_quantity
+from updyn.geometry import Geometry
+from updyn.io.guard import placed
+from updyn.io.uff58 import Function, read_function
+from updyn.io.uff_blocks import datasets
+from updyn.io.uff_geometry import NUMBERS, Collector, Units
+from updyn.io.uff_matrix import Directions, assemble
+from updyn.io.uff_write import write_frf
+
+__all__ = ["read_frf", "read_geometry", "write_frf"]
+
+_MOTION = {8: "receptance", 11: "mobility", 12: "accelerance"}
+_FORCE = (9, 13)
+_UNKNOWN = (0, 1)
+_INVERSE = {"receptance": "dynamic stiffness", "mobility": "impedance", "accelerance": "apparent mass"}
+_TYPES = {2: "stress", 3: "strain", 5: "temperature", 15: "pressure", 16: "mass", 17: "time", 18: "frequency"}
+_TYPES |= {8: "displacement", 9: "reaction force", 11: "velocity", 12: "acceleration", 13: "excitation force"}
+#: Unit labels of motions and forces that are not SI, at the start of a label, brackets aside.
+_NOT_SI = re.compile(r"[(\[]*(g|gs|gn|mm|cm|um|µm|μm|nm|in|inch|ft|mil|mils|ips|lbf?|kn|mn|kgf|oz)(?![a-z])", re.I)
+_NOT_HZ = re.compile(r"[(\[]*(khz|rpm|cpm|1/min|rad)", re.I)
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    responses: Sequence[str] | None = None,
+    references: Sequence[str] | None = None,
+    scalar_direction: str | None = None,
+    scale: float | None = None,
+) -> FRF:
+    """Read the FRFs of a universal file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    quantity : {"receptance", "mobility", "accelerance"}, optional
+        What was measured, where the file does not say; a contradiction is an error.
+    duplicates : {"raise", "average"}
+        Several functions at one pair of DOFs: an error, or their mean, weighted with their coherence where every one
+        has it; the coherence is then the plain mean.
+    responses, references : sequence of str, optional
+        DOFs to read, with a sense if wanted ("5:-Z"); all others are left out.
+    scalar_direction : str, optional
+        What direction code 0 stands for, for instance "Z" or "-RX".
+    scale : float, optional
+        Factor that turns the values of the file into SI. It replaces dataset 164 and the check of unit labels.
+
+    Returns
+    -------
+    FRF
+        Values in SI, DOFs in the order of the file, with the geometry where there is one.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, does not say what it has to, contradicts itself or an argument, or a pair is missing.
+    OptionError
+        If an option has no valid value.
+    """
+    scalar = _options(duplicates, scalar_direction, scale)
+    collector = Collector(path)
+    functions, others = [], Counter[int]()
+    for dataset in datasets(path):
+        if dataset.number == 58:
+            functions.append(read_function(dataset, path))
+        elif dataset.number in NUMBERS:
+            collector.take(dataset)
+        else:
+            others[dataset.number] += 1
+    measured = [f for f in functions if f.kind == 4]
+    if not measured:
+        raise FormatError(_nothing(functions, collector, others), path)
+    _left_out([f for f in functions if f.kind not in (4, 6)], path)
+    found = _quantity(measured, quantity, path)
+    for function in functions:
+        if function.kind in (4, 6):
+            _check_axes(function, found, collector.units, scale, path)
+    geometry = collector.geometry()
+    directions = Directions(path, scalar, geometry)
+    parts = assemble(
+        measured,
+        [f for f in functions if f.kind == 6],
+        directions,
+        average=duplicates == "average",
+        responses=responses,
+        references=references,
+    )
+    factor = _factors(parts.responses, parts.references, collector.units) if scale is None else np.float64(scale)
+    with placed(path):
+        return FRF(
+            parts.freq,
+            parts.values * factor,
+            parts.responses,
+            parts.references,
+            found,
+            coherence=parts.coherence,
+            geometry=None if geometry is None else Geometry(geometry.nodes, geometry.xyz, geometry.lines),
+            source=_source(path, measured[0], others),
+        )
+
+
+def read_geometry(path: str | Path) -> Geometry:
+    """Read nodes, their directions and trace lines of a universal file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Geometry
+        Positions in m in the global system; ``axes`` where a node has a displacement system of its own.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or holds no nodes.
+    """
+    collector, others = Collector(path), Counter[int]()
+    for dataset in datasets(path):
+        if dataset.number in NUMBERS:
+            collector.take(dataset)
+        else:
+            others[dataset.number] += 1
+    geometry = collector.geometry()
+    if geometry is None:
+        raise FormatError(f"holds no nodes (dataset 15 or 2411); it holds {_counted(others)}", path)
+    return geometry
+
+
+def _options(duplicates: str, scalar_direction: str | None, scale: float | None) -> Dof | None:
+    if duplicates not in ("raise", "average"):
+        raise OptionError(f"duplicates={duplicates!r}: expected 'raise' or 'average'")
+    if scale is not None and not (
+        isinstance(scale, int | float) and not isinstance(scale, bool) and np.isfinite(scale) and scale > 0
+    ):
+        raise OptionError(f"scale={scale!r}: expected a positive number")
+    if scalar_direction is None:
+        return None
+    found = re.fullmatch(r"([+-]?)(R?[XYZ])", str(scalar_direction))
+    if found is None:
+        raise OptionError(
+            f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, with a sign if wanted"
+        )
+    return Dof(0, found[2], -1 if found[1] == "-" else 1)
+
+
+# -- what the functions are --------------------------------------------------------------------------------
+def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
+    if given is not None:
+        with placed(path):
+            check_quantity(given)
+    said: dict[str, int] = {}
+    for function in measured:
+        name = _one_quantity(function, path)
+        if name is not None:
+            said.setdefault(name, function.line)
+    if len(said) > 1:
+        (a, first), (b, second) = list(said.items())[:2]
+        raise FormatError(
+            f"holds {a} (dataset 58 on line {first}) and {b} (line {second}); expected one quantity", path
+        )
+    if given is not None and said and given not in said:
+        raise FormatError(f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}", path)
+    silent = [f for f in measured if _one_quantity(f, path) is None]
+    if silent and given is None:
+        f = silent[0]
+        raise FormatError(
+            f"records 9 and 10 do not say what was measured (data types {f.numerator.kind} over {f.denominator.kind}; "
+            "expected 8, 11 or 12 over 13): give quantity='receptance', 'mobility' or 'accelerance'",
+            path,
+            f.numerator.line,
+        )
+    return given if given is not None else next(iter(said))
+
+
+def _one_quantity(function: Function, path: str | Path) -> str | None:
+    """Return what records 9 and 10 say; None where one of them leaves it open."""
+    above, below = function.numerator.kind, function.denominator.kind
+    line = function.numerator.line
+    if above in _FORCE and below in _MOTION:
+        try:
+            check_quantity(_INVERSE[_MOTION[below]])
+        except ValueError as error:
+            raise FormatError(str(error), path, line) from error
+    if above not in (*_MOTION, *_UNKNOWN) or below not in (*_FORCE, *_UNKNOWN):
+        names = [_TYPES.get(k, f"data type {k}") for k in (above, below)]
+        raise FormatError(
+            f"records 9 and 10 say {names[0]} over {names[1]}; expected a displacement, velocity or acceleration over "
+            "a force",
+            path,
+            line,
+        )
+    return _MOTION[above] if above in _MOTION and below in _FORCE else None
+
+
+def _check_axes(function: Function, quantity: str, units: Units, scale: float | None, path: str | Path) -> None:
+    """Refuse an abscissa that is not in Hz, a magnitude without phase, and units that contradict SI."""
+    axis = function.abscissa
+    if axis.kind not in (18, *_UNKNOWN) or _NOT_HZ.match(axis.unit):
+        what = _TYPES.get(axis.kind, f"data type {axis.kind}")
+        raise FormatError(
+            f"record 8: the abscissa is {what} in {axis.unit!r}; expected frequency in Hz", path, axis.line
+        )
+    if function.kind != 4:
+        return
+    if not np.iscomplexobj(function.y) and not (function.y < 0).any():
+        raise FormatError(
+            "holds real ordinates, none of them negative: a magnitude without phase cannot be used; expected complex",
+            path,
+            function.line,
+        )
+    for record, axis in ((9, function.numerator), (10, function.denominator)):
+        found = _NOT_SI.match(axis.unit)
+        # With factors other than 1 the labels name the units of the file, save g, for which no factor stands.
+        if found and scale is None and (found[1].lower() in ("g", "gs", "gn") or units.length == units.force == 1.0):
+            raise FormatError(
+                f"record {record}: the {quantity} is in {axis.unit!r}, which is not SI: give scale=, the factor that "
+                "turns its values into SI (9.80665 for g/N)",
+                path,
+                axis.line,
+            )
+
+
+def _factors(responses: DofSet, references: DofSet, units: Units) -> NDArray[np.float64]:
+    """Return what turns the unit of each pair into SI; dataset 164 gives the factors to divide by."""
+    motion = np.array([1.0 if d.direction.startswith("R") else units.length for d in responses])
+    force = np.array([units.force * (units.length if d.direction.startswith("R") else 1.0) for d in references])
+    return np.asarray(force[None, :] / motion[:, None])
+
+
+# -- what else was there -----------------------------------------------------------------------------------
+def _nothing(functions: Sequence[Function], collector: Collector, others: Counter[int]) -> str:
+    held = [f"{n} {name}" for name, n in Counter(f.name for f in functions).items()]
+    if collector.nodes:
+        held.append(f"a geometry of {len(collector.nodes)} nodes (see updyn.io.read_geometry)")
+    if others:
+        held.append(_counted(others))
+    return (
+        f"holds no frequency response function (dataset 58, function type 4); it holds {', '.join(held) or 'nothing'}"
+    )
+
+
+def _counted(others: Counter[int]) -> str:
+    return (
+        ", ".join(f"dataset {n}" + (f" ({k} times)" if k > 1 else "") for n, k in sorted(others.items())) or "nothing"
+    )
+
+
+def _left_out(functions: Sequence[Function], path: str | Path) -> None:
+    if functions:
+        kinds = ", ".join(f"{n} {name}" for name, n in Counter(f.name for f in functions).items())
+        warnings.warn(
+            f"{path}: functions that are neither FRF nor coherence are left out: {kinds} (first: line "
+            f"{functions[0].line})",
+            UpdynWarning,
+            stacklevel=3,
+        )
+
+
+def _source(path: str | Path, first: Function, others: Counter[int]) -> str:
+    title = f", {first.title}" if first.title and first.title.upper() != "NONE" else ""
+    rest = f"; not read: {_counted(others)}" if others else ""
+    return f"{Path(path).name}{title}{rest}"
