@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from updyn.updating.monitor import Progress
 
 __all__ = ["Watch", "watch"]
+
+_EVERY_S = 1.0  # plain lines of one stage, not closer than this
 
 
 class Watch:
@@ -29,6 +32,7 @@ class Watch:
     def __init__(self, console: Console) -> None:
         self.console = console
         self.stopping = False
+        self._shown = "", 0.0  # stage and time of the last plain line
         self._live: Any = None
         self._task: Any = None
 
@@ -38,7 +42,8 @@ class Watch:
         solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
         if self._live is not None:
             self._live.update(self._task, description=text, solved=solved)
-        else:
+        elif progress.stage != self._shown[0] or time.monotonic() - self._shown[1] >= _EVERY_S:
+            self._shown = progress.stage, time.monotonic()
             self.console.print(f"{text}  {solved}", markup=False, highlight=False, soft_wrap=True)
         return self.stopping
 

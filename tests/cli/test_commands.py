@@ -43,14 +43,15 @@ OPEN = """\
 file = "chain.h5"
 [test]
 file = "chain.npz"
-band = [4.0, 4.4]
+band = [4.1, 4.5]
 responses = ["12:X"]
 references = ["12:X"]
 [[parameter]]
 groups = "part*"
 quantity = "stiffness"
 [method]
-max_iterations = 10
+name = "output-error"
+noise = { relative = 0.01 }
 [output]
 report = false
 """
@@ -153,7 +154,9 @@ def test_bad_input_leaves_an_earlier_run_as_it_was(chain_folder: Path) -> None:
     before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in (chain_folder / "job").iterdir()}
     write(chain_folder, OPEN.replace("band", "bnad"))
     assert main(["run", str(job)]) == 2
-    write(chain_folder, OPEN.replace("max_iterations = 10", 'lines = "d-optimal:99"'))  # found by the update itself
+    write(
+        chain_folder, OPEN.replace("noise = { relative = 0.01 }", 'lines = "d-optimal:99"')
+    )  # found by the update itself
     assert main(["run", str(job)]) == 2
     assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in (chain_folder / "job").iterdir()} == before
 

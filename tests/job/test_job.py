@@ -1,0 +1,235 @@
+"""The job: what is read and matched, by value; what is written, and that it is written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.demos import chain
+from updyn.errors import InputError, JobError
+from updyn.frf import FRF
+from updyn.job import load_job, prepare, run_job
+
+BASE = """\
+[model]
+file = "in/chain.h5"
+[test]
+file = "in/chain.npz"
+{test}
+{match}
+{parameter}
+[method]
+name = "output-error"
+{method}
+[output]
+report = false
+"""
+STIFFNESS = '[[parameter]]\ngroups = "part*"\nquantity = "stiffness"\n'
+
+
+def job_at(folder: Path, *, test: str = "", match: str = "", parameter: str = STIFFNESS, method: str = "") -> Any:
+    path = folder / "job.toml"
+    path.write_text(BASE.format(test=test, match=match, parameter=parameter, method=method), encoding="utf-8")
+    return load_job(path)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "in").mkdir()
+    updyn.write_model(chain.build(), tmp_path / "in" / "chain.h5")
+    updyn.write_frf(chain.measure(), tmp_path / "in" / "chain.npz")
+    return tmp_path
+
+
+# -- load and prepare --------------------------------------------------------------------------------------
+def test_a_job_is_immutable_and_knows_its_lines(folder: Path) -> None:
+    job = job_at(folder, test="band = [1.0,\n 20]")
+    assert job.test.band == (1.0, 20.0)
+    assert [job.place(*p) for p in (("test",), ("test", "band", 1), ("parameter", 0, "quantity"), ("nowhere",))] == [
+        3, 6, 10, None,
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="frozen"):
+        job.title = "other"
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    text = '[model]\nfile = "m.h5"\n[test]\nfile = "t.uff"\n' + STIFFNESS
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    job = load_job(path)
+    assert job.test.file == "t.uff"
+    assert job.place("parameter", 0, "quantity") == 7
+
+
+def test_band_and_selection(folder: Path) -> None:
+    ready = prepare(job_at(folder, test='band = [2.0, 10.0]\nresponses = ["12:-X", "5:X"]\nreferences = ["2:X"]'))
+    full = chain.measure()
+    keep = (full.freq >= 2.0) & (full.freq <= 10.0)
+    np.testing.assert_array_equal(ready.frf.freq, full.freq[keep])
+    np.testing.assert_array_equal(ready.frf.values[:, 0, 0], -full.values[keep, 4, 0])
+    np.testing.assert_array_equal(ready.frf.values[:, 1, 0], full.values[keep, 1, 0])
+
+
+def test_averages_are_added_and_not_contradicted(folder: Path) -> None:
+    assert prepare(job_at(folder, test="averages = 8")).frf.averages == 8
+    data = chain.measure()
+    told = FRF(data.freq, data.values, data.responses, data.references, data.quantity, averages=5)
+    updyn.write_frf(told, folder / "in" / "chain.npz")
+    assert prepare(job_at(folder)).frf.averages == 5
+    with pytest.raises(JobError, match=r"job\.toml:5: test\.averages = 8, but in/chain\.npz says 5"):
+        prepare(job_at(folder, test="averages = 8"))
+
+
+def test_match_table_renames_with_signs(folder: Path) -> None:
+    # Sensors 5 and 7 were swapped, and 12 sits upside down under another name.
+    data = chain.measure()
+    labels = ["2:X", "7:X", "5:X", "10:X", "99:-Z"]
+    updyn.write_frf(FRF(data.freq, data.values, labels, ["2:X", "99:-Z"], data.quantity), folder / "in" / "chain.npz")
+    table = '[match.table]\n"7:X" = "5:X"\n"5:X" = "7:X"\n"99:+Z" = "12:-X"'
+    ready = prepare(job_at(folder, match=table))
+    assert ready.frf.responses.labels == ["2:X", "5:X", "7:X", "10:X", "12:X"]  # - times - is +
+    assert ready.frf.references.labels == ["2:X", "12:X"]
+    np.testing.assert_array_equal(ready.frf.values, data.values)
+
+
+def test_all_sensors_without_a_dof_are_named_with_the_nearest(folder: Path) -> None:
+    data = chain.measure()
+    labels = [f"{n}:Y" for n in (1, 2, 3, 4)] + ["5:X"]
+    updyn.write_frf(FRF(data.freq, data.values, labels, ["2:X", "30:X"], data.quantity), folder / "in" / "chain.npz")
+    with pytest.raises(JobError) as caught:
+        prepare(job_at(folder))
+    message = str(caught.value)
+    assert message.startswith(f"{folder / 'job.toml'}:4: 5 of the sensors and forces of in/chain.npz")
+    assert "response 3:Y is not among the 12 DOFs; nearest: 3:X" in message
+    assert "reference 30:X is not among the 12 DOFs; nearest: 12:X" in message
+    assert "[match.table]" in message
+
+
+def test_unknowns_from_several_tables(folder: Path) -> None:
+    text = """
+[[parameter]]
+groups = ["part[12]", "part4"]
+quantity = "loss_factor"
+bounds = [0.001, 0.2]
+start = 0.05
+[[parameter]]
+groups = "part2"
+quantity = "stiffness"
+bounds = [2.0, 5.0]
+start = 2.5
+prior_std = 0.3
+[[parameter]]
+groups = "all"
+quantity = "mass"
+"""
+    found = prepare(job_at(folder, parameter=text)).parameters
+    assert [(p.name, p.start, p.lower, p.upper, p.prior_std) for p in found] == [
+        ("part1.mass", 1.0, 0.01, 100.0, None),
+        ("part1.loss_factor", 0.05, 0.001, 0.2, None),
+        ("part2.mass", 1.0, 0.01, 100.0, None),
+        ("part2.stiffness", 2.5, 2.0, 5.0, 0.3),
+        ("part2.loss_factor", 0.05, 0.001, 0.2, None),
+        ("part3.mass", 1.0, 0.01, 100.0, None),
+        ("part4.mass", 1.0, 0.01, 100.0, None),
+        ("part4.loss_factor", 0.05, 0.001, 0.2, None),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("method", "lines", "responses"),
+    [
+        ("", 60, 5),
+        ('validation = ["5:-X", "12:X"]', 60, 3),
+        ("validation = [5.0, 12.0]", 60 - 19, 5),
+        ("validation = [0.1, 12]", 29, 5),
+    ],
+)
+def test_what_is_held_out_is_not_fitted(method: str, lines: int, responses: int, folder: Path) -> None:
+    ready = prepare(job_at(folder, method=method))
+    assert (len(ready.fitted.freq), len(ready.fitted.responses)) == (lines, responses)
+    assert len(ready.frf.freq) == 60
+
+
+def test_held_out_data_are_the_ones_that_the_update_holds_out(folder: Path) -> None:
+    for method in ('validation = ["5:-X", "12:X"]', "validation = [5.0, 12.0]"):
+        job = job_at(folder, method=method + "\nmax_iterations = 1")
+        ready = prepare(job)
+        result = run_job(job, prepared=ready)
+        assert list(result.fitted_responses) == ready.fitted.responses.labels
+        np.testing.assert_array_equal(result.lines, ready.fitted.freq)
+
+
+def test_a_model_from_a_builder(tmp_path: Path) -> None:
+    beam = {"length": 0.5, "E": 2.1e11, "rho": 7850.0, "width": 0.02, "height": 0.01, "n_elements": 4}
+    text = "[model]\nkind = 'beam'\n" + "".join(f"{k} = {v!r}\n" for k, v in beam.items()) + "stations = { 7 = 0.25 }\n"
+    text += '[test]\nfile = "t.npz"\n[[parameter]]\ngroups = "beam"\nquantity = "stiffness"\n'
+    (tmp_path / "job.toml").write_text(text)
+    values = np.ones((2, 1, 1), dtype=complex)
+    updyn.write_frf(FRF([10.0, 20.0], values, ["7:Z"], ["7:Z"], "receptance"), tmp_path / "t.npz")
+    model = prepare(load_job(tmp_path / "job.toml")).model
+    assert model.n_dofs == 10
+    mass = model.mass.toarray()[::2, ::2].sum()
+    assert mass == pytest.approx(7850.0 * 0.5 * 0.02 * 0.01)
+
+
+# -- run ---------------------------------------------------------------------------------------------------
+def test_run_gives_back_what_it_writes(folder: Path) -> None:
+    seen = []
+    result = run_job(job_at(folder, method="lines = 'd-optimal:20'"), folder / "a" / "b", seen.append)
+    again = updyn.read_result(folder / "a" / "b" / "run.nc")
+    assert again.values == result.values
+    assert again.title == "job"
+    assert seen[0].iteration == 0
+    assert [p.name for p in (folder / "a" / "b").iterdir() if p.name.startswith(".")] == []
+
+
+def test_the_callback_stops_the_run_and_outputs_are_written(folder: Path) -> None:
+    result = run_job(job_at(folder), folder / "out", lambda progress: progress.iteration >= 1)
+    assert result.status == "stopped"
+    assert updyn.read_result(folder / "out" / "run.nc").status == "stopped"
+
+
+def test_a_run_that_raises_leaves_no_trace(folder: Path) -> None:
+    def fail(_progress: object) -> bool:
+        raise RuntimeError("from the callback")
+
+    before = sorted(folder.rglob("*"))
+    job = job_at(folder)
+    with pytest.raises(RuntimeError, match="from the callback"):
+        run_job(job, folder / "a" / "b", fail)
+    assert sorted(folder.rglob("*")) == sorted([*before, folder / "job.toml"])
+
+
+def test_outputs_appear_only_when_all_are_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, out = job_at(folder), folder / "out"
+    run_job(job, out)
+    before = {p.name: p.read_bytes() for p in out.iterdir()}
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device", "result.json")
+
+    monkeypatch.setattr("updyn.io.result_json.write_result_json", fail)
+    with pytest.raises(OSError, match="No space left"):
+        run_job(job_at(folder, method="max_iterations = 1"), out)
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == before
+
+
+def test_outputs_can_be_read_by_others_as_any_new_file(folder: Path) -> None:
+    run_job(job_at(folder), folder / "out")
+    (folder / "plain").touch()
+    expected = (folder / "plain").stat().st_mode
+    assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(
+        ("result.json", "run.nc", "model.h5", "job.toml"), expected
+    )
+
+
+def test_errors_of_the_update_name_the_line_of_the_method(folder: Path) -> None:
+    job = job_at(folder, method="max_iterations = 3\nlines = 'd-optimal:61'")
+    with pytest.raises(JobError, match=r"job\.toml:14: lines 'd-optimal:61': the data have 60 lines"):
+        run_job(job)
+    assert issubclass(JobError, InputError)
+    assert not (folder / "job").exists()
