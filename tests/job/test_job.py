@@ -222,9 +222,8 @@ def test_outputs_can_be_read_by_others_as_any_new_file(folder: Path) -> None:
     run_job(job_at(folder), folder / "out")
     (folder / "plain").touch()
     expected = (folder / "plain").stat().st_mode
-    assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(
-        ("result.json", "run.nc", "model.h5", "job.toml"), expected
-    )
+    names = ("result.json", "run.nc", "model.h5", "job.toml")
+    assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(names, expected)
 
 
 def test_errors_of_the_update_name_the_line_of_the_method(folder: Path) -> None:

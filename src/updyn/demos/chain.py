@@ -44,7 +44,7 @@ title = "Chain of twelve masses"
 file = "chain.h5"
 
 [test]
-file = "chain.npz"
+file = "chain.uff"
 
 [[parameter]]
 groups = "part*"
@@ -99,7 +99,7 @@ def write_inputs(folder: Path) -> Path:
     from updyn.io import write_frf, write_model
 
     write_model(build(), folder / "chain.h5")
-    write_frf(measure(), folder / "chain.npz")
+    write_frf(measure(), folder / "chain.uff")
     job = folder / "job.toml"
     job.write_text(_JOB, encoding="utf-8")
     return job
