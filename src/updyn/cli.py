@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 # -- commands ----------------------------------------------------------------------------------------------
 @app.command
-def run(job: Path, /, *, out: Path | None = None) -> int:
+def run(job: Path, /, *, out: Path | None = None, resume: Annotated[bool, Parameter(negative=())] = False) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
 
     Ctrl-C ends the run after its current step and writes the results so far.
@@ -82,10 +82,12 @@ def run(job: Path, /, *, out: Path | None = None) -> int:
         The job file (TOML).
     out
         Folder for the results; by default the job's name without its suffix, beside it.
+    resume
+        Start where the earlier run in that folder ended.
     """
     from updyn.job import load_job
 
-    return _run(load_job(job), out)
+    return _run(load_job(job), out, resume=resume)
 
 
 @app.command
@@ -239,19 +241,23 @@ def correlate(job: Path, /) -> int:
 
 
 # -- what they share ---------------------------------------------------------------------------------------
-def _run(job: Job, out: Path | None, epilogue: Callable[[UpdateResult], str] = lambda _: "") -> int:
+def _run(
+    job: Job, out: Path | None, epilogue: Callable[[UpdateResult], str] = lambda _: "", *, resume: bool = False
+) -> int:
     from updyn._progress import watch
     from updyn.job import check_out, default_out, prepare, run_job
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
     with watch(_stderr()) as watching:
-        result = run_job(job, folder, watching, prepared=ready)
+        result = run_job(job, folder, watching, prepared=ready, resume=resume)
     _say(result.summary())
     if text := epilogue(result):
         _say("\n" + text)
     first = "report.html" if job.output.report else "result.json"
     _say(f"\nResults in {folder}: {folder / first}")
+    if result.status == "stopped":
+        _say("To go on from here: updyn run JOB.toml --resume (with the same --out)")
     return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.cli import main
 from updyn.demos import chain
 from updyn.dynamics.response import response
 
@@ -71,7 +72,7 @@ def test_bad_input_in_a_process(tmp_path: Path) -> None:
 @pytest.fixture
 def long_job(chain_folder: Path) -> Path:
     """A job whose steps take long enough to be interrupted."""
-    freq = np.linspace(0.5, 25.0, 2000)
+    freq = np.linspace(0.5, 25.0, 1200)
     labels = [f"{i}:X" for i in range(1, 13)]
     frf = response(chain.build().scaled(chain.TRUTH), freq, labels, labels, quantity="accelerance")
     updyn.write_frf(frf, chain_folder / "long.npz")
@@ -94,6 +95,12 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "stopped"
     assert updyn.read_result(long_job.parent / "job" / "run.nc").status == "stopped"
+
+    going_on = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000\ntolerance = 0.0", "")
+    long_job.write_text(going_on, encoding="utf-8")
+    assert main(["run", str(long_job), "--resume"]) == 0
+    result = updyn.read_result(long_job.parent / "job" / "run.nc")
+    assert result.parameters[0].start == found["parameters"][0]["value"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT to a child is another thing on Windows")

@@ -232,3 +232,32 @@ def test_errors_of_the_update_name_the_line_of_the_method(folder: Path) -> None:
         run_job(job)
     assert issubclass(JobError, InputError)
     assert not (folder / "job").exists()
+
+
+# -- resume ------------------------------------------------------------------------------------------------
+def test_a_stopped_run_goes_on_where_it_ended(folder: Path) -> None:
+    job = job_at(folder, method='lines = "d-optimal:25"\nvalidation = ["7:X"]')
+    stopped = run_job(job, folder / "out", lambda progress: progress.iteration >= 2)
+    assert stopped.status == "stopped"
+    result = run_job(job, folder / "out", resume=True)
+    assert result.status == "converged"
+    np.testing.assert_array_equal(result.parameters.start, list(stopped.values.values()))
+    np.testing.assert_array_equal(result.lines, stopped.lines)
+    assert result.history[0].cost == pytest.approx(stopped.history[-1].cost, rel=1e-9)
+    fresh = run_job(job, folder / "fresh")
+    assert result.values == pytest.approx(fresh.values, rel=1e-6)
+    assert 'lines = "d-optimal:25"' in (folder / "out" / "job.toml").read_text(encoding="utf-8")
+
+
+def test_only_a_run_of_the_same_job_is_resumed(folder: Path) -> None:
+    out = folder / "out"
+    with pytest.raises(JobError, match=r"nothing to resume: .*run\.nc' does not exist"):
+        run_job(job_at(folder), out, resume=True)
+    assert not out.exists()
+    run_job(job_at(folder, test="band = [1.0, 20.0]", method="max_iterations = 1"), out)
+    with pytest.raises(JobError, match=r"of another job: it fitted 1\.0\d+ Hz, which is not fitted now"):
+        run_job(job_at(folder, test="band = [2.0, 20.0]"), out, resume=True)
+    with pytest.raises(JobError, match=r"the unknowns differ \(part4\.stiffness\)"):
+        run_job(job_at(folder, parameter=STIFFNESS.replace("part*", "part[123]")), out, resume=True)
+    with pytest.raises(JobError, match=r"job\.toml:10: a prior is about the start"):
+        run_job(job_at(folder, parameter=STIFFNESS + "prior_std = 0.1"), out, resume=True)

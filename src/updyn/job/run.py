@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from updyn.errors import InputError, JobError
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import resolved_job
+from updyn.job.resume import resumed
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def run_job(
     callback: Callable[[Progress], bool | None] | None = None,
     *,
     prepared: Prepared | None = None,
+    resume: bool = False,
 ) -> UpdateResult:
     """Run a job and write its folder.
 
@@ -74,6 +76,8 @@ def run_job(
         Called with a `Progress` after every step; returning True stops the run.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
+    resume : bool
+        Start where the earlier run in `out` ended.
 
     Returns
     -------
@@ -90,8 +94,12 @@ def run_job(
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
+    lines = _lines(job)
+    if resume:
+        ready, earlier = resumed(ready, out)
+        lines = earlier.tolist()
     with _folder(out) as temporary:
-        result = _update(ready, callback)
+        result = _update(ready, lines, callback)
         _write(result, job, out, temporary)
         for name in OUTPUTS:
             if (temporary / name).exists():
@@ -127,7 +135,9 @@ def job_identifiability(prepared: Prepared) -> Identifiability:
         return identifiability(prepared.model, prepared.fitted, prepared.parameters, _lines(job), method.noise)
 
 
-def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None) -> UpdateResult:
+def _update(
+    ready: Prepared, lines: str | list[float] | None, callback: Callable[[Progress], bool | None] | None
+) -> UpdateResult:
     from updyn.updating.update import update
 
     job, method = ready.job, ready.job.method
@@ -141,7 +151,7 @@ def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None)
             ready.frf,
             ready.parameters,
             method=method.name,
-            lines=_lines(job),
+            lines=lines,
             noise=method.noise,
             callback=callback,
             validation=method.validation,
