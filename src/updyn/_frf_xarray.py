@@ -79,6 +79,8 @@ def from_dataset(data: xr.Dataset, quantity: str | None) -> dict[str, Any]:
 def _geometry(data: xr.Dataset) -> Geometry | None:
     if "xyz" not in data.variables:
         return None
+    if "node" not in data.variables:  # xarray would make up 0, 1, 2, ...
+        raise DataError("dataset: 'xyz' without 'node', the numbers of the nodes")
     lines = data["trace"].values if "trace" in data.variables else np.empty((0, 2))
     axes = data["node_axes"].values if "node_axes" in data.variables else None
     return Geometry(data["node"].values, data["xyz"].transpose("node", "axis").values, lines, axes)
