@@ -390,7 +390,7 @@ def test_a_reader_that_goes_away_is_no_error(monkeypatch: pytest.MonkeyPatch) ->
     def broken(*_: object, **__: object) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("builtins.print", broken)
+    monkeypatch.setattr("sys.stdout.write", broken)
     monkeypatch.setattr("os.dup2", lambda *a: calls.append(a))
     cli._say("text")
     assert len(calls) == 1

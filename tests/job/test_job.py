@@ -10,7 +10,7 @@ import pytest
 
 import updyn
 from updyn.demos import chain
-from updyn.errors import InputError, JobError
+from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
 from updyn.job import load_job, prepare, run_job
 
@@ -185,6 +185,16 @@ def test_run_gives_back_what_it_writes(folder: Path) -> None:
     assert again.title == "job"
     assert seen[0].iteration == 0
     assert [p.name for p in (folder / "a" / "b").iterdir() if p.name.startswith(".")] == []
+
+
+def test_the_report_is_made_by_what_is_handed_in(folder: Path) -> None:
+    path = job_at(folder, method="max_iterations = 1").path
+    path.write_text(path.read_text(encoding="utf-8").replace("report = false", ""), encoding="utf-8")
+    run_job(load_job(path), folder / "out", report=lambda result, at: at.write_text(result.status))
+    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "max-iterations"
+    with pytest.warns(UpdynWarning, match=r"job\.toml: a report is asked for; hand updyn\.write_report to run_job"):
+        run_job(load_job(path), folder / "out")
+    assert not (folder / "out" / "report.html").exists()  # that of the earlier run would pass for this one's
 
 
 def test_the_callback_stops_the_run_and_outputs_are_written(folder: Path) -> None:

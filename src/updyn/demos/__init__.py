@@ -38,11 +38,35 @@ class Demo:
     module: str
 
     def write_inputs(self, folder: Path) -> Path:
-        """Write model, measurement and job file into `folder`; return the path of the job file."""
+        """Write model, measurement and job file.
+
+        Parameters
+        ----------
+        folder : Path
+            Where to; it exists.
+
+        Returns
+        -------
+        Path
+            The job file.
+        """
         return Path(importlib.import_module(self.module).write_inputs(folder))
 
     def epilogue(self, result: UpdateResult, folder: Path) -> str:
-        """Return what the example has to say about its result beyond the summary; empty where nothing."""
+        """Return what the example has to say about its result beyond the summary.
+
+        Parameters
+        ----------
+        result : UpdateResult
+            The outcome.
+        folder : Path
+            Where its inputs are.
+
+        Returns
+        -------
+        str
+            Text; empty where there is nothing to say.
+        """
         speak = getattr(importlib.import_module(self.module), "epilogue", None)
         return "" if speak is None else str(speak(result, folder))
 
@@ -59,6 +83,16 @@ DEMOS = {d.name: d for d in _ALL}
 
 def find_demo(name: str) -> Demo:
     """Return a demo by name.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+
+    Returns
+    -------
+    Demo
+        The one of that name.
 
     Raises
     ------

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from updyn.errors import InputError, JobError
+from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import resolved_job
 from updyn.job.resume import resumed
@@ -27,12 +28,35 @@ OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
 
 
 def default_out(job: Job) -> Path:
-    """Return the folder of a run where none is named: the job's stem, beside it."""
+    """Return the folder of a run where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        The job's stem, beside it.
+    """
     return job.path.with_suffix("")
 
 
 def check_out(job: Job, out: str | Path) -> Path:
-    """Return `out` as a path after checking that a run may write there.
+    """Check that a run may write to a folder.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : path
+        The folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The folder.
 
     Raises
     ------
@@ -60,6 +84,7 @@ def run_job(
     out: str | Path | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
+    report: Callable[[UpdateResult, Path], object] | None = None,
     prepared: Prepared | None = None,
     resume: bool = False,
 ) -> UpdateResult:
@@ -74,6 +99,9 @@ def run_job(
         only when this run has finished.
     callback : callable, optional
         Called with a `Progress` after every step; returning True stops the run.
+    report : callable, optional
+        Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result does not depend on
+        how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     resume : bool
@@ -83,7 +111,7 @@ def run_job(
     -------
     UpdateResult
         Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs again
-        from there) and ``report.html`` unless the job says not to.
+        from there) and, unless the job says not to, what `report` makes: ``report.html``.
 
     Raises
     ------
@@ -91,6 +119,11 @@ def run_job(
         If the job, a file or the output folder cannot be used; nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
+
+    Warns
+    -----
+    UpdynWarning
+        If the job asks for a report and `report` is not given.
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
@@ -101,6 +134,7 @@ def run_job(
     with _folder(out) as temporary:
         result = _update(ready, lines, callback)
         _write(result, job, out, temporary)
+        _report(result, job, temporary / "report.html", report)
         for name in OUTPUTS:
             if (temporary / name).exists():
                 (temporary / name).replace(out / name)
@@ -179,14 +213,14 @@ def _folder(out: Path) -> Iterator[Path]:
     made = [p for p in (out, *out.absolute().parents) if not p.exists()]
     out.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
+    finished = False
     try:
         yield temporary
-    except BaseException:
+        finished = True
+    finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        for folder in made:
+        for folder in [] if finished else made:
             folder.rmdir()
-        raise
-    shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _write(result: UpdateResult, job: Job, out: Path, folder: Path) -> None:
@@ -195,9 +229,15 @@ def _write(result: UpdateResult, job: Job, out: Path, folder: Path) -> None:
 
     write_model(result.model, folder / "model.h5")
     write_result(result, folder / "run.nc")
-    if job.output.report:
-        from updyn.report import write_report
-
-        write_report(result, folder / "report.html")
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
+
+
+def _report(result: UpdateResult, job: Job, path: Path, report: Callable[[UpdateResult, Path], object] | None) -> None:
+    if not job.output.report:
+        return
+    if report is None:
+        text = f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to get it"
+        warnings.warn(text, UpdynWarning, stacklevel=3)
+        return
+    report(result, path)

@@ -169,17 +169,7 @@ class OutputTable(_Table):
 
 
 class Job(_Table):
-    """A job file.
-
-    Attributes
-    ----------
-    title : str
-        For the record.
-    model, test, match, parameter, method, output
-        Its tables.
-    path : Path
-        Where it was read; what it names is relative to this file's folder.
-    """
+    """A job file: its title and its tables, with the place of each key. Read one with `load_job`."""
 
     title: str = ""
     model: ModelTable
@@ -198,25 +188,85 @@ class Job(_Table):
         return self._path
 
     def place(self, *place: str | int) -> int | None:
-        """Return the line of a table, key or array item, or of the nearest thing around it."""
+        """Return where something stands in the file.
+
+        Parameters
+        ----------
+        *place : str or int
+            Keys and positions in arrays, from the root.
+
+        Returns
+        -------
+        int or None
+            The line of it, or of the nearest thing around it that is there.
+        """
         return line_of(place, self._lines)
 
     def beside(self, file: str) -> Path:
-        """Return the path of a file that the job names."""
+        """Return the path of a file that the job names.
+
+        Parameters
+        ----------
+        file : str
+            As the job says it, relative to the job file.
+
+        Returns
+        -------
+        Path
+        """
         return self.path.parent / file
 
     def error(self, message: str, *place: str | int) -> JobError:
-        """Return an error at a place of the job file."""
+        """Return an error at a place of the job file.
+
+        Parameters
+        ----------
+        message : str
+            What was found and what was expected.
+        *place : str or int
+            As for `place`.
+
+        Returns
+        -------
+        JobError
+            To be raised.
+        """
         return JobError(message, self.path, self.place(*place))
 
     def error_about(self, message: str, *place: str | int) -> JobError:
-        """Return an error about a table, at the line of its first key that the message names, else at its own."""
+        """Return an error about a table, at the line of its first key that the message names, else at its own.
+
+        Parameters
+        ----------
+        message : str
+            What was found and what was expected.
+        *place : str or int
+            The table, as for `place`.
+
+        Returns
+        -------
+        JobError
+            To be raised.
+        """
         words = re.findall(r"\w+", message)
         inside = {p[len(place)]: p for p in self._lines if len(p) == len(place) + 1 and p[: len(place)] == place}
         return self.error(message, *next((inside[w] for w in words if w in inside), place))
 
     def with_source(self, path: Path, lines: dict[Place, int]) -> Job:
-        """Return this job, told where it was read."""
+        """Return this job, told where it was read.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        lines : dict of Place to int
+            Its lines.
+
+        Returns
+        -------
+        Job
+            A copy.
+        """
         out = self.model_copy()
         out._path, out._lines = path, lines
         return out

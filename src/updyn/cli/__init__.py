@@ -101,7 +101,7 @@ def check(job: Path, /) -> int:
     job
         The job file (TOML).
     """
-    from updyn.describe import describe_identifiability, describe_parameters
+    from updyn.cli.describe import describe_identifiability, describe_parameters
     from updyn.job import check_out, default_out, job_identifiability, load_job, prepare
 
     ready = prepare(loaded := load_job(job))
@@ -178,8 +178,8 @@ def convert(
     force
         Write over OUT where it exists.
     """
-    from updyn import io
-    from updyn._anything import read_anything
+    from updyn.cli.reading import read_anything
+    from updyn.io import write_frf, write_model
 
     if target.exists() and (not force or target.resolve() == source.resolve()):
         same = target.resolve() == source.resolve()
@@ -188,7 +188,7 @@ def convert(
     reading = {k: v for k, v in reading.items() if v is not None}
     kinds = ("frf",) if reading else ("frf", "model")
     kind, content = read_anything(source, kinds, {"frf": {"format": from_, **reading}, "model": {"format": from_}})
-    (io.write_frf if kind == "frf" else io.write_model)(content, target, format=to)
+    (write_frf if kind == "frf" else write_model)(content, target, format=to)
     _say(f"{target}: {content!r}")
     return DONE
 
@@ -204,16 +204,12 @@ def info(file: Path, /, *, quantity: str | None = None) -> int:
     quantity
         What was measured, where the file does not say.
     """
-    from updyn import describe
-    from updyn._anything import KINDS, read_anything
+    from updyn.cli.describe import describe
+    from updyn.cli.reading import KINDS, read_anything
 
     kinds = tuple(KINDS) if quantity is None else ("frf",)
-    kind, content = read_anything(file, kinds, {"frf": {} if quantity is None else {"quantity": quantity}})
-    if kind == "result":
-        _say(content.summary())
-        return DONE
-    shown: Callable[[Any], str] = getattr(describe, f"describe_{kind}")
-    _say(shown(content))
+    _, content = read_anything(file, kinds, {"frf": {} if quantity is None else {"quantity": quantity}})
+    _say(describe(content))
     return DONE
 
 
@@ -226,8 +222,8 @@ def correlate(job: Path, /) -> int:
     job
         The job file (TOML).
     """
+    from updyn.cli.describe import table
     from updyn.correlation import correlate as compare
-    from updyn.describe import table
     from updyn.job import load_job, prepare
 
     ready = prepare(load_job(job))
@@ -244,13 +240,14 @@ def correlate(job: Path, /) -> int:
 def _run(
     job: Job, out: Path | None, epilogue: Callable[[UpdateResult], str] = lambda _: "", *, resume: bool = False
 ) -> int:
-    from updyn._progress import watch
+    from updyn.cli.progress import watch
     from updyn.job import check_out, default_out, prepare, run_job
+    from updyn.report import write_report
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
     with watch(_stderr()) as watching:
-        result = run_job(job, folder, watching, prepared=ready, resume=resume)
+        result = run_job(job, folder, watching, report=write_report, prepared=ready, resume=resume)
     _say(result.summary())
     if text := epilogue(result):
         _say("\n" + text)
@@ -294,7 +291,8 @@ def _complain(message: str) -> int:
 def _say(text: str) -> None:
     """Print to stdout; a reader that has gone away (``updyn info FILE | head``) is not an error."""
     try:
-        print(text, flush=True)
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from updyn import io
 from updyn.errors import FormatError, InputError
+from updyn.io import read_frf, read_geometry, read_model, read_result
 from updyn.io.registry import find_format
 
 __all__ = ["KINDS", "read_anything"]
 
 #: What a file may hold, in the order in which it is tried, and the front door that reads it.
 KINDS: Mapping[str, Callable[..., Any]] = {
-    "frf": io.read_frf,
-    "model": io.read_model,
-    "result": io.read_result,
-    "geometry": io.read_geometry,
+    "frf": read_frf,
+    "model": read_model,
+    "result": read_result,
+    "geometry": read_geometry,
 }
 _WORDS = {"frf": "a measurement", "model": "a model", "result": "the record of a run", "geometry": "a geometry"}
 

@@ -12,9 +12,10 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
 from updyn.updating.parameters import ParameterSet
-from updyn.updating.result import Identifiability
+from updyn.updating.result import Identifiability, UpdateResult
 
 __all__ = [
+    "describe",
     "describe_frf",
     "describe_geometry",
     "describe_identifiability",
@@ -36,6 +37,15 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(r, width, strict=True))).rstrip()
         for r in cells
     )
+
+
+def describe(content: Model | FRF | Geometry | UpdateResult) -> str:
+    """Return what a file holds, as text."""
+    if isinstance(content, Model):
+        return describe_model(content)
+    if isinstance(content, FRF):
+        return describe_frf(content)
+    return content.summary() if isinstance(content, UpdateResult) else describe_geometry(content)
 
 
 def describe_model(model: Model) -> str:
