@@ -94,7 +94,21 @@ class UpdynWarning(UserWarning):
 
 
 def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
-    """Return up to `n` of `choices` that look most like `word`, best first."""
+    """Return the choices that look most like a word, best first.
+
+    Parameters
+    ----------
+    word : str
+        What was found.
+    choices : iterable of str
+        What is valid.
+    n : int
+        Largest number to return.
+
+    Returns
+    -------
+    list of str
+    """
     options: Sequence[str] = list(dict.fromkeys(choices))
     exact = [c for c in options if c.casefold() == word.casefold()]
     close = difflib.get_close_matches(word, options, n=n, cutoff=0.6)
@@ -102,7 +116,19 @@ def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:
-    """Return the end of an error message: the nearest valid choices, or all of them where few."""
+    """Return the end of an error message: the nearest valid choices, or all of them where none is near.
+
+    Parameters
+    ----------
+    word : str
+        What was found.
+    choices : iterable of str
+        What is valid.
+
+    Returns
+    -------
+    str
+    """
     options = list(dict.fromkeys(choices))
     close = nearest(word, options)
     if close:

@@ -43,7 +43,19 @@ class Unknowns:
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
-        """Look the unknowns up in a compiled model."""
+        """Look the unknowns up in a compiled model.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The compiled model.
+        parameters : iterable of Parameter
+            The unknowns.
+
+        Returns
+        -------
+        Unknowns
+        """
         items = list(parameters)
         return cls(
             np.array([system.find(p.group, p.quantity) for p in items], dtype=np.intp),
@@ -51,11 +63,37 @@ class Unknowns:
         )
 
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
-        """Return the state of `system` with the unknowns at `values`, shape (n_p,)."""
+        """Return the state of a compiled model at some values of the unknowns.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The compiled model.
+        values : ndarray of float, shape (n_p,)
+            Factors and loss factors.
+
+        Returns
+        -------
+        State
+        """
         return system.with_values(system.start, self.at, self.is_loss, values)
 
     def slopes(self, system: AffineSystem, state: State, omega: NDArray[np.float64]) -> _Complex:
-        """Return the derivative of each unknown's coefficient, shape (n_p, n_lines)."""
+        """Return the derivative of each unknown's coefficient.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The compiled model.
+        state : State
+            Where.
+        omega : ndarray of float, shape (n_f,)
+            Lines in rad/s.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_p, n_f)
+        """
         unit = system.coefficients(State(np.ones_like(state.factor), state.loss), omega)[self.at]
         unit[self.is_loss] = 1j * state.factor[self.at[self.is_loss], None]
         return unit

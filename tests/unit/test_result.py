@@ -74,8 +74,8 @@ disc.mass                              1         100           -  at its upper b
 The data determine 3 of 4 unknowns. Masses of shaft and disc act at the same DOFs.
   open combination 1: +1 shaft.mass, -0.5 disc.mass
   of these, determined 1: +1 disc.mass, +0.5 shaft.mass
-before: frac_median 0.5, csac_mean 0.612
-after: frac_median 0.99"""
+fitted, before: frac_median 0.5, csac_mean 0.612
+fitted, after: frac_median 0.99"""
 
 
 def test_the_summary_word_by_word(result):

@@ -159,7 +159,7 @@ class AffineSystem:
 
 def _keys(matrix: Any) -> NDArray[np.int64]:
     rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
-    return rows * matrix.shape[0] + matrix.indices
+    return np.asarray(rows * matrix.shape[0] + matrix.indices, dtype=np.int64)
 
 
 def _term(name: str, quantity: str, matrix: Any, key: NDArray[np.int64]) -> Term:

@@ -72,11 +72,12 @@ def solve(A: Any, B: NDArray[np.complex128], backend: str, freq: float) -> NDArr
         X = run(A, B)
     except RuntimeError as error:
         raise SolverError(f"{backend}: the dynamic stiffness is singular at {freq:g} Hz ({error})") from error
-    if _backward_error(A, X, B) > _RESIDUAL:
+    if not _backward_error(A, X, B) <= _RESIDUAL:
         X = X + run(A, B - A @ X)
-        if not (error := _backward_error(A, X, B)) <= _RESIDUAL:
+        left = _backward_error(A, X, B)
+        if not left <= _RESIDUAL:
             raise SolverError(
-                f"{backend}: residual {error:.1e} at {freq:g} Hz; the matrix is singular there or nearly so"
+                f"{backend}: residual {left:.1e} at {freq:g} Hz; the matrix is singular there or nearly so"
             )
     return X
 

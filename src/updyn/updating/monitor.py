@@ -50,15 +50,24 @@ class Monitor:
         What is fitted.
     callback : callable, optional
         Called with a `Progress` after every step; returning True stops the fit.
+
+    Attributes
+    ----------
+    history : list of Iteration
+        Every step so far.
+    timing_s : dict of str to float
+        Seconds by stage.
+    stopped : bool
+        Whether the callback has asked to stop.
     """
 
     problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
-    history: list[Iteration] = field(default_factory=list)
-    timing_s: dict[str, float] = field(default_factory=dict)
-    stopped: bool = False
-    _stage: str = ""
-    _lines: int = 0
+    history: list[Iteration] = field(default_factory=list, init=False)
+    timing_s: dict[str, float] = field(default_factory=dict, init=False)
+    stopped: bool = field(default=False, init=False)
+    _stage: str = field(default="", init=False)
+    _lines: int = field(default=0, init=False)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

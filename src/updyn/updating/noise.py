@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,8 @@ class Stated:
 
     relative: float
     floor: float
-    kind: str = "stated"
-    scale_known: bool = True
+    kind: ClassVar[str] = "stated"
+    scale_known: ClassVar[bool] = True
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -81,8 +81,8 @@ class Stated:
 class Variance:
     """The variance that came with the data."""
 
-    kind: str = "variance"
-    scale_known: bool = True
+    kind: ClassVar[str] = "variance"
+    scale_known: ClassVar[bool] = True
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -109,7 +109,7 @@ class Coherence:
     """
 
     scale_known: bool
-    kind: str = "coherence"
+    kind: ClassVar[str] = "coherence"
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -137,8 +137,8 @@ class Estimated:
 
     relative: float = np.nan
     floor: float = np.nan
-    kind: str = "estimated from the residual"
-    scale_known: bool = False
+    kind: ClassVar[str] = "estimated from the residual"
+    scale_known: ClassVar[bool] = False
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -230,4 +230,4 @@ def level_by_unit(frf: FRF) -> _Real:
 
 
 def _two_part(relative: float, floor: float, H: _Complex, level: _Real) -> _Real:
-    return (relative * np.abs(H)) ** 2 + (np.maximum(floor, _SMALLEST) * level) ** 2
+    return np.asarray((relative * np.abs(H)) ** 2 + (max(floor, _SMALLEST) * level) ** 2)

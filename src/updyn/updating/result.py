@@ -175,19 +175,20 @@ class UpdateResult:
 
     @property
     def iterations(self) -> int:
-        """Number of accepted steps, those of the search for a start not counted."""
-        return sum(1 for h in self.history if h.accepted and h.step > 0 and h.stage != "search")
+        """Number of accepted steps, those of all tries of the search for a start included."""
+        return sum(1 for h in self.history if h.accepted and h.number > 0 and h.step > 0)
 
     def __repr__(self) -> str:
         return f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns, {self.iterations} iterations)"
 
     def summary(self) -> str:
         """Return the outcome as text: verdict, unknowns with their standard deviations, what is not determined."""
+        width = max(28, *(len(p.name) + 2 for p in self.parameters))
         lines = [
             f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations ({self.method})",
             self.message + (f" {self.remedy}" if self.remedy else ""),
             "",
-            f"{'unknown':<28}{'start':>12}{'value':>12}{'std':>12}  note",
+            f"{'unknown':<{width}}{'start':>12}{'value':>12}{'std':>12}  note",
         ]
         for p in self.parameters:
             std = self.std[p.name]
@@ -195,16 +196,19 @@ class UpdateResult:
             if p.name in self.at_bound:
                 note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
-            lines.append(f"{p.name:<28}{p.start:>12.6g}{self.values[p.name]:>12.6g}{shown:>12}  {note}".rstrip())
+            lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>12.6g}{shown:>12}  {note}".rstrip())
         ident = self.identifiability
         lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {ident.advice}".rstrip()]
         for number, direction in enumerate(ident.null_directions, 1):
             lines.append(f"  open combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
             lines.append(f"  of these, determined {number}: {_combination(direction)}")
-        for when in ("before", "after"):
-            if figures := self.correlation.get(when):
-                lines.append(f"{when}: " + ", ".join(f"{k} {v:.3g}" for k, v in figures.items()))
+        held = self.correlation.get("validation", {})
+        for what, table in (("fitted", self.correlation), ("held out", held)):
+            for when in ("before", "after"):
+                if figures := table.get(when):
+                    shown = ", ".join(f"{k} {v:.3g}" for k, v in figures.items() if isinstance(v, float))
+                    lines.append(f"{what}, {when}: {shown}")
         return "\n".join(lines)
 
 

@@ -35,7 +35,8 @@ _SAME = 1e-3
 _EXACT = 1e-7
 #: Unknowns with a larger standard deviation than this are moved, at most so many, so far, so often.
 _UNSURE, _HOPS, _FAR, _ROUNDS = 0.01, 6, 8.0, 2
-_ROUGH = 1e-7
+#: Good enough for a start: what is left to gain is a hundredth of a standard deviation or less.
+_ENOUGH = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +60,14 @@ class Search:
     spread: float = 1.0
     seed: int = 0
 
+    @property
+    def _settings(self) -> TrustRegion:
+        return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
+
     def run(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
         relaxed = problem.coordinates.relaxed_lower
-        settings = TrustRegion(self.max_iterations, 1e-9, radius=0.3)
         best: tuple[float, _Vector] | None = None
         costs: list[float] = []
 
@@ -76,7 +80,7 @@ class Search:
             if first is None:
                 continue
             monitor.start(x, first)
-            outcome = settings.minimise(evaluate, x, relaxed, upper, monitor.step)
+            outcome = self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
             costs.append(outcome.local.cost)
             if best is None or outcome.local.cost < best[0]:
                 best = outcome.local.cost, outcome.x
@@ -105,22 +109,20 @@ class Search:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
 
         Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each such unknown is moved
-        alone, well outside its own standard deviation, and all are fitted again from there. Moving one unknown by itself
-        leaves the ridge of the misfit; steps along the ridge were measured to fall back (benchmarks/noise.py).
+        alone, well outside its own standard deviation, and all are fitted again from there. Moving one unknown by
+        itself leaves the ridge of the misfit; steps along the ridge were measured to fall back.
         """
         if not self._is_noise(problem, x):
             return x
         lower, upper = problem.coordinates.bounds
-        best = descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, _ROUGH))
+        best = descend(problem, LogError(), x, monitor, self._settings)
         for _ in range(_ROUNDS):
             before = best.local.cost
             for moved in self._neighbours(problem, best):
                 if monitor.stopped:
                     return best.x
                 start = np.clip(moved, lower, upper)
-                other = descend(
-                    problem, LogError(), start, monitor, TrustRegion(self.max_iterations, _ROUGH, radius=0.3)
-                )
+                other = descend(problem, LogError(), start, monitor, self._settings)
                 if other.local.cost < best.local.cost * (1.0 - _SAME):
                     best = other
             if best.local.cost == before:

@@ -98,11 +98,19 @@ class TrustRegion:
         Converged when a step and the predicted fall of the cost are below this, relative.
     radius : float
         First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
+    fall, relative_fall : float
+        Converged, too, when the linear model promises no larger fall of the cost, absolute or as a share of it.
     """
 
     max_iterations: int = 100
     tolerance: float = 1e-10
     radius: float = 0.5
+    fall: float = 0.0
+    relative_fall: float = 0.0
+
+    @property
+    def _share(self) -> float:
+        return max(self.tolerance**2, self.relative_fall)
 
     def minimise(
         self,
@@ -134,7 +142,7 @@ class TrustRegion:
         for _ in range(self.max_iterations):
             p, fall = _step(here, x, lower, upper, radius)
             length = float(np.abs(p).max(initial=0.0))
-            if length == 0.0 or fall <= self.tolerance**2 * here.cost or here.cost == 0.0:
+            if length == 0.0 or fall <= max(self.fall, self._share * here.cost):
                 return Outcome(x, here, "converged")
             trial = np.clip(x + p, lower, upper)
             there = evaluate(trial)
@@ -143,7 +151,7 @@ class TrustRegion:
             stop = observe is not None and observe(Step(trial, there, length, accepted))
             size = float(np.linalg.norm(p))
             if accepted and there is not None:
-                small = length <= self.tolerance or here.cost - there.cost <= self.tolerance**2 * here.cost
+                small = length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
                 x, here = trial, there
                 radius = max(radius, 2.0 * size) if gain > 0.75 else radius if gain > 0.25 else 0.5 * size
                 if small and gain > 0.25:

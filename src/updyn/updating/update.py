@@ -12,9 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-import updyn
+from updyn import __version__
 from updyn.correlation import correlate
 from updyn.dofs import Dof, DofSet
+from updyn.dynamics.response import response
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.frf import FRF
 from updyn.model import Model
@@ -138,7 +139,7 @@ def update(
         "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
     }
     with monitor.stage("judge"):
-        correlation = _correlation(model, after, split)
+        correlation = _correlation(model, after, split, frf)
     return UpdateResult(
         status=status,
         message=message,
@@ -163,7 +164,7 @@ def update(
         correlation=correlation,
         timing_s={**monitor.timing_s, "total": time.perf_counter() - begun},
         versions={
-            "updyn": updyn.__version__,
+            "updyn": __version__,
             "numpy": np.__version__,
             "scipy": scipy.__version__,
             "python": platform.python_version(),
@@ -324,14 +325,22 @@ def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tup
     return "converged", message, remedy
 
 
-def _correlation(before: Model, after: Model, split: _Split) -> dict[str, Any]:
-    def figures(model: Model, data: FRF) -> dict[str, float]:
-        try:
-            return dict(correlate(model, data).figures())
-        except SolverError:
-            return {}
-
-    out: dict[str, Any] = {"before": figures(before, split.fitted), "after": figures(after, split.fitted)}
+def _correlation(before: Model, after: Model, split: _Split, frf: FRF) -> dict[str, Any]:
+    parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
+    scored = {when: _scores(model, frf, parts) for when, model in (("before", before), ("after", after))}
+    out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
     if split.held is not None:
-        out["validation"] = {"before": figures(before, split.held), "after": figures(after, split.held)}
+        out["validation"] = {when: scored[when].get("held", {}) for when in scored}
     return out
+
+
+def _scores(model: Model, frf: FRF, parts: Mapping[str, FRF]) -> dict[str, dict[str, float]]:
+    """Score a model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
+    try:
+        answer = response(model, frf.freq, frf.responses, frf.references, frf.quantity)
+    except SolverError:
+        return {}
+    return {
+        name: dict(correlate(answer.select(lines=part.freq, responses=part.responses), part).figures())
+        for name, part in parts.items()
+    }

@@ -18,6 +18,8 @@ from updyn.updating.trust_region import TrustRegion
 __all__ = ["MaximumLikelihood"]
 
 _ROUNDS = 12
+#: A fall of half the chi-square that no one could see: a thousandth of a standard deviation.
+_FALL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,8 @@ class MaximumLikelihood:
                 x = search.run(problem, monitor)
             with monitor.stage("log"):
                 if not monitor.stopped:
-                    x = descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance)).x
+                    rough = TrustRegion(self.max_iterations, self.tolerance, relative_fall=1e-6)
+                    x = descend(problem, LogError(), x, monitor, rough).x
             with monitor.stage("search"):
                 if not monitor.stopped:
                     x = search.escape(problem, x, monitor)
@@ -86,7 +89,7 @@ class MaximumLikelihood:
                 reason = "stopped" if monitor.stopped else "max-iterations"
                 break
             before = len(monitor.history)
-            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance))
+            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance, fall=_FALL))
             left -= len(monitor.history) - before
             moved, x, reason = outcome.x - x, outcome.x, outcome.reason
             if reason in ("stopped", "max-iterations"):
