@@ -45,6 +45,41 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+DOCUMENTED = """\
+title = "Azimuth drive, run 3"
+[model]
+file = "model.h5"                 # any readable model; or kind = "drivetrain" | "beam" | ... with its own table
+[test]
+file = "test.uff"
+band = [5.0, 400.0]               # Hz
+quantity = "accelerance"          # only where the file does not say; a contradiction is an error
+[match]                           # how sensors map to DOFs
+by = "label"
+[[parameter]]
+groups = ["shaft", "gear*"]       # globs
+quantity = "stiffness"
+bounds = [0.3, 3.0]
+prior_std = 0.3                   # optional
+[method]
+name = "maximum-likelihood"
+lines = "d-optimal:60"
+validation = ["5:+Z"]             # responses (or a band) held out of the fit and scored afterwards
+[output]
+report = true
+"""
+
+
+def test_the_documented_job_file(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(DOCUMENTED, encoding="utf-8")
+    job = load_job(tmp_path / "job.toml")
+    assert job.title == "Azimuth drive, run 3"
+    assert job.test.reader_options == {"quantity": "accelerance"}
+    (parameter,) = job.parameter
+    assert (parameter.groups, parameter.bounds, parameter.prior_std) == (("shaft", "gear*"), (0.3, 3.0), 0.3)
+    assert (job.method.lines, job.method.validation, job.method.options) == ("d-optimal:60", ("5:+Z",), {})
+    assert job.output.report
+
+
 # -- load and prepare --------------------------------------------------------------------------------------
 def test_a_job_is_immutable_and_knows_its_lines(folder: Path) -> None:
     job = job_at(folder, test="band = [1.0,\n 20]")

@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             return _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         except KeyboardInterrupt:
-            _note("stopped; nothing was written", "yellow")
+            _note("stopped; no results were written", "yellow")
             return STOPPED
 
 

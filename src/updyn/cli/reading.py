@@ -49,8 +49,8 @@ def read_anything(
         If it holds none of these; the message says why not, kind by kind.
     """
     path = Path(path)
-    if not path.is_file():
-        find_format(path, "read_frf")  # says so, and names the nearest file
+    if not path.is_file() or path.stat().st_size == 0:
+        find_format(path, "read_frf")  # says so; of a file that is not there it names the nearest
     reasons: dict[str, InputError] = {}
     for kind in kinds:
         try:

@@ -1,0 +1,59 @@
+"""Descriptions, by the numbers in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from updyn.cli.describe import describe, describe_frf, describe_identifiability, describe_model
+from updyn.frf import FRF
+from updyn.geometry import Geometry
+from updyn.model import Group, Model
+from updyn.updating.result import Identifiability
+
+
+def test_a_model_with_rotations_grounding_and_dampers() -> None:
+    shaft = Group(np.array([[5.0, -5.0], [-5.0, 5.0]]) * 1e3, np.diag([2.0, 0.0]), loss_factor=0.01)
+    motor = Group(mass=np.diag([0.0, 0.25]), viscous=np.diag([0.0, 7.5]))
+    model = Model.from_groups({"shaft": shaft, "motor": motor}, ["1:RZ", "2:RZ"])
+    text = describe_model(model)
+    rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith(("shaft", "motor"))}
+    assert rows == {
+        "shaft": ["2", "2", "kg", "m2", "5000", "0.01", "-"],
+        "motor": ["1", "0.25", "kg", "m2", "-", "-", "7.5"],
+    }
+    assert "2 DOFs, 2 groups, directions RZ" in text
+    free = np.sqrt(5e3 * (1 / 2.0 + 1 / 0.25)) / (2 * np.pi)
+    assert text.splitlines()[-1] == f"Natural frequencies (Hz): 0, {free:.5g}"
+
+
+def test_a_model_that_has_no_modes_is_described_all_the_same() -> None:
+    model = Model.from_groups({"a": Group(np.eye(2))}, ["1:X", "2:X"])
+    assert describe(model).splitlines()[-1].startswith("Natural frequencies: ")
+
+
+def test_what_a_measurement_says_of_its_confidence() -> None:
+    values = np.array([3.0, 4.0j, -5.0]).reshape(3, 1, 1)
+    coherence = np.array([0.5, 0.9, 0.8]).reshape(3, 1, 1)
+    geometry = Geometry([1, 2], np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]))
+    frf = FRF([1.0, 2.0, 4.0], values, ["1:-Z"], ["2:Z"], "mobility", coherence, averages=7, geometry=geometry)
+    assert describe_frf(frf).splitlines() == [
+        "FRF: mobility, 3 lines from 1 to 4 Hz, 1 to 2 Hz apart",
+        "1 responses: 1:-Z",
+        "1 references: 2:Z",
+        "|H| from 3 to 5",
+        "coherence: median 0.800, lowest 0.500",
+        "7 averages",
+        "Geometry: 2 nodes, 0 lines to draw, in m: X 0 to 1, Y 0 to 2, Z 0 to 3",
+    ]
+    one = FRF([2.0], values[:1], ["1:Z"], ["2:Z"], "mobility", variance=np.ones((1, 1, 1)))
+    assert describe(one).splitlines()[0] == "FRF: mobility, 1 lines from 2 to 2 Hz"
+    assert describe(one).splitlines()[-1] == "with the variance of each value"
+
+
+def test_open_combinations_are_named_largest_weight_first() -> None:
+    found = Identifiability(2, 3, np.inf, (1.0, 0.5, 0.0), [{"a.mass": 0.2, "b.mass": -1.0}], [], 2e9, "Measure b.")
+    assert describe_identifiability(found).splitlines() == [
+        "The data determine 2 of 3 unknowns (condition inf, collinearity index 2e+09).",
+        "  open combination 1: -1 b.mass, +0.2 a.mass",
+        "Measure b.",
+    ]
