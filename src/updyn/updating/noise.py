@@ -138,7 +138,7 @@ class Estimated:
     relative: float = np.nan
     floor: float = np.nan
     kind: ClassVar[str] = "estimated from the residual"
-    scale_known: ClassVar[bool] = False
+    scale_known: ClassVar[bool] = True  # once it has been estimated
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
