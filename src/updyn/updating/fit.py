@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.identifiability import open_directions
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
@@ -18,6 +19,9 @@ from updyn.updating.trust_region import Local, Outcome, TrustRegion
 __all__ = ["Fit", "Method", "correlation_length", "descend", "spread_of"]
 
 _Vector = NDArray[np.float64]
+
+#: How often a fit with open directions is pulled back towards the start; and a cost a value that is rounding.
+_PULLS, _EXACT = 4, 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +68,8 @@ def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, 
     """Minimise one residual from x, priors included, and record every step.
 
     Loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent goes on from
-    the nearest point within the bounds.
+    the nearest point within the bounds. Where the data leave combinations of unknowns open, of all points that fit as
+    well the one nearest to the unknowns' start is sought.
     """
     lower, upper = problem.coordinates.bounds
 
@@ -81,6 +86,17 @@ def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, 
         if outcome.reason == "stopped" and local is not None:
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
+    home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    for _ in range(_PULLS):
+        free = open_directions(outcome.local.R)
+        if outcome.reason != "converged" or free.shape[1] == 0:
+            break
+        pulled = np.clip(outcome.x + free @ (free.T @ (home - outcome.x)), lower, upper)
+        back = settings.minimise(evaluate, pulled, lower, upper, monitor.step)
+        nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
+        if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.frf.values.size:
+            break
+        outcome = back
     return outcome
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.result import Identifiability
 
-__all__ = ["RANK_TOLERANCE", "Analysis", "analyse"]
+__all__ = ["RANK_TOLERANCE", "Analysis", "analyse", "open_directions"]
 
 _Matrix = NDArray[np.float64]
 
@@ -94,6 +94,14 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
         advice=advice,
     )
     return Analysis(report, blind, covariance, involved)
+
+
+def open_directions(R: _Matrix) -> _Matrix:
+    """Return the directions that a Jacobian does not see by arithmetic, orthonormal columns, shape (n, k)."""
+    norms = np.linalg.norm(R, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, R.shape[1] - len(R)), R.shape[1]))]))
+    return _orthonormal(Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None])
 
 
 def _orthonormal(directions: _Matrix) -> _Matrix:

@@ -198,7 +198,8 @@ class UpdateResult:
             shown = "-" if np.isinf(std) else f"{std:.3g}"
             lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>12.6g}{shown:>12}  {note}".rstrip())
         ident = self.identifiability
-        lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {ident.advice}".rstrip()]
+        advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
+        lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip()]
         for number, direction in enumerate(ident.null_directions, 1):
             lines.append(f"  open combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):

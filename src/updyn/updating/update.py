@@ -33,6 +33,9 @@ from updyn.updating.result import Identifiability, UpdateResult
 
 __all__ = ["identifiability", "update"]
 
+#: A correlation length from which the residual is called model error, in lines.
+_ALIKE = 3.0
+
 #: Noise that an identifiability check assumes where the data state none.
 _ASSUMED = {"relative": 0.05, "floor": 0.001}
 
@@ -127,8 +130,8 @@ def update(
         )
     analysis = analyse(fit.R, parameters.names)
     advice = advise(analysis, problem, fit.x) if fit.reason != "failed" else ""
-    values = problem.coordinates.to_values(fit.x)
-    values = np.where(np.abs(fit.x) == 0.0, np.where(parameters.is_factor, 1.0, 0.0), values)
+    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
     covariance = _covariance(analysis, problem, fit)
     status, message, remedy = _verdict(fit, analysis, problem, advice)
@@ -316,6 +319,12 @@ def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tup
     message = "The fit converged and the data determine all unknowns."
     chi_square = float(fit.noise.get("chi_square", 1.0))
     remedy = fit.note
+    length = float(fit.noise.get("correlation_length", 1.0))
+    if length > _ALIKE:
+        message += (
+            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
+            f"standard deviations were widened {np.sqrt(length):.2g} times for it."
+        )
     if chi_square > 2.0:
         message += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
