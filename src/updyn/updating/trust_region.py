@@ -140,9 +140,10 @@ class TrustRegion:
             raise ArithmeticError("the start cannot be evaluated")
         radius = self.radius
         for _ in range(self.max_iterations):
-            p, fall = _step(here, x, lower, upper, radius)
+            p, fall, limited = _step(here, x, lower, upper, radius)
             length = float(np.abs(p).max(initial=0.0))
-            if length == 0.0 or fall <= max(self.fall, self._share * here.cost):
+            # What a step gains that the radius cuts short says nothing about how far the minimum is.
+            if length == 0.0 or fall <= 0.0 or (not limited and fall <= max(self.fall, self._share * here.cost)):
                 return Outcome(x, here, "converged")
             trial = np.clip(x + p, lower, upper)
             there = evaluate(trial)
@@ -154,11 +155,11 @@ class TrustRegion:
                 small = length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
                 x, here = trial, there
                 radius = max(radius, 2.0 * size) if gain > 0.75 else radius if gain > 0.25 else 0.5 * size
-                if small and gain > 0.25:
+                if small and gain > 0.25 and not limited:
                     return Outcome(x, here, "converged")
             else:
                 # A whole Gauss-Newton step this small that still does not help: only rounding is left.
-                if length <= _ROUNDING and size < 0.99 * radius:
+                if length <= _ROUNDING and not limited:
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
@@ -168,35 +169,71 @@ class TrustRegion:
         return Outcome(x, here, "max-iterations")
 
 
-def _step(here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float) -> tuple[_Vector, float]:
-    """Return the step and the fall of the cost that the linear model predicts."""
+def _step(here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float) -> tuple[_Vector, float, bool]:
+    """Return the step, the fall of the cost that the linear model predicts, and whether the radius limits it."""
     g = here.gradient
     free = ~(((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0)))
     p = np.zeros(len(x))
-    for _ in range(len(x) + 1):
-        q = here.q + here.R[:, ~free] @ p[~free]
-        p[free] = _ball_step(here.R[:, free], q, radius)
-        over = free & ((x + p < lower) | (x + p > upper))
-        if not over.any():
-            break
-        # Unknowns that would leave their bounds are put on them, and the others are solved for again.
-        p[over] = np.clip(x + p, lower, upper)[over] - x[over]
-        free = free & ~over
+    p[free], damping = _ball_step(here.R[:, free], here.q, radius)
+    if ((x + p < lower) | (x + p > upper)).any():
+        damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))]) if damping else here.R
+        p = _box_step(damped, np.append(here.q, np.zeros(len(damped) - len(here.q))), lower - x, upper - x, free)
+    # The model is convex: on the way from 0 to its minimum within the bounds it only falls.
+    size = float(np.linalg.norm(p))
+    if size > radius:
+        p = p * (radius / size)
     moved = here.R @ p
-    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved))
+    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
 
 
-def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> _Vector:
-    """Minimise |R p + q| subject to |p| <= radius, by the singular value decomposition of R."""
+def _box_step(R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]) -> _Vector:
+    """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
+
+    Unknowns are put on the bound that they meet first and let go when the gradient pulls them off it (Stark & Parker,
+    Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so that the loop may end at any.
+    """
+    p, free = np.zeros(len(low)), free.copy()
+    norms = np.linalg.norm(R, axis=0)
+    for _ in range(4 * len(p) + 10):
+        r = R @ p + q
+        d = np.zeros(len(p))
+        d[free] = _least_squares(R[:, free], r)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(d > 0, (high - p) / d, np.where(d < 0, (low - p) / d, np.inf))
+        share = min(1.0, float(room.min(initial=np.inf)))
+        p = np.clip(p + share * d, low, high)
+        if share < 1.0:
+            met = room <= share
+            p[met] = np.where(d > 0, high, low)[met]
+            free &= ~met
+            continue
+        r = R @ p + q
+        pull = R.T @ r
+        inward = np.where(p <= low, -pull, np.where(p >= high, pull, 0.0)) / np.where(norms > 0, norms, 1.0)
+        inward[free] = 0.0
+        best = int(np.argmax(inward))
+        if inward[best] <= 1e-12 * np.linalg.norm(q):
+            break
+        free[best] = True
+    return p
+
+
+def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
+    """Minimise |R p + q|; where the rank of R, its columns scaled, is short, by the least scaled motion."""
     if R.shape[1] == 0:
         return np.zeros(0)
     norms = np.linalg.norm(R, axis=0)
     weight = np.where(norms > 0, norms, 1.0)
     U, s, Vt = np.linalg.svd(R / weight, full_matrices=False)
-    keep = s > s[0] * max(R.shape) * np.finfo(float).eps if s.size else s > 0
-    full = -(Vt[keep].T @ ((U.T @ q)[keep] / s[keep])) / weight
+    keep = s > s[0] * max(R.shape) * np.finfo(float).eps
+    return np.asarray(-(Vt[keep].T @ ((U.T @ q)[keep] / s[keep])) / weight)
+
+
+def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vector, float]:
+    """Minimise |R p + q| subject to |p| <= radius, by the singular value decomposition of R; return the damping too."""
+    full = _least_squares(R, q)
     if np.linalg.norm(full) <= radius:
-        return np.asarray(full)
+        return full, 0.0
     U, s, Vt = np.linalg.svd(R, full_matrices=False)
     b = U.T @ q
     # |p(damping)| falls monotonically: bisect, in the logarithm, the damping that puts p on the sphere.
@@ -208,4 +245,4 @@ def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> _Vector:
             low = middle
         else:
             high = middle
-    return np.asarray(-(Vt.T @ (s * b / (s**2 + high))))
+    return np.asarray(-(Vt.T @ (s * b / (s**2 + high)))), high
