@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,20 +25,31 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Where to write. It is removed when the block raises; `path` is then as it was.
+        Where to write: an empty file. It is removed when the block raises; `path` is then as it was.
 
     Raises
     ------
     FormatError
-        If the folder is not there.
+        If the folder is not there or nothing can be written in it, or `path` is a folder.
     """
     path = Path(path)
     if not path.parent.is_dir():
         raise FormatError(f"the folder {str(path.parent)!r} does not exist", path)
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(8)}{path.suffix}")
-    temporary.touch(exist_ok=False)  # with the permissions of any new file; tempfile would keep it from all others
+    if path.is_dir():
+        raise FormatError("is a folder, not a file", path)
+    temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(6)}{path.suffix}")
+    try:
+        # Not tempfile: its files are for their owner alone, and stay so once they have replaced a shared one.
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
+        if path.exists():
+            temporary.chmod(path.stat().st_mode & 0o777)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise FormatError(f"cannot be written: {error.strerror}", path) from error
     try:
         yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())  # else a crash may leave the new name with no content
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

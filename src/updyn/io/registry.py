@@ -84,8 +84,11 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     if verb.startswith("read"):
         if not path.is_file():
             raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
-        with path.open("rb") as file:
-            start = file.read(64)
+        try:
+            with path.open("rb") as file:
+                start = file.read(64)
+        except OSError as error:
+            raise FormatError(f"cannot be read: {error.strerror}", path) from error
         if not start:
             raise FormatError("the file is empty", path)
         told = [f for f in able if any(start.startswith(m) for m in f.magic)]
