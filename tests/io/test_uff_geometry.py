@@ -131,3 +131,31 @@ def test_oblique_directions_that_no_function_uses_do_not_matter(path):
 def test_a_file_without_nodes_has_no_geometry(path):
     with pytest.raises(FormatError, match=r"holds no nodes .*it holds dataset 58"):
         geometry(path, uff.binary58(Y))
+
+
+def test_a_file_laid_out_as_measurement_systems_do(path):
+    """Padded delimiters, user-defined units that are SI, systems by rounded points, names, zeros to fill lines."""
+
+    def padded(data):
+        return b"\n".join(line.ljust(80) for line in data.split(b"\n")[:-1]) + b"\n"
+
+    down = [f"{4:10d}{0:10d}{0:10d}{8:10d}{1:10d}", "SYS4"]
+    down += ["".join(f" {v:.5e}".rjust(13) for v in (-2.4, 0, 0, -3.4, 0, -8.74228e-08))]
+    down += ["".join(f" {v:.5e}".rjust(13) for v in (-3.4, 0, -1))]
+    trace = [f"{1:10d}{3:10d}{8:10d}", "Frame", "".join(f"{n:10d}" for n in (4, 9, 4, 0, 0, 0, 0, 0))]
+    options = {"names": ("Frame", "Frame"), "units": ("Hz", "m/s^2", "N"), "step": 0.5}
+    found = read(
+        path,
+        padded(uff.text(151, "project", "NONE")),
+        padded(uff.units(9, 1.0, 1.0)),
+        uff.text(18, *down),
+        uff.nodes15((4, 0, 4, -2.4, 0, 0), (9, 0, 0, 0, 0, 0)),
+        uff.text(82, *trace),
+        padded(uff.ascii58(Y, (4, 1), (9, -3), **options)),
+        uff.binary58(3 * Y, (4, -3), (9, -3), **options),
+    )
+    # The system of node 4 has its x along -X and its z along -Z of the global one.
+    assert found.responses.labels == ["4:-X", "4:Z"]
+    assert found.references.labels == ["9:-Z"]
+    np.testing.assert_allclose(found.values[:, :, 0], Y[:, None] * [1, 3], rtol=5e-6)
+    assert found.geometry.lines.tolist() == [[4, 9], [9, 4]]

@@ -17,9 +17,9 @@ What is read, and how:
   system of its own are expressed in the global one, where they coincide with its axes to 1e-6; oblique ones are
   refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them.
 
-The files are taken apart here and not by pyuff, which the tests use as the second opinion: of small deviations that
-real files have, it drops functions without a word (after a dataset with a line that ends in "-1"), cuts exponents off
-numbers (fields one column wider than the format says), and fails on others (padded lines, exponents with D).
+The files are taken apart here and not by pyuff, which the tests use as a second opinion: of the small deviations that
+real files have, version 2.5.8 drops functions without a word (after a dataset with a line that ends in "-1"), cuts
+exponents off numbers (fields a column wider than the format says), and fails on padded lines and exponents with D.
 """
 
 from __future__ import annotations
