@@ -30,7 +30,7 @@ class Progress:
     cost : float
         Half the sum of squared weighted residuals.
     lines_done, n_lines : int
-        Lines solved so far in the whole run, and lines of the fit.
+        Lines solved so far in the whole run, and lines that a step solves.
     """
 
     stage: str
@@ -68,16 +68,26 @@ class Monitor:
     stopped: bool = field(default=False, init=False)
     _stage: str = field(default="", init=False)
     _lines: int = field(default=0, init=False)
+    _n_lines: int = field(default=0, init=False)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Name the steps made inside, and time them."""
-        before, self._stage, start = self._stage, name, time.perf_counter()
+    def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
+        """Name the steps made inside, and time them.
+
+        Parameters
+        ----------
+        name : str
+            Part of the method.
+        problem : Problem, optional
+            What is fitted inside, where it is not the whole.
+        """
+        before, start = (self._stage, self._n_lines), time.perf_counter()
+        self._stage, self._n_lines = name, len((problem or self.problem).frf.freq)
         try:
             yield
         finally:
             self.timing_s[name] = self.timing_s.get(name, 0.0) + time.perf_counter() - start
-            self._stage = before
+            self._stage, self._n_lines = before
 
     @property
     def begun(self) -> bool:
@@ -93,7 +103,7 @@ class Monitor:
         names = self.problem.coordinates.parameters.names
         values = self.problem.coordinates.to_values(step.x)
         cost = np.nan if step.local is None else step.local.cost
-        self._lines += len(self.problem.frf.freq)
+        self._lines += self._n_lines
         self.history.append(
             Iteration(
                 self._stage,
@@ -106,7 +116,7 @@ class Monitor:
             )
         )
         if self.callback is not None:
-            progress = Progress(self._stage, len(self.history) - 1, cost, self._lines, len(self.problem.frf.freq))
+            progress = Progress(self._stage, len(self.history) - 1, cost, self._lines, self._n_lines)
             self.stopped = bool(self.callback(progress)) or self.stopped
         return self.stopped
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,22 @@ class Problem:
             columns.index,
             rows.sign[:, None] * columns.sign,
         )
+
+    def thinned(self, largest: int) -> Problem:
+        """Return the problem on every second, third, ... line, so that at most `largest` lines are left.
+
+        Parameters
+        ----------
+        largest : int
+            Number of lines.
+
+        Returns
+        -------
+        Problem
+            Itself where it has no more lines than that.
+        """
+        stride = -(-len(self.frf.freq) // largest)
+        return self if stride <= 1 else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
     @property
     def n(self) -> int:

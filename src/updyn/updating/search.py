@@ -23,9 +23,12 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, with_prior
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["Search"]
+__all__ = ["SEARCH_LINES", "Search"]
 
 _Vector = NDArray[np.float64]
+
+#: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
+SEARCH_LINES = 400
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)

@@ -11,7 +11,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError, Residual
-from updyn.updating.search import Search
+from updyn.updating.search import SEARCH_LINES, Search
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["LogMethod", "OutputMethod"]
@@ -43,10 +43,11 @@ class LogMethod:
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
             search = Search(self.starts, seed=self.seed)
-            with monitor.stage("search"):
-                x = search.run(problem, monitor)
+            rough = problem.thinned(SEARCH_LINES)
+            with monitor.stage("search", rough):
+                x = search.run(rough, monitor)
                 if not monitor.stopped:
-                    x = search.escape(problem, x, monitor)
+                    x = search.escape(rough, x, monitor)
         with monitor.stage("log"):
             return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
 

@@ -12,7 +12,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError
-from updyn.updating.search import Search
+from updyn.updating.search import SEARCH_LINES, Search
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["MaximumLikelihood"]
@@ -66,15 +66,16 @@ class MaximumLikelihood:
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
             search = Search(self.starts, seed=self.seed)
-            with monitor.stage("search"):
-                x = search.run(problem, monitor)
-            with monitor.stage("log"):
+            rough = problem.thinned(SEARCH_LINES)
+            with monitor.stage("search", rough):
+                x = search.run(rough, monitor)
+            with monitor.stage("log", rough):
                 if not monitor.stopped:
-                    rough = TrustRegion(self.max_iterations, self.tolerance, relative_fall=1e-6)
-                    x = descend(problem, LogError(), x, monitor, rough).x
-            with monitor.stage("search"):
+                    settings = TrustRegion(self.max_iterations, self.tolerance, relative_fall=1e-6)
+                    x = descend(rough, LogError(), x, monitor, settings).x
+            with monitor.stage("search", rough):
                 if not monitor.stopped:
-                    x = search.escape(problem, x, monitor)
+                    x = search.escape(rough, x, monitor)
         with monitor.stage("maximum-likelihood"):
             return self._weighted(problem, noise, x, monitor)
 
