@@ -17,7 +17,7 @@ from updyn.geometry import Geometry
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FRF", "QUANTITIES", "check_quantity"]
+__all__ = ["FRF", "QUANTITIES", "check_lines", "check_quantity"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -126,7 +126,7 @@ class FRF:
         for what in ("responses", "references"):
             if not len(getattr(self, what)):
                 raise DataError(f"{what}: expected at least one DOF, found none")
-        set_("freq", _lines(freq))
+        set_("freq", check_lines(freq))
         shape = (len(self.freq), len(self.responses), len(self.references))
         set_("values", self._array("values", values, np.complex128, shape))
         set_("coherence", self._bounded("coherence", coherence, 1.0, shape))
@@ -371,7 +371,23 @@ def _band(band: object) -> tuple[float, float]:
     return low, high
 
 
-def _lines(freq: ArrayLike) -> NDArray[np.float64]:
+def check_lines(freq: ArrayLike) -> NDArray[np.float64]:
+    """Return lines as a read-only array.
+
+    Parameters
+    ----------
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f,)
+
+    Raises
+    ------
+    DataError
+        If there is none, or one is not finite, negative or out of order.
+    """
     array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:
         raise DataError(f"freq: expected at least one line in one dimension, found shape {array.shape}")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.frf import check_lines
 from updyn.model import Model
 
 __all__ = ["Condensed", "condense"]
@@ -67,6 +68,8 @@ def condense(
 
     Raises
     ------
+    DataError
+        If a line is not finite, negative or out of order.
     DofError
         If a DOF is not in the model.
     SolverError
@@ -79,7 +82,7 @@ def condense(
     """
     kept = DofSet(retained)
     at = model.dofs.match(kept, "retained DOF")
-    lines = np.atleast_1d(np.asarray(freq, dtype=np.float64))
+    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
     solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
     Z = np.empty((len(lines), len(kept), len(kept)), dtype=np.complex128)
     T = np.empty((len(lines), model.n_dofs, len(kept)), dtype=np.complex128)

@@ -25,6 +25,7 @@ TIERS = ("dense", "sparse")
 #: Models up to this many DOFs are solved dense, in batches of lines.
 DENSE_LIMIT = 500
 
+_HELD = "with the retained DOFs held "
 _BLOCK_BYTES = 192 * 2**20
 
 
@@ -145,7 +146,7 @@ class LineSolver:
             if eliminated.size == 0:
                 return Znn, T
             Zsn = Z[:, eliminated[:, None], retained]
-            W = _solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, "with the retained DOFs held ")
+            W = _solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, _HELD)
             T[eliminated] = -W.transpose(1, 0, 2)
             return Znn - Zsn.transpose(0, 2, 1) @ W, T
         Z_red = np.empty((len(freq), n, n), dtype=np.complex128)
@@ -154,7 +155,7 @@ class LineSolver:
             Zsn = Z[eliminated][:, retained].toarray()
             Z_red[i] = Z[retained][:, retained].toarray()
             if eliminated.size:
-                W = factorise.solve(Z[eliminated][:, eliminated], Zsn, self.backend, float(f))
+                W = factorise.solve(Z[eliminated][:, eliminated], Zsn, self.backend, float(f), _HELD)
                 T[eliminated, i] = -W
                 Z_red[i] -= Zsn.T @ W
         return Z_red, T
@@ -181,19 +182,11 @@ def _solve_dense(
     Z: NDArray[np.complex128], B: NDArray[np.complex128], freq: NDArray[np.float64], held: str = ""
 ) -> NDArray[np.complex128]:
     try:
-        X = np.linalg.solve(Z, B)
+        X = np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
     except np.linalg.LinAlgError:
         singular = [f for z, f in zip(Z, freq, strict=True) if np.linalg.matrix_rank(z) < len(z)]
-        raise SolverError(singular_message(singular[0] if singular else freq[0], held)) from None
-    bad = ~np.isfinite(X).all(axis=(1, 2))
+        raise SolverError(factorise.singular_message(singular[0] if singular else freq[0], held)) from None
+    bad = ~(factorise.growth(np.einsum("fii->fi", Z), X, B) <= factorise.LARGEST_GROWTH)
     if bad.any():
-        raise SolverError(singular_message(freq[bad][0], held))
-    return np.asarray(X, dtype=np.complex128)
-
-
-def singular_message(freq: float, held: str = "") -> str:
-    """Say which line could not be solved and what to do."""
-    return (
-        f"the dynamic stiffness {held}is singular at {freq:g} Hz: a natural frequency without damping (or 0 Hz of a "
-        "structure that is free to move). Leave the line out or give the groups a loss factor"
-    )
+        raise SolverError(factorise.singular_message(freq[bad][0], held))
+    return X

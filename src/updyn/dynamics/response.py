@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver, line_blocks
-from updyn.frf import FRF, QUANTITIES, check_quantity
+from updyn.frf import FRF, QUANTITIES, check_lines, check_quantity
 from updyn.model import Model
 
 __all__ = ["response"]
@@ -50,6 +50,8 @@ def response(
 
     Raises
     ------
+    DataError
+        If a line is not finite, negative or out of order.
     DofError
         If a DOF is not in the model.
     SolverError
@@ -62,7 +64,7 @@ def response(
     check_quantity(quantity)
     rows, columns = DofSet(responses), DofSet(references)
     at_rows, at_columns = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
-    lines = np.atleast_1d(np.asarray(freq, dtype=np.float64))
+    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
     solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
     # Symmetry: forces may be put on whichever side has fewer DOFs.
     swap = len(rows) < len(columns)

@@ -1,0 +1,101 @@
+"""The compiled model: values of Z, derivatives of its coefficients, and what is shared between groups."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import updyn
+from updyn.dynamics.affine import AffineSystem, State
+
+
+@pytest.fixture
+def model():
+    """Two groups that share DOF 2; a ground spring whose negative cancels an entry of the first."""
+    a = updyn.Group([[3.0, -1.0, 0], [-1.0, 2.0, 0], [0, 0, 0]], np.diag([1.0, 2.0, 0.0]), loss_factor=0.1)
+    b = updyn.Group([[0, 0, 0], [0, 5.0, -5.0], [0, -5.0, 5.0]], np.diag([0.0, 0.5, 4.0]), viscous=np.diag([0, 0, 7.0]))
+    c = updyn.Group([[1.0, 1.0, 0], [1.0, 1.0, 0], [0, 0, 0]])  # its off-diagonal cancels that of the first
+    return updyn.Model.from_groups({"a": a, "b": b, "c": c}, ["1:X", "2:X", "3:X"])
+
+
+def dense(system, values):
+    n = system.n
+    return np.stack([sp.csr_array((v, system.indices, system.indptr), shape=(n, n)).toarray() for v in values.T])
+
+
+def by_hand(model, omega, factors=None, loss=None):
+    factors, loss = factors or {}, loss or {}
+    Z = 0
+    for name, g in model.groups.items():
+        gamma = loss.get(name, g.loss_factor)
+        if g.stiffness is not None:
+            Z = Z + factors.get((name, "stiffness"), 1.0) * (1 + 1j * gamma) * g.stiffness.toarray()
+        if g.mass is not None:
+            Z = Z - omega**2 * factors.get((name, "mass"), 1.0) * g.mass.toarray()
+        if g.viscous is not None:
+            Z = Z + 1j * omega * factors.get((name, "viscous"), 1.0) * g.viscous.toarray()
+    return Z
+
+
+def test_dynamic_stiffness_is_the_sum_of_groups(model):
+    system, omega = AffineSystem.compile(model), np.array([0.0, 1.5, 20.0])
+    Z = dense(system, system.values(system.coefficients(system.start, omega)))
+    for z, w in zip(Z, omega, strict=True):
+        assert z == pytest.approx(by_hand(model, w), rel=1e-15, abs=1e-14)
+
+
+def test_entries_that_cancel_keep_their_place_in_the_pattern(model):
+    """The cancelling entry must be there: with other factors it no longer cancels."""
+    system = AffineSystem.compile(model)
+    at, values = np.array([system.find("c", "stiffness")]), np.array([3.0])
+    state = system.with_values(system.start, at, np.array([False]), values)
+    Z = dense(system, system.values(system.coefficients(state, np.array([1.0]))))[0]
+    assert pytest.approx(by_hand(model, 1.0, {("c", "stiffness"): 3.0}), rel=1e-15) == Z
+    assert Z[0, 1] == pytest.approx(-1.0 - 0.1j + 3.0)
+
+
+def test_loss_factor_acts_on_the_updated_stiffness(model):
+    """D_e = gamma_e kappa_e K_e: the erratum of the paper's eq. (15)."""
+    system = AffineSystem.compile(model)
+    at = np.array([system.find("a", "stiffness"), system.find("a", "loss_factor"), system.find("b", "viscous")])
+    state = system.with_values(system.start, at, np.array([False, True, False]), np.array([2.0, 0.3, 0.5]))
+    Z = dense(system, system.values(system.coefficients(state, np.array([4.0]))))[0]
+    expected = by_hand(model, 4.0, {("a", "stiffness"): 2.0, ("b", "viscous"): 0.5}, {"a": 0.3})
+    assert pytest.approx(expected, rel=1e-15) == Z
+    assert Z[0, 0].imag == pytest.approx(0.3 * 2.0 * 3.0)
+
+
+def test_with_values_leaves_the_state_it_was_given(model):
+    system = AffineSystem.compile(model)
+    system.with_values(system.start, np.array([0]), np.array([False]), np.array([9.0]))
+    assert (system.start.factor == 1.0).all()
+
+
+def test_terms_by_quantity_and_loss_factor_shares_the_stiffness(model):
+    system = AffineSystem.compile(model)
+    assert [(t.group, t.quantity) for t in system.terms] == [
+        ("a", "stiffness"), ("a", "mass"), ("b", "stiffness"), ("b", "mass"), ("b", "viscous"), ("c", "stiffness"),
+    ]  # fmt: skip
+    assert system.find("a", "loss_factor") == system.find("a", "stiffness") == 0
+    assert list(system.terms[2].rows) == [1, 2]
+    with pytest.raises(KeyError):
+        system.find("c", "mass")
+
+
+@pytest.mark.parametrize("n", [6, 900])
+def test_term_times_a_field_is_the_matrix_product(n):
+    """Small groups are held dense, large and empty ones sparse; both multiply complex fields as real ones."""
+    rng = np.random.default_rng(1)
+    K = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
+    model = updyn.Model.from_groups({"all": updyn.Group(K, sp.eye_array(n))}, [f"{i}:X" for i in range(n)])
+    term = AffineSystem.compile(model).terms[0]
+    assert sp.issparse(term.local) == (n == 900)
+    field = rng.standard_normal((n, 3, 2)) + 1j * rng.standard_normal((n, 3, 2))
+    assert term.times(field[term.rows]) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), field), rel=1e-13)
+    backwards = field[:, ::-1].transpose(0, 2, 1)  # not contiguous
+    assert term.times(backwards) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), backwards), rel=1e-13)
+
+
+def test_state_of_start_repeats_the_model(model):
+    start = AffineSystem.compile(model).start
+    assert isinstance(start, State)
+    assert list(start.loss) == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]

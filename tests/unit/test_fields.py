@@ -1,0 +1,89 @@
+"""Solving at lines: tiers agree, blocks do not matter, singular lines are named."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.dynamics import fields
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.errors import OptionError, SolverError
+
+
+def chain(n, *, free=False, loss=0.02, seed=0):
+    """n masses in a row, random springs; free: not tied to ground."""
+    rng = np.random.default_rng(seed)
+    k = rng.uniform(1e3, 1e5, n)
+    K = np.zeros((n, n))
+    for i in range(n - 1):
+        K[i : i + 2, i : i + 2] += k[i] * np.array([[1, -1], [-1, 1]])
+    if not free:
+        K[0, 0] += k[-1]
+    group = updyn.Group(K, np.diag(rng.uniform(1, 2, n)), loss_factor=loss)
+    return updyn.Model.from_groups({"chain": group}, [f"{i + 1}:X" for i in range(n)])
+
+
+def test_line_blocks_cover_all_lines_in_order():
+    assert [list(range(7))[b] for b in line_blocks(7, 3)] == [[0, 1, 2], [3, 4, 5], [6]]
+    assert list(line_blocks(2, 100)) == [slice(0, 2)]
+
+
+def test_tier_by_size_and_by_force():
+    small = AffineSystem.compile(chain(5))
+    assert LineSolver.choose(small).tier == "dense"
+    assert LineSolver.choose(small, "sparse").tier == "sparse"
+    assert LineSolver.choose(AffineSystem.compile(chain(501))).tier == "sparse"
+    with pytest.raises(OptionError, match=r"tier 'spares': .*sparse"):
+        LineSolver.choose(small, "spares")
+    with pytest.raises(OptionError, match="backend 'mumps'"):
+        LineSolver.choose(small, "sparse", "mumps")
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+def test_solve_against_the_full_inverse(tier):
+    model, freq = chain(9), np.array([0.0, 3.0, 40.0])
+    solver = LineSolver.choose(AffineSystem.compile(model), tier)
+    omega = 2 * np.pi * freq
+    X = solver.solve(solver.system.coefficients(solver.system.start, omega), np.array([4, 0]), freq)
+    assert X.shape == (9, 3, 2)
+    K, M, D = model.stiffness.toarray(), model.mass.toarray(), 0.02 * model.stiffness.toarray()
+    for i, w in enumerate(omega):
+        assert X[:, i] == pytest.approx(np.linalg.solve(K + 1j * D - w**2 * M, np.eye(9)[:, [4, 0]]), rel=1e-10)
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+@pytest.mark.parametrize("n", [3, 6, 20, 200])
+def test_rest_line_of_a_free_structure_is_refused(tier, n):
+    """Rounding makes K just not singular; the 1e10 m/N that it would answer are noise."""
+    model = chain(n, free=True)
+    with pytest.raises(SolverError, match="singular at 0 Hz: the structure is free to move"):
+        updyn.response(model, [0.0, 1.0], ["1:X"], ["1:X"], tier=tier)
+    assert np.isfinite(updyn.response(model, [0.01, 1.0], ["1:X"], ["1:X"], tier=tier).values).all()
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+def test_undamped_natural_frequency_is_named(tier):
+    K, M = np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2)
+    model = updyn.Model.from_groups({"g": updyn.Group(K * (2 * np.pi) ** 2, M)}, ["1:X", "2:X"])
+    with pytest.raises(SolverError, match="singular at 1 Hz: a natural frequency without damping"):
+        updyn.response(model, [0.5, 1.0], ["1:X"], ["1:X"], tier=tier)
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+def test_natural_frequency_with_retained_dofs_held_is_named(tier):
+    """DOF 2 alone, DOF 1 held: k/m = (2 pi)^2 2, so f = sqrt(2) Hz. The receptance itself is finite there."""
+    K, M = np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2)
+    model = updyn.Model.from_groups({"g": updyn.Group(K * (2 * np.pi) ** 2, M)}, ["1:X", "2:X"])
+    with pytest.raises(SolverError, match=r"with the retained DOFs held is singular at 1\.41421 Hz"):
+        updyn.condense(model, [np.sqrt(2.0)], ["1:X"], tier=tier)
+    assert np.isfinite(updyn.response(model, [np.sqrt(2.0)], ["1:X"], ["1:X"], tier=tier).values).all()
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+def test_block_size_is_bounded_memory_and_at_least_one_line(tier, monkeypatch):
+    solver = LineSolver.choose(AffineSystem.compile(chain(20)), tier)
+    monkeypatch.setattr(fields, "_BLOCK_BYTES", 10**6)
+    many = solver.block_size(2)
+    assert 1 < many <= 10**6 / (16 * 20 * 2)
+    monkeypatch.setattr(fields, "_BLOCK_BYTES", 1)
+    assert solver.block_size(2) == 1
