@@ -23,12 +23,14 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, with_prior
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["SEARCH_LINES", "Search"]
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search"]
 
 _Vector = NDArray[np.float64]
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
 SEARCH_LINES = 400
+#: Steps of a try: one that needs more has lost its way.
+SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
@@ -59,7 +61,7 @@ class Search:
     """
 
     starts: int = 8
-    max_iterations: int = 60
+    max_iterations: int = SEARCH_STEPS
     spread: float = 1.0
     seed: int = 0
 

@@ -11,7 +11,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError, Residual
-from updyn.updating.search import SEARCH_LINES, Search
+from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["LogMethod", "OutputMethod"]
@@ -24,7 +24,7 @@ class LogMethod:
     Parameters
     ----------
     max_iterations : int
-        Largest number of steps of the final fit, search not counted.
+        Largest number of steps of the final fit, and of each try of the search (there at most 60).
     tolerance : float
         Relative step at which it has converged.
     starts : int
@@ -42,7 +42,7 @@ class LogMethod:
         """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
-            search = Search(self.starts, seed=self.seed)
+            search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)

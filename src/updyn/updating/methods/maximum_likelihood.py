@@ -12,7 +12,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError
-from updyn.updating.search import SEARCH_LINES, Search
+from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["MaximumLikelihood"]
@@ -33,7 +33,7 @@ class MaximumLikelihood:
     Parameters
     ----------
     max_iterations : int
-        Largest number of steps of the final fit, search not counted.
+        Largest number of steps of the final fit, and of each try of the search (there at most 60).
     tolerance : float
         Relative step at which a descent has converged.
     starts : int
@@ -65,7 +65,7 @@ class MaximumLikelihood:
         """
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
-            search = Search(self.starts, seed=self.seed)
+            search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
