@@ -1,0 +1,162 @@
+"""Residuals by their definitions, their reduction by QR, and priors."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import updyn
+from updyn.dynamics import fields
+from updyn.errors import DataError
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import EquationError, LogError, OutputError, reduce, with_prior
+
+FREQ = np.linspace(1.5, 18.0, 7)
+
+
+@pytest.fixture
+def true(chain12):
+    return chain12.scaled({"part1": {"stiffness": 0.9, "loss_factor": 0.05}, "part3": {"mass": 1.2}})
+
+
+@pytest.fixture
+def problem(chain12, true):
+    """Three sensors, one turned round; two hammer points, one turned round; accelerances."""
+    data = updyn.response(true, FREQ, ["2:X", "5:-X", "12:X"], ["5:X", "2:-X"], "accelerance")
+    unknowns = updyn.parameters(chain12, stiffness=["part1", "part2"], mass=["part3"], loss_factor=["part1"])
+    return Problem.build(chain12, data, unknowns)
+
+
+def changed(chain12, problem, x):
+    return problem.coordinates.parameters.apply(chain12, problem.coordinates.to_values(x))
+
+
+def stacked(r):
+    return np.concatenate([r.real.ravel(), r.imag.ravel()])
+
+
+def residual_by_hand(name, chain12, problem, x):
+    data, model = problem.frf, changed(chain12, problem, x)
+    H = updyn.response(model, FREQ, data.responses, data.references, data.quantity).values
+    if name == "log":
+        return stacked(np.log(np.abs(H / data.values)) + 1j * np.angle(H / data.values))
+    if name == "output-error":
+        return stacked(WEIGHT * (H - data.values))
+    # In the sense of the sensors: a hammer against a sensor's sense makes a unit force of -1 there.
+    Z = updyn.condense(model, FREQ, data.responses).Z
+    h = data.values / -((2 * np.pi * FREQ[:, None, None]) ** 2)
+    return stacked(Z @ h - np.array([[0.0, -1.0], [-1.0, 0.0], [0.0, 0.0]]))
+
+
+WEIGHT = np.random.default_rng(5).uniform(1.0, 3.0, (7, 3, 2))
+RESIDUALS = [LogError(), OutputError(WEIGHT), EquationError()]
+
+
+@pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
+def test_cost_is_that_of_the_definition(chain12, problem, residual):
+    x = np.array([0.1, 0.06, -0.2, 0.15])
+    expected = residual_by_hand(residual.name, chain12, problem, x)
+    assert residual.local(problem, x).cost == pytest.approx(0.5 * expected @ expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
+def test_jacobian_and_gradient_equal_central_differences(chain12, problem, residual):
+    x, step = np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
+    local = residual.local(problem, x)
+    J = np.empty((len(residual_by_hand(residual.name, chain12, problem, x)), 4))
+    for i in range(4):
+        e = step * np.eye(4)[i]
+        up, down = (residual_by_hand(residual.name, chain12, problem, x + s * e) for s in (1, -1))
+        J[:, i] = (up - down) / (2 * step)
+    r = residual_by_hand(residual.name, chain12, problem, x)
+    assert pytest.approx(J.T @ J, rel=1e-6, abs=1e-7 * np.abs(J.T @ J).max()) == local.R.T @ local.R
+    assert local.gradient == pytest.approx(J.T @ r, rel=1e-5, abs=1e-6 * np.abs(J.T @ r).max())
+
+
+@pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
+def test_zero_at_the_truth(problem, residual):
+    truth = problem.coordinates.to_x(np.array([0.9, 0.05, 1.0, 1.2]))
+    assert problem.coordinates.parameters.names[1] == "part1.loss_factor"
+    assert residual.local(problem, truth).cost < 1e-18
+
+
+@pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
+def test_blocks_of_lines_change_nothing(problem, residual, monkeypatch):
+    x = np.array([0.1, 0.06, -0.2, 0.15])
+    whole = residual.local(problem, x)
+    monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 5)
+    parts = residual.local(problem, x)
+    assert parts.cost == pytest.approx(whole.cost, rel=1e-12)
+    assert parts.gradient == pytest.approx(whole.gradient, rel=1e-9)
+    assert pytest.approx(whole.R.T @ whole.R, rel=1e-9) == parts.R.T @ parts.R
+
+
+def test_log_residual_leaves_out_exact_zeros(problem):
+    values = problem.frf.values.copy()
+    values[2, 1, 0] = 0.0
+    data = updyn.FRF(FREQ, values, problem.frf.responses, problem.frf.references, "accelerance")
+    holed = type(problem)(
+        problem.solver, problem.unknowns, problem.coordinates, data, problem.rows, problem.columns, problem.sign
+    )
+    x = np.array([0.1, 0.06, -0.2, 0.15])
+    r = np.log(problem.responses(x) / problem.frf.values)
+    r[2, 1, 0] = 0.0
+    assert LogError().local(holed, x).cost == pytest.approx(0.5 * np.sum(np.abs(r) ** 2), rel=1e-10)
+
+
+def test_model_that_cannot_be_solved_gives_none(chain12, problem):
+    """An undamped natural frequency on a line."""
+    free = updyn.Model.from_groups(
+        {"g": updyn.Group((2 * np.pi) ** 2 * np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2), loss_factor=0.1)},
+        ["1:X", "2:X"],
+    )
+    data = updyn.response(free, [0.5, 1.0], ["1:X"], ["1:X"])
+    unknowns = updyn.parameters(free, loss_factor="all")
+    single = Problem.build(free, data, unknowns)
+    for residual in (LogError(), OutputError(np.ones((2, 1, 1)))):
+        assert residual.local(single, np.array([0.0])) is None
+        assert residual.local(single, np.array([0.1])).cost == pytest.approx(0.0, abs=1e-20)
+
+
+def test_equation_error_needs_the_drive_point(chain12, true):
+    data = updyn.response(true, FREQ, ["2:X", "5:X"], ["5:X", "9:-X"])
+    problem = Problem.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    with pytest.raises(DataError, match="reference 9:-X is not among the responses"):
+        EquationError().local(problem, np.zeros(4))
+
+
+def test_equation_error_has_no_receptance_in_an_accelerance_at_rest(chain12, true):
+    data = updyn.response(true, [0.0, 2.0], ["2:X"], ["2:X"], "accelerance")
+    problem = Problem.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    with pytest.raises(DataError, match="0 Hz line of accelerance holds no receptance"):
+        EquationError().local(problem, np.zeros(4))
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 12), st.integers(1, 4))
+def test_reduce_keeps_cost_gradient_and_information(seed, n, m, cuts):
+    """However the rows are cut into blocks, and even if there are fewer rows than unknowns."""
+    rng = np.random.default_rng(seed)
+    J, r = rng.standard_normal((m, n)), rng.standard_normal(m)
+    local = reduce(np.array_split(np.column_stack([J, r]), cuts), n)
+    assert local.cost == pytest.approx(0.5 * r @ r, rel=1e-12)
+    assert local.gradient == pytest.approx(J.T @ r, abs=1e-12)
+    assert pytest.approx(J.T @ J, abs=1e-12) == local.R.T @ local.R
+    assert local.R.shape[1] == n
+
+
+def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true):
+    unknowns = updyn.parameters(
+        chain12, stiffness=["part1", "part2"], loss_factor=["part1"], prior_std={"part1.*": 0.2, "part2.stiffness": 2.0}
+    )
+    bare = updyn.parameters(chain12, stiffness=["part1", "part2"], loss_factor=["part1"])
+    data = updyn.response(true, FREQ, ["2:X"], ["5:X"])
+    problem, x = Problem.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
+    local = LogError().local(problem, x)
+    joined = with_prior(local, problem, x)
+    pull, weight = np.array([0.1, 0.05, -0.3]), 1 / np.array([0.2, 0.2, 2.0])
+    assert joined.cost == pytest.approx(local.cost + 0.5 * np.sum((pull * weight) ** 2), rel=1e-12)
+    assert joined.gradient == pytest.approx(local.gradient + pull * weight**2, rel=1e-10)
+    assert pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
+    without = Problem.build(chain12, data, bare)
+    assert with_prior(local, without, x) is local
