@@ -104,6 +104,7 @@ class TestTable(_Table):
     quantity: str | None = None
     duplicates: str | None = None
     scalar_direction: str | None = None
+    scale: float | None = Field(default=None, gt=0)
     response_labels: Texts | None = None  # of a file that holds bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
@@ -120,6 +121,7 @@ class TestTable(_Table):
             "quantity": self.quantity,
             "duplicates": self.duplicates,
             "scalar_direction": self.scalar_direction,
+            "scale": self.scale,
             "responses": self.response_labels,
             "references": self.reference_labels,
             "order": self.order,

@@ -1,0 +1,209 @@
+"""docs/job.md against the schema: every key, default and message in it is there, and none is missing."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from updyn.cli import main
+from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
+from updyn.errors import JobError
+from updyn.io.registry import FORMATS, load
+from updyn.io.result_json import result_to_json
+from updyn.job import OUTPUTS, load_job, prepare, run_job
+from updyn.job.schema import Job, MatchTable, MethodTable, ModelTable, OutputTable, ParameterTable, TestTable
+from updyn.updating.methods import METHODS, options_of
+from updyn.updating.result import STATUSES
+
+TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")
+
+
+def tables() -> dict[str, dict[str, list[str]]]:
+    """Return the tables of the page by heading or lead-in (the last code span before them): first cell to cells."""
+    out: dict[str, dict[str, list[str]]] = {}
+    title = ""
+    for line in TEXT.splitlines():
+        if line.startswith("#"):
+            title = line.lstrip("# ").replace("`", "")
+        elif line.startswith("`[["):
+            title = line.split("`")[1]
+        elif line.startswith("Further keys"):
+            title = "options"
+        elif line.startswith("| `"):
+            cells = [c.strip() for c in line.strip("|").split(" | ")]
+            key = cells[0].strip("` |")
+            assert key not in out.setdefault(title, {}), f"{title}: {key} stands twice"
+            out[title][key] = cells
+    return out
+
+
+TABLES = tables()
+
+
+@pytest.mark.parametrize(
+    ("title", "table"),
+    [
+        ("Top level", Job),
+        ("[model]", ModelTable),
+        ("[test]", TestTable),
+        ("[match]", MatchTable),
+        ("[[parameter]]", ParameterTable),
+        ("[method]", MethodTable),
+        ("[output]", OutputTable),
+    ],
+)
+def test_every_key_is_documented_and_every_documented_key_exists(title: str, table: Any) -> None:
+    assert set(TABLES[title]) == set(table.model_fields)
+    for key, field in table.model_fields.items():
+        default = TABLES[title][key][2]
+        assert (default.startswith("required")) == field.is_required(), key
+        if isinstance(field.default, bool):
+            assert default == f"`{str(field.default).lower()}`"
+        elif isinstance(field.default, str) and field.default:
+            assert default == f'`"{field.default}"`'
+
+
+def test_keys_of_the_beam() -> None:
+    assert set(TABLES['kind = "beam"']) == set(inspect.signature(beam).parameters)
+    for key, parameter in inspect.signature(beam).parameters.items():
+        required = parameter.default is inspect.Parameter.empty
+        assert (TABLES['kind = "beam"'][key][2] == "required") == required, key
+        if isinstance(parameter.default, float):
+            assert TABLES['kind = "beam"'][key][2] == f"`{parameter.default}`"
+
+
+@pytest.mark.parametrize(("name", "part"), [("segments", Segment), ("supports", Support), ("masses", PointMass)])
+def test_keys_of_the_parts_of_a_beam(name: str, part: Any) -> None:
+    documented = TABLES[f"[[model.{name}]]"]
+    fields = {f.name: f.default for f in dataclasses.fields(part)}
+    assert set(documented) == set(fields)
+    for key, default in fields.items():
+        assert (documented[key][2] == "required") == (default is dataclasses.MISSING), key
+        if isinstance(default, float):
+            assert documented[key][2] == f"`{default}`"
+
+
+def test_options_of_the_methods() -> None:
+    documented = TABLES["options"]
+    assert set(documented) == {key for method in METHODS for key in options_of(method)}
+    for key, (_, _, default, of, _) in documented.items():
+        having = {m for m in METHODS if key in options_of(m)}
+        assert having == (set(METHODS) if of == "all" else set(of.split(", "))), key
+        value = options_of(next(iter(having)))[key]
+        assert default == (f'`"{value}"`' if isinstance(value, str) else f"`{value}`"), key
+    for method in METHODS:
+        assert f'`"{method}"`' in TEXT
+
+
+def test_every_option_of_a_reader_can_be_given_in_a_job() -> None:
+    """The names `responses` and `references` are taken by the choice that [test] makes after reading."""
+    stated = TestTable(
+        file="x",
+        format="x",
+        quantity="x",
+        duplicates="x",
+        scalar_direction="x",
+        scale=1.0,
+        response_labels=("x",),
+        reference_labels=("x",),
+        order=("x",),
+    )
+    options = {
+        name
+        for f in FORMATS
+        if "read_frf" in f.can
+        for name, p in inspect.signature(load(f).read_frf).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
+    assert options == set(stated.reader_options) - {"format"}
+
+
+@pytest.fixture
+def folder(chain_inputs: Path, tmp_path: Path) -> Path:
+    for file in chain_inputs.iterdir():
+        shutil.copy(file, tmp_path)
+    return tmp_path
+
+
+def blocks() -> list[str]:
+    return re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
+
+
+def test_the_example_runs(folder: Path) -> None:
+    job = folder / "example.toml"
+    job.write_text(blocks()[0], encoding="utf-8")
+    loaded = load_job(job)
+    stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
+    assert stated == set(Job.model_fields) - {"title"}
+    result = run_job(loaded, folder / "out", report=lambda result, path: path.write_text("report"))
+    assert result.status == "converged"
+    assert set(TABLES["What a run writes"]) == set(OUTPUTS) == {p.name for p in (folder / "out").iterdir()}
+    assert prepare(load_job(folder / "out" / "job.toml")).parameters.names == result.parameters.names
+    found = result_to_json(result)
+    keys = set()
+    for key, value in found.items():
+        inside = value[0] if key == "parameters" else value if key in ("identifiability", "correlation") else {}
+        keys |= {f"{key}.{k}" for k in inside} or {key}
+    keys.add("parameters")
+    assert set(TABLES["result.json"]) == keys
+    for key, inside in (("noise", found["noise"]), ("history", found["history"][0]), ("versions", found["versions"])):
+        assert all(name in TABLES["result.json"][key][1] for name in inside), key
+    assert all(f"`{name}`" in TABLES["result.json"]["correlation.before"][1] for name in found["correlation"]["before"])
+
+
+def test_the_beam_is_built(tmp_path: Path) -> None:
+    job = tmp_path / "beam.toml"
+    job.write_text(blocks()[1], encoding="utf-8")
+    model = beam_from_table(load_job(job).model.keys)
+    assert list(model.groups) == ["left", "right", "foot", "sensor"]
+    assert {"1:Z", "2:Z", "3:Z", "4:Z"} <= set(model.dofs.labels)
+
+
+def test_every_status_is_documented() -> None:
+    shown = TABLES["result.json"]["status"][1]
+    assert all(f"`{status}`" in shown for status in STATUSES)
+
+
+CHANGES = [
+    ("bounds = [0.3, 3.0]", "bound = [0.3, 3.0]"),
+    ('"part*"', '"prat*"'),
+    ("chain.uff", "chian.uff"),
+    ('"chain.uff"', '"chain.uff"\nquantity = "mobility"'),
+    ('"chain.uff"', '"chain.uff"\nband = [300.0, 400.0]'),
+    ("validation", "lines = [5, 6]\nvalidation"),
+    ("7:X", "77:X"),
+    ("validation", 'noise = "coherence"\nvalidation'),
+    ("[0.3, 3.0]", "[3.0, 0.3]"),
+    ('"stiffness"', '"mass"'),
+]
+
+
+def messages() -> list[str]:
+    return re.findall(r"^job\.toml:\d+: .*$", TEXT, re.MULTILINE)
+
+
+def test_the_messages_are_those_of_the_changes() -> None:
+    assert len(messages()) == len(CHANGES)
+
+
+@pytest.mark.parametrize(("old", "new"), CHANGES)
+def test_a_message_is_as_documented(
+    old: str, new: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    job = Path("job.toml")
+    text = job.read_text(encoding="utf-8")
+    assert old in text
+    job.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(JobError) as caught:
+        prepare(load_job(job))
+    assert str(caught.value) in messages()
+    assert main(["check", "job.toml"]) == 2
+    assert capsys.readouterr().err == f"error: {caught.value}\n"
