@@ -18,12 +18,12 @@ __all__ = ["advise"]
 
 _CANDIDATE_LINES = 60
 _CANDIDATE_SENSORS = 200
-#: A candidate counts if the relative change of what it would measure, for an e-fold change along the open direction, is
-#: above this: well above rounding, within what a good measurement sees after averaging.
+#: A candidate counts if the relative change of what it would measure, for an e-fold change along each open direction,
+#: exceeds the noise, and in any case this: well above rounding, within what a good measurement sees after averaging.
 _VISIBLE = 1e-6
 
 
-def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str:
+def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
     """Say in words what is open and what would cure it.
 
     Parameters
@@ -34,6 +34,8 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str:
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
         In the optimiser's coordinates.
+    noise : float
+        Typical noise of the data as a share of |H|.
 
     Returns
     -------
@@ -54,17 +56,23 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str:
     if silent:
         parts.append(f"The data do not see {_list(silent)} at all.")
     line, sensor = _best_line(analysis, problem, x), _best_sensor(analysis, problem, x)
-    if line is not None:
-        parts.append(f"Adding a line near {line:.4g} Hz would determine all unknowns.")
-    if sensor is not None:
-        parts.append(f"Adding a sensor at {sensor} would determine all unknowns.")
-    if line is None and sensor is None:
+    needed = max(noise, _VISIBLE)
+    if line is not None and line[1] > needed:
+        parts.append(f"Adding a line near {line[0]:.4g} Hz would determine all unknowns{_accuracy(line[1])}.")
+    if sensor is not None and sensor[1] > needed:
+        parts.append(f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}.")
+    if len(parts) == bool(silent):
         k = analysis.open.shape[1]
-        parts.append(
-            f"No single further line or sensor on this model would; fix {k} of the unknowns in the open "
-            f"combination{'s' if k > 1 else ''} at known values, join groups, or give priors."
-        )
+        less = "Less noise (more averages) or several further lines and sensors may help; else " if noise > 1e-3 else ""
+        what = f"fix {k} of the unknowns in the open combination{'s' if k > 1 else ''} at known values"
+        none = f"No single further line or sensor on this model would determine all unknowns. {less}{what}"
+        parts.append(f"{none}, join groups, or give priors.")
     return " ".join(parts)
+
+
+def _accuracy(seen: float) -> str:
+    """Say how well a candidate has to be measured, so that each open combination is known to 10 %."""
+    return f", to 10 % if it is measured to {10.0 * seen:.1g} %" if seen < 1.0 else ""
 
 
 def _list(names: list[str]) -> str:
@@ -80,12 +88,13 @@ def _sees(dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDA
     return float(s[-1]) if len(s) == directions.shape[1] else 0.0
 
 
-def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> float | None:
+def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the best further line and the least relative change that it would see."""
     freq = problem.frf.freq
     low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
     candidates = replace(problem, frf=_blank(problem, lines))
-    best, found = _VISIBLE, None
+    best, found = 0.0, 0.0
     try:
         for block in candidates.blocks(x):
             assert block.dH is not None
@@ -95,10 +104,11 @@ def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> 
                     best, found = seen, float(f)
     except SolverError:
         return None
-    return found
+    return found, best
 
 
-def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> str | None:
+def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[str, float] | None:
+    """Return the best further sensor and the least relative change that it would see."""
     system = problem.solver.system
     others = np.setdiff1d(np.arange(system.n), problem.rows)
     others = others[:: max(1, len(others) // _CANDIDATE_SENSORS)]
@@ -116,7 +126,7 @@ def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -
     dH = dH * problem.coordinates.slope(x)[:, None, None, None]
     seen = [_sees(dH[:, :, i], H[:, i], analysis.open) for i in range(len(others))]
     best = int(np.argmax(seen))
-    return str(system.dofs[int(others[best])]) if seen[best] > _VISIBLE else None
+    return str(system.dofs[int(others[best])]), seen[best]
 
 
 def _blank(problem: Problem, lines: NDArray[np.float64]) -> FRF:

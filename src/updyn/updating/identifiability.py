@@ -35,9 +35,10 @@ class Analysis:
     open : ndarray of float, shape (n, k)
         Orthonormal basis of the open directions, in the optimiser's coordinates.
     covariance : ndarray of float, shape (n, n)
-        Of the optimiser's coordinates, over the determined directions.
+        Of the optimiser's coordinates, over the directions that are not open by arithmetic.
     involved : ndarray of bool, shape (n,)
-        Unknowns that take part in an open direction.
+        Unknowns that are left open: they take part in a direction that is open by arithmetic, or lead one that is open
+        by noise.
     """
 
     report: Identifiability
@@ -79,9 +80,10 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
     spread = inflation * (Vt[seen].T / s[seen]) / scale[:, None]  # columns: one standard deviation each
     axes, std, _ = np.linalg.svd(spread, full_matrices=False)
     known = std <= WIDEST
-    blind = _orthonormal(np.hstack([(Vt[~seen].T / scale[:, None]), axes[:, ~known]]))
-    covariance = (axes[:, known] * std[known] ** 2) @ axes[:, known].T
-    involved = np.linalg.norm(blind, axis=1) > _VISIBLE
+    unseen = _orthonormal(Vt[~seen].T / scale[:, None])
+    blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
+    covariance = (axes * std**2) @ axes.T
+    involved = (np.linalg.norm(unseen, axis=1) > _VISIBLE) | _led(axes[:, ~known], std[~known])
     smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
     report = Identifiability(
         rank=n - blind.shape[1],
@@ -94,6 +96,16 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
         advice=advice,
     )
     return Analysis(report, blind, covariance, involved)
+
+
+def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say which unknowns a noisy direction leaves open: its leaders, and whoever it spreads by half of `WIDEST`.
+
+    The others take part in it, too, but by a share that leaves them known: their standard deviation says how well.
+    """
+    reach = np.abs(axes) * std
+    leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
+    return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * WIDEST))
 
 
 def open_directions(R: _Matrix) -> _Matrix:

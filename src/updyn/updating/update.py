@@ -129,7 +129,7 @@ def update(
             problem.coordinates.to_x(parameters.start), "failed", np.zeros((len(parameters),) * 2), note=str(error)
         )
     analysis = analyse(fit.R, parameters.names)
-    advice = advise(analysis, problem, fit.x) if fit.reason != "failed" else ""
+    advice = "" if fit.reason == "failed" else advise(analysis, problem, fit.x, _typical_misfit(problem, fit.x))
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
@@ -214,7 +214,9 @@ def identifiability(
     if local is None:
         raise SolverError("the model cannot be solved at its start")
     analysis = analyse(local.R, parameters.names)
-    return _advised(analysis.report, advise(analysis, problem, x))
+    H = problem.responses(x)
+    share = np.median(np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny))
+    return _advised(analysis.report, advise(analysis, problem, x, float(share)))
 
 
 def _check(model: Model, frf: FRF, parameters: ParameterSet) -> None:
@@ -276,6 +278,14 @@ def _covariance(analysis: Analysis, problem: Problem, fit: Fit) -> NDArray[np.fl
     return np.asarray(out)
 
 
+def _typical_misfit(problem: Problem, x: NDArray[np.float64]) -> float:
+    """Return the median of |H - H_X| / |H_X|: what noise and model error leave."""
+    measured = problem.frf.values
+    seen = np.abs(measured) > 0
+    misfit = np.abs(problem.responses(x) - measured)[seen] / np.abs(measured)[seen]
+    return float(np.median(misfit)) if misfit.size else 0.0
+
+
 def _at_bound(problem: Problem, x: NDArray[np.float64], parameters: ParameterSet) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
@@ -304,10 +314,12 @@ def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tup
         return "max-iterations", "The largest number of steps was reached before convergence.", "Raise max_iterations."
     if not analysis.report.complete:
         open_ = [n for n, i in zip(names, analysis.involved, strict=True) if i]
+        blind = np.isinf(analysis.report.condition)
+        how = "without changing anything" if blind else "with no change, above the noise, of anything"
         return (
             "not-identifiable",
             f"The fit ended, but the data determine only {analysis.report.rank} of {analysis.report.n_parameters} "
-            f"unknowns: {', '.join(open_)} can change together without changing anything that was measured.",
+            f"unknowns: {', '.join(open_)} can change together {how} that was measured.",
             advice,
         )
     if fit.reason == "stalled":
