@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -87,7 +87,7 @@ def run(job: Path, /, *, out: Path | None = None, resume: Annotated[bool, Parame
     """
     from updyn.job import load_job
 
-    return _run(load_job(job), out, resume=resume)
+    return _exit_code(_run(load_job(job), out, resume=resume))
 
 
 @app.command
@@ -120,6 +120,8 @@ def check(job: Path, /) -> int:
 def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[bool, Parameter("--list")] = False) -> int:
     """Run a shipped example: write its inputs to DIR/inputs, run the job there, put the results in DIR.
 
+    Where an example has further jobs, their results go to folders in DIR, and the last one says the exit code.
+
     Parameters
     ----------
     name
@@ -143,7 +145,19 @@ def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[boo
     inputs = folder / "inputs"
     inputs.mkdir(parents=True, exist_ok=True)
     _note(f"demo {chosen.name}: inputs in {inputs}")
-    return _run(load_job(chosen.write_inputs(inputs)), folder, lambda result: chosen.epilogue(result, inputs))
+    job: Path | None = chosen.write_inputs(inputs)
+    out, results = folder, []
+    while job is not None:
+        results.append(_run(load_job(job), out))
+        if results[-1].status == "stopped":
+            return STOPPED
+        job = chosen.next_job(results, inputs)
+        if job is not None:
+            out = folder / job.stem
+            _say("")
+    if text := chosen.epilogue(results, inputs):
+        _say("\n" + text)
+    return _exit_code(results[-1])
 
 
 @app.command
@@ -237,9 +251,7 @@ def correlate(job: Path, /) -> int:
 
 
 # -- what they share ---------------------------------------------------------------------------------------
-def _run(
-    job: Job, out: Path | None, epilogue: Callable[[UpdateResult], str] = lambda _: "", *, resume: bool = False
-) -> int:
+def _run(job: Job, out: Path | None, *, resume: bool = False) -> UpdateResult:
     from updyn.cli.progress import watch
     from updyn.job import check_out, default_out, prepare, run_job
     from updyn.report import write_report
@@ -249,12 +261,14 @@ def _run(
     with watch(_stderr()) as watching:
         result = run_job(job, folder, watching, report=write_report, prepared=ready, resume=resume)
     _say(result.summary())
-    if text := epilogue(result):
-        _say("\n" + text)
     first = "report.html" if job.output.report else "result.json"
     _say(f"\nResults in {folder}: {folder / first}")
     if result.status == "stopped":
         _say("To go on from here: updyn run JOB.toml --resume (with the same --out)")
+    return result
+
+
+def _exit_code(result: UpdateResult) -> int:
     return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
 
 

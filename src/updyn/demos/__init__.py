@@ -1,12 +1,16 @@
 """Shipped examples: each writes its inputs and a job file, and runs as any job does.
 
-Adding one is a module here with ``write_inputs(folder) -> path of the job file`` and, where there is more to say than
-the summary, ``epilogue(result, folder) -> text``; and one line in `DEMOS`. A module is loaded when its demo is run.
+Adding one is a module here with ``write_inputs(folder) -> path of the job file``; where one run is not all,
+``next_job(results, folder) -> path or None``, asked after every run; where there is more to say than the summaries,
+``epilogue(results, folder) -> text``; and one line in `DEMOS`. A module is loaded when its demo is run.
+
+What a demo comes to is what its last run comes to: an example may well begin with a run that the data cannot determine.
 """
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,13 +56,32 @@ class Demo:
         """
         return Path(importlib.import_module(self.module).write_inputs(folder))
 
-    def epilogue(self, result: UpdateResult, folder: Path) -> str:
-        """Return what the example has to say about its result beyond the summary.
+    def next_job(self, results: Sequence[UpdateResult], folder: Path) -> Path | None:
+        """Return the job to run next, if the example has another.
 
         Parameters
         ----------
-        result : UpdateResult
-            The outcome.
+        results : sequence of UpdateResult
+            Of the runs so far, in order.
+        folder : Path
+            Where its inputs are; the job, and what it names, may be written now.
+
+        Returns
+        -------
+        Path or None
+            The job file; None after the last run.
+        """
+        go_on = getattr(importlib.import_module(self.module), "next_job", None)
+        job = None if go_on is None else go_on(results, folder)
+        return None if job is None else Path(job)
+
+    def epilogue(self, results: Sequence[UpdateResult], folder: Path) -> str:
+        """Return what the example has to say about its results beyond their summaries.
+
+        Parameters
+        ----------
+        results : sequence of UpdateResult
+            Of all runs, in order.
         folder : Path
             Where its inputs are.
 
@@ -68,7 +91,7 @@ class Demo:
             Text; empty where there is nothing to say.
         """
         speak = getattr(importlib.import_module(self.module), "epilogue", None)
-        return "" if speak is None else str(speak(result, folder))
+        return "" if speak is None else str(speak(results, folder))
 
 
 _ALL = (

@@ -6,6 +6,7 @@ data and are compared with at the end; the update sees neither.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,9 +106,10 @@ def write_inputs(folder: Path) -> Path:
     return job
 
 
-def epilogue(result: UpdateResult, folder: Path) -> str:
+def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare with the values that made the data."""
     lines = [f"{'unknown':<18} {'true':>6} {'found':>10} {'std':>8} {'error / std':>12}"]
+    result = results[-1]
     for p in result.parameters:
         true, value, std = TRUTH[p.group][p.quantity], result.values[p.name], result.std[p.name]
         lines.append(f"{p.name:<18} {true:>6g} {value:>10.5g} {std:>8.2g} {(value - true) / std:>+12.1f}")

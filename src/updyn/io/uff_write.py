@@ -25,10 +25,11 @@ _COLUMNS = 13  # of abscissa minimum and increment
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs as a universal file of binary datasets 58 (58b), double precision, SI.
+    """Write FRFs as a universal file of binary datasets 58 (58b), SI.
 
-    Values and coherence come back to the last bit. Lines at even distances are stored as minimum and increment where
-    these fit their columns and give every line back to rounding; else every line is stored.
+    Values and coherence come back to the last bit: in double precision, or in single where that holds them exactly.
+    Lines at even distances are stored as minimum and increment where these fit their columns and give every line back
+    to rounding; else every line is stored.
 
     Parameters
     ----------
@@ -125,9 +126,13 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes
     is_frf = np.iscomplexobj(y)
     even = _even(frf.freq)
     columns = [y.real, y.imag] if is_frf else [y]
-    data = np.column_stack(columns if even else [frf.freq, *columns]).astype("<f8").tobytes()
+    table = np.column_stack(columns if even else [frf.freq, *columns])
+    with np.errstate(over="ignore"):
+        single = bool((table == table.astype("<f4")).all())
+    data = table.astype("<f4" if single else "<f8").tobytes()
     minimum, increment = even or (f"{0.0:.5E}", f"{0.0:.5E}")
-    form = f"{6 if is_frf else 4:10d}{len(y):10d}{1 if even else 0:10d}{minimum:>13}{increment:>13}{0.0:13.5E}"
+    ordinate = {(False, True): 2, (False, False): 4, (True, True): 5, (True, False): 6}[is_frf, single]
+    form = f"{ordinate:10d}{len(y):10d}{1 if even else 0:10d}{minimum:>13}{increment:>13}{0.0:13.5E}"
     motion, unit, angle = _MOTION[frf.quantity]
     turning, moment = (d.direction.startswith("R") for d in (response, reference))
     title = f"{'H' if is_frf else 'Coherence'} {response} / {reference}"
