@@ -119,8 +119,8 @@ def test_names_of_the_archive_are_read(tmp_path: Path) -> None:
     frf = read_frf(
         tmp_path / "bare.npz",
         quantity="mobility",
-        responses=["1:X", "2:-X"],
-        references=["1:X", "2:X"],
+        response_labels=["1:X", "2:-X"],
+        reference_labels=["1:X", "2:X"],
         order=["response", "freq", "reference"],
     )
     np.testing.assert_array_equal(frf.values, bare.transpose(1, 0, 2))
