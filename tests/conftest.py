@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import HealthCheck, settings
 
+import updyn
 from updyn.errors import UpdynWarning
+from updyn.frf import FRF
 from updyn.model import Group, Model
 
 DATA = Path(__file__).parent / "data"
@@ -89,3 +93,33 @@ def chain12(chain12_case: dict[str, Any]) -> Model:
                 K[i - 2, i - 1] -= k
         groups[f"part{number}"] = Group(K, M, loss_factor=chain12_case["start"]["loss_factor"][number - 1])
     return Model.from_groups(groups, [f"{i}:X" for i in range(1, 13)])
+
+
+@pytest.fixture(scope="session")
+def chain12_true(chain12: Model, chain12_case: dict[str, Any]) -> Model:
+    """The 12-DOF chain at its true values."""
+    true = chain12_case["true_factors"]
+    return chain12.scaled({f"part{g + 1}": {q: true[q][g] for q in true} for g in range(4)})
+
+
+@pytest.fixture(scope="session")
+def chain12_frf(chain12_true: Model, chain12_case: dict[str, Any]) -> FRF:
+    """Receptances of the true chain without noise: 5 x 5, 60 lines, linear from 0.3 f1 to 1.05 f6."""
+    K, M = chain12_true.stiffness.toarray(), chain12_true.mass.toarray()
+    f = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+    lines = np.linspace(0.3 * f[0], 1.05 * f[5], 60)
+    at = [f"{i}:X" for i in chain12_case["measured_dofs_1_based"]]
+    return updyn.response(chain12_true, lines, at, [f"{i}:X" for i in chain12_case["references_1_based"]])
+
+
+@pytest.fixture(scope="session")
+def add_noise() -> Callable[..., FRF]:
+    """Circular complex Gaussian noise: E|dH|^2 = (relative |H|)^2 + (floor rms)^2, or a given variance."""
+
+    def noisy(frf: FRF, rng: np.random.Generator, relative: float = 0.0, floor: float = 0.0, **kwargs: Any) -> FRF:
+        H = frf.values
+        unit = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
+        std = np.hypot(relative * np.abs(H), floor * np.sqrt(np.mean(np.abs(H) ** 2)))
+        return FRF(frf.freq, H + std * unit, frf.responses, frf.references, frf.quantity, **kwargs)
+
+    return noisy

@@ -16,10 +16,12 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import Residual, with_prior
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["Fit", "Method", "correlation_length", "descend", "spread_of"]
+__all__ = ["Fit", "Method", "correlation_length", "descend", "descend_to_scale", "spread_of"]
 
 _Vector = NDArray[np.float64]
 
+#: How often the spread of a residual is looked at again.
+_SCALES = 8
 #: How often a fit with open directions is pulled back towards the start; and a cost a value that is rounding.
 _PULLS, _EXACT = 4, 1e-20
 
@@ -64,7 +66,9 @@ class Method(Protocol):
         """Fit the unknowns."""
 
 
-def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion) -> Outcome:
+def descend(
+    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion, unit: float = 1.0
+) -> Outcome:
     """Minimise one residual from x, priors included, and record every step.
 
     Loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent goes on from
@@ -75,6 +79,8 @@ def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, 
 
     def evaluate(at: _Vector) -> Local | None:
         local = residual.local(problem, at)
+        if local is not None and unit != 1.0:
+            local = Local(local.cost / unit**2, local.R / unit, local.q / unit)
         return None if local is None else with_prior(local, problem, at)
 
     if (start := evaluate(x)) is not None and not monitor.begun:
@@ -97,6 +103,28 @@ def descend(problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, 
         if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.frf.values.size:
             break
         outcome = back
+    return outcome
+
+
+def descend_to_scale(
+    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion
+) -> Outcome:
+    """Minimise a residual whose spread is not known, priors included.
+
+    A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
+    unknowns, each in turn, until it stays within 1 %. Without priors it does not matter.
+    """
+    outcome = descend(problem, residual, x, monitor, settings)
+    if not problem.coordinates.prior[1].any():
+        return outcome
+    unit = 1.0
+    for _ in range(_SCALES):
+        local = residual.local(problem, outcome.x)
+        sigma = 0.0 if local is None else spread_of(local, problem.frf.values.size, problem.n)
+        if outcome.reason == "stopped" or sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
+            break
+        unit = sigma
+        outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
     return outcome
 
 

@@ -11,6 +11,8 @@ import importlib
 from collections.abc import Mapping
 from typing import Any, cast
 
+import numpy as np
+
 from updyn.errors import OptionError, suggest
 from updyn.updating.fit import Method
 
@@ -53,16 +55,17 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
         If the method or an option is not known (the nearest is named), or a value has the wrong type or sign.
     """
     made, defaults = _class(name), options_of(name)
-    for key, value in options.items():
+    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in options.items()}
+    for key, value in plain.items():
         if key not in defaults:
             raise OptionError(f"method {name!r} has no option {key!r}; {suggest(key, defaults)}")
         _check(key, value, defaults[key])
-    return cast(Method, made(**options))
+    return cast(Method, made(**plain))
 
 
 def _check(key: str, value: Any, default: Any) -> None:
     kind: Any = (int, float) if isinstance(default, float) else type(default)
     if isinstance(value, bool) != isinstance(default, bool) or not isinstance(value, kind):
         raise OptionError(f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}")
-    if not isinstance(value, str) and value < 0:
+    if not isinstance(value, str) and not 0 <= value < float("inf"):
         raise OptionError(f"option {key} = {value!r}: expected a number of at least 0")

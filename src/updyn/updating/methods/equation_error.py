@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.updating.fit import Fit, descend, spread_of
+from updyn.updating.fit import Fit, descend_to_scale, spread_of
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
@@ -47,13 +47,16 @@ class EquationErrorMethod:
 
     def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
         """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
+        if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
+            raise OptionError("solver 'gauss-newton' is the plain iteration and knows no priors; use 'trust-region'")
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         residual = EquationError()
         with monitor.stage("equation-error"):
             if self.solver == "gauss-newton":
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
-                outcome = descend(problem, residual, x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+                settings = TrustRegion(self.max_iterations, self.tolerance)
+                outcome = descend_to_scale(problem, residual, x, monitor, settings)
                 x, reason = outcome.x, outcome.reason
         local = residual.local(problem, x)
         if local is None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from updyn.updating.fit import Fit, correlation_length, descend, spread_of
+from updyn.updating.fit import Fit, correlation_length, descend_to_scale, spread_of
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.problem import Problem
@@ -79,7 +79,7 @@ class OutputMethod:
 
 
 def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
-    outcome = descend(problem, residual, x, monitor, settings)
+    outcome = descend_to_scale(problem, residual, x, monitor, settings)
     local = residual.local(problem, outcome.x)
     assert local is not None
     H, measured = problem.responses(outcome.x), problem.frf.values
