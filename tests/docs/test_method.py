@@ -1,0 +1,94 @@
+"""docs/method.md: the constants that it names are those of the code, and its claims of the paper's example hold."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.demos.gear_train_case import starting_model, table, true_model
+from updyn.dynamics import fields
+from updyn.updating import identifiability, problem, search, update
+from updyn.updating.lines import _RELATIVE_FLOOR
+
+TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        f"s_i < {identifiability.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
+        f"standard deviation exceeds {identifiability.WIDEST:g} ",
+        f"at most {search.SEARCH_LINES} lines",
+        "at least {:g}, then {:g}, then {:.1f}".format(*search._INFLATED),
+        f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
+        f"values down to {problem._RELAXED:g} ",
+        f"by more than {100 * search._UNSURE:g} % is moved alone",
+        f"noise of {100 * update._ASSUMED['relative']:g} % and a floor of {100 * update._ASSUMED['floor']:g} %",
+        f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
+        f"Up to {fields.DENSE_LIMIT} degrees of freedom",
+    ],
+)
+def test_constants_are_as_documented(said: str) -> None:
+    assert said in TEXT
+
+
+def gear_train(omega: list[float]) -> updyn.UpdateResult:
+    start = starting_model(1)
+    test = updyn.response(true_model(), np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"])
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    return updyn.update(start, test, unknowns, method="equation-error")
+
+
+def test_the_paper_determines_17_of_18() -> None:
+    result = gear_train([10, 20, 50, 100])
+    assert (result.status, result.identifiability.rank, len(result.parameters)) == ("not-identifiable", 17, 18)
+    true = [g.loss_factor for g in true_model().groups.values()]
+    np.testing.assert_allclose([g.loss_factor for g in result.model.groups.values()], true, atol=1e-9)
+    (direction,) = result.identifiability.null_directions
+    assert max(direction, key=lambda name: abs(direction[name])) == "unit 6.stiffness"
+    assert set(direction) == {f"unit {e}.{q}" for e in (1, 5) for q in ("mass", "stiffness")} | {
+        "unit 6.mass",
+        "unit 6.stiffness",
+    }
+    assert "determine 17 of the 18 unknowns" in TEXT
+
+
+def test_a_fifth_line_makes_it_18() -> None:
+    assert gear_train([10, 20, 50, 75, 100]).identifiability.rank == 18
+
+
+def test_sums_of_the_tables() -> None:
+    data = table()
+    K5, K6 = (np.array(data["stiffness_units_1e6"][e]) for e in (4, 5))
+    assert (K5[1, 1] + K6[0, 0], K6[0, 1]) == pytest.approx((153.991, 18.0806))
+    printed = np.array([153.51 / 153.991, 18.02 / 18.0806]) - 1
+    assert [round(-100 * p, 2) for p in printed] == [0.31, 0.34]
+    M = data["mass_units"]
+    assert M[0][1][1] + M[1][0][0] + M[4][0][0] == pytest.approx(1291.951)
+
+
+def test_the_identity_of_the_residuals() -> None:
+    rng = np.random.default_rng(3)
+    Z_A, Z_X = (z + z.T for z in rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5)))
+    H_A, H_X = np.linalg.solve(Z_A, np.eye(5)), np.linalg.solve(Z_X, np.eye(5))
+    np.testing.assert_allclose(H_A - H_X, H_A @ (Z_X - Z_A) @ H_X, atol=1e-12)
+
+
+def test_one_factor_on_everything_divides_the_receptance() -> None:
+    model = true_model()
+    more = model.scaled({name: {"stiffness": 1.03, "mass": 1.03} for name in model.groups})
+    sides = (["1:RZ", "4:RZ"], ["2:RZ"])
+    freq = np.linspace(1.0, 20.0, 7)
+    expected = updyn.response(model, freq, *sides).values / 1.03
+    np.testing.assert_allclose(updyn.response(more, freq, *sides).values, expected, rtol=1e-9)
+
+
+def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
+    text, sources = TEXT.split("## Sources")
+    cited = {int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)[\],]", text) for n in group.split(", ")}
+    listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. [A-Z]", sources)}
+    assert cited == listed == set(range(1, 15))
