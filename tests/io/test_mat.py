@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from io_samples import assert_same_frf, assert_same_model, frf, model
 from matlab73 import write_matlab73
 
+import updyn
 from updyn.errors import FormatError
 from updyn.io.mat import read_frf, read_model, write_frf, write_model
 from updyn.io.mat_variables import read_variables
@@ -161,6 +162,25 @@ def test_string_class_of_version_73_is_refused_with_advice(path):
         file["dofs"].attrs["MATLAB_class"] = np.bytes_("string")
     with pytest.raises(FormatError, match=r"MATLAB class 'string' cannot be used .*cellstr"):
         read_model(path)
+
+
+@pytest.mark.parametrize("missing", [1, 100, 511, 512, 513, 5000])  # 512: what stands before the HDF5 part
+def test_version_73_cut_short(path, missing):
+    write_matlab73(path, frf_items(frf()))
+    path.write_bytes(path.read_bytes()[:-missing])
+    with pytest.raises(FormatError, match="cut short"):
+        read_frf(path)
+
+
+@pytest.mark.parametrize("name", ["case.mat", "case.dat"])
+def test_version_73_is_told_by_content_also_of_the_releases_that_called_it_70(tmp_path, name):
+    path = tmp_path / name
+    write_matlab73(path, frf_items(frf()))
+    path.write_bytes(path.read_bytes().replace(b"MATLAB 7.3 MAT-file", b"MATLAB 7.0 MAT-file", 1))
+    assert_same_frf(updyn.read_frf(path), frf())
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(FormatError, match=r"MATLAB 7\.3 file without a readable HDF5 part"):
+        updyn.read_frf(path)
 
 
 def test_files_that_matlab_itself_wrote():

@@ -59,7 +59,7 @@ def frf_arrays(**changes):
 def test_values_is_another_name_of_H_and_options_complete_a_file(path):
     arrays = frf_arrays(quantity=None, responses=None, references=None)
     np.savez(path, values=arrays.pop("H"), **arrays)
-    found = read_frf(path, quantity="mobility", responses=["4:X", "5:-Y"], references=["4:X", "9:Z"])
+    found = read_frf(path, quantity="mobility", response_labels=["4:X", "5:-Y"], reference_labels=["4:X", "9:Z"])
     assert (found.quantity, found.responses.labels) == ("mobility", ["4:X", "5:-Y"])
     np.testing.assert_array_equal(found.values, np.arange(12.0).reshape(3, 2, 2) + 1j)
 
@@ -85,7 +85,8 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
     ("changes", "options", "message"),
     [
         ({}, {"quantity": "mobility"}, "quantity 'mobility' contradicts the file, which says 'receptance'"),
-        ({}, {"responses": ["2:X", "1:X"]}, "responses: the argument .* contradicts the file"),
+        ({}, {"response_labels": ["2:X", "1:X"]}, "responses: the argument .* contradicts the file"),
+        ({"references": None}, {}, r"no 'references': .*; can also be given when reading: reference_labels=\.\.\.$"),
         ({"quantity": None}, {}, "no 'quantity': found H, freq, references, responses"),
         ({"freq": None, "frequency": [1.0, 2, 3]}, {}, "unknown name 'frequency'; did you mean 'freq'"),
         ({"freq": None}, {}, "no 'freq'"),

@@ -10,9 +10,10 @@ import inspect
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
+    from updyn.dofs import Dof
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.model import Model
@@ -27,6 +28,8 @@ def read_frf(
     format: str | None = None,
     quantity: str | None = None,
     duplicates: str = "raise",
+    responses: Iterable[str | Dof] | None = None,
+    references: Iterable[str | Dof] | None = None,
     **options: Any,
 ) -> FRF:
     """Read frequency response functions.
@@ -42,24 +45,33 @@ def read_frf(
     duplicates : {"raise", "average"}
         Several functions at one pair of response and reference: an error, or their mean, weighted with their
         coherence where every one of them has it. Formats that hold each pair once take "raise" only.
+    responses, references : iterable of str or Dof, optional
+        DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the values change sign.
+        Of a universal file only that part has to be complete.
     **options
-        What the reader of that format takes besides, checked by name; see the ``read_frf`` of its module
-        (`updyn.io.uff`, `updyn.io.netcdf`, `updyn.io.npz`, `updyn.io.mat`, `updyn.io.csv`).
+        What the reader of that format takes besides, checked by name: ``scalar_direction`` and ``scale`` of a
+        universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of bare arrays
+        (`updyn.io.npz`, `updyn.io.mat`).
 
     Returns
     -------
     FRF
-        What the file holds, in SI units, in the order of the file.
+        What the file holds, in SI units, in the order of the file or as asked for.
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says where.
+        If there is no such file, no format fits, the content is not valid, or a response or reference is not there;
+        the message says where.
     OptionError
         If the format has no such option; the nearest is named.
     """
     reader = _function(path, "read_frf", format)
-    return reader(path, **_known(reader, {"quantity": quantity, "duplicates": duplicates, **options}))  # type: ignore[no-any-return]
+    wanted = {k: v for k, v in (("responses", responses), ("references", references)) if v is not None}
+    early = wanted if {"responses", "references"} <= _options(reader) else {}
+    given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
+    frf: FRF = reader(path, **_known(reader, given, ("responses", "references")))
+    return frf if early else _part(frf, wanted, path)
 
 
 def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
@@ -197,15 +209,33 @@ def _function(path: str | Path, verb: str, name: str | None) -> Callable[..., An
     return getattr(load(find_format(path, verb, name)), verb)  # type: ignore[no-any-return]
 
 
-def _known(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options, each of which the reader must have by name."""
+def _options(reader: Callable[..., Any]) -> set[str]:
+    return {p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY}
+
+
+def _known(reader: Callable[..., Any], options: dict[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the options, each of which the reader must have by name; `others` are those of the front door."""
     from updyn.errors import OptionError, suggest
 
-    known = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    known = _options(reader)
     for name in options:
         if name not in known:
             kind = reader.__module__.rpartition(".")[2]
             raise OptionError(
-                f"{reader.__name__} of the format {kind!r} has no option {name!r}; {suggest(name, known)}"
+                f"{reader.__name__} of the format {kind!r} has no option {name!r}; "
+                + suggest(name, sorted(known.union(others)))
             )
     return options
+
+
+def _part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
+    """Select, as `updyn.io.uff` does while it reads."""
+    from updyn.io.guard import chosen, placed
+
+    if "responses" in wanted:
+        with placed(path, "responses"):
+            frf = frf.select(responses=chosen(wanted["responses"], "responses", path))
+    if "references" in wanted:
+        with placed(path, "references"):
+            frf = frf.select(references=chosen(wanted["references"], "references", path))
+    return frf

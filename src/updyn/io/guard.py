@@ -9,13 +9,14 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, InputError, suggest
 
-__all__ = ["FAILURES", "known_only", "library", "placed"]
+__all__ = ["FAILURES", "chosen", "known_only", "library", "placed"]
 
 #: What h5py, numpy, scipy.io and zipfile raise for damaged files (found by flipping bytes in good ones).
 FAILURES = (
@@ -61,6 +62,21 @@ def placed(path: str | Path, item: str = "") -> Iterator[None]:
         raise
     except InputError as error:
         raise FormatError(f"{item}: {error}" if item else str(error), path) from error
+
+
+def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
+    """Return the DOFs to select of a side, "responses" or "references", at least one.
+
+    Raises
+    ------
+    FormatError
+        If there is none, one cannot be read or stands twice.
+    """
+    with placed(path, side):
+        dofs = DofSet(labels)
+    if not len(dofs):
+        raise FormatError(f"{side}: an empty list; leave it out to read all", path)
+    return dofs
 
 
 def known_only(found: Collection[str], known: Collection[str], path: str | Path, where: str = "") -> None:

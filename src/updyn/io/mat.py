@@ -14,13 +14,14 @@ is n_f x n_responses. MATLAB string arrays ("text") are not stored in a document
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from updyn.dofs import Dof
 from updyn.errors import FormatError
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
@@ -54,8 +55,8 @@ def read_frf(
     *,
     quantity: str | None = None,
     duplicates: str = "raise",
-    responses: Sequence[str] | None = None,
-    references: Sequence[str] | None = None,
+    response_labels: Iterable[str | Dof] | None = None,
+    reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
 ) -> FRF:
     """Read FRFs.
@@ -68,8 +69,8 @@ def read_frf(
         What was measured, where the file does not say; a contradiction is an error.
     duplicates : {"raise"}
         For the sake of the other formats; an array holds every response and reference once.
-    responses, references : sequence of str, optional
-        Labels, where the file has none; a contradiction is an error.
+    response_labels, reference_labels : iterable of str or Dof, optional
+        What the rows and columns are, where the file does not say; a contradiction is an error.
     order : sequence of str, optional
         What the axes of the stored array are, by default ``("freq", "response", "reference")``.
 
@@ -83,8 +84,8 @@ def read_frf(
         path,
         quantity=quantity,
         duplicates=duplicates,
-        responses=responses,
-        references=references,
+        response_labels=response_labels,
+        reference_labels=reference_labels,
         order=order,
     )
 

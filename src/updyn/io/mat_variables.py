@@ -3,6 +3,10 @@
 Version 5 to 7.2 through scipy; version 7.3 is HDF5 in MATLAB's own layout: axes reversed (column-major), complex
 numbers as pairs ``real``, ``imag``, sparse matrices as groups with ``data``, ``ir``, ``jc``, char as uint16, cells as
 references.
+
+A version 5 file is walked by its stated lengths before scipy sees it. A version 7.3 file cut short is refused by
+libhdf5, which compares its length with the end that its superblock states. Bytes damaged inside it are noticed there as
+far as libhdf5 notices them: its metadata carry no checksums, and in the worst case libhdf5 ends the whole process.
 """
 
 from __future__ import annotations
@@ -64,7 +68,7 @@ def read_variables(path: str | Path) -> dict[str, Any]:
     with library(path, "MATLAB file"):
         if not h5py.is_hdf5(path):
             with Path(path).open("rb") as file:
-                if file.read(10) == b"MATLAB 7.3":
+                if file.read(10) in (b"MATLAB 7.0", b"MATLAB 7.3"):
                     raise FormatError("MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path)
             return _read_5(path)
         with h5py.File(path, "r") as file:

@@ -128,8 +128,8 @@ def build_frf(
     *,
     quantity: str | None = None,
     duplicates: str = "raise",
-    responses: Sequence[str] | None = None,
-    references: Sequence[str] | None = None,
+    response_labels: Iterable[str | Dof] | None = None,
+    reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
 ) -> FRF:
     """Build an FRF from named items.
@@ -144,8 +144,8 @@ def build_frf(
         What was measured, where the file does not say.
     duplicates : {"raise"}
         An array holds each response and reference once, so that there is nothing to choose.
-    responses, references : sequence of str, optional
-        Labels, where the file has none.
+    response_labels, reference_labels : iterable of str or Dof, optional
+        What the rows and columns are, where the file does not say.
     order : sequence of str, optional
         What the axes of the stored array are, where they are not ``("freq", "response", "reference")``.
 
@@ -163,28 +163,21 @@ def build_frf(
     _check_kind(items, "frf", path)
     known_only(items, (*_FRF, *_GEOMETRY, *_MARKS), path)
     key = _values_key(items, path)
-    lacking = [
-        name
-        for name, given in (
-            ("freq", None),
-            ("responses", responses),
-            ("references", references),
-            ("quantity", quantity),
-        )
-        if name not in items and given is None
-    ]
+    options = {"responses": "response_labels", "references": "reference_labels", "quantity": "quantity"}
+    given = {"responses": response_labels, "references": reference_labels, "quantity": quantity}
+    lacking = [name for name in ("freq", *options) if name not in items and given.get(name) is None]
     if lacking:
         shape = numbers(items[key], key, path).shape
-        options = [f"{name}=..." for name in lacking if name != "freq"]
-        hint = f"; can also be given when reading: {', '.join(options)}" if options else ""
+        offered = [f"{options[name]}=..." for name in lacking if name in options]
+        hint = f"; can also be given when reading: {', '.join(offered)}" if offered else ""
         raise FormatError(
             f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape {shape}); expected "
             f"freq, H (lines, responses, references), responses, references, quantity{hint}",
             path,
         )
     freq = vector(items["freq"], "freq", path)
-    rows = _chosen(items, "responses", responses, path)
-    columns = _chosen(items, "references", references, path)
+    rows = _labels(items, "responses", response_labels, path)
+    columns = _labels(items, "references", reference_labels, path)
     shape = (len(freq), len(rows), len(columns))
     arrays = {
         name: _arranged(items[name], name, shape, order, path)
@@ -232,7 +225,7 @@ def _averages(items: Items, path: str | Path) -> int | None:
     return int(value)
 
 
-def _chosen(items: Items, name: str, given: Iterable[str | Dof] | None, path: str | Path) -> DofSet:
+def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: str | Path) -> DofSet:
     with placed(path, name):
         option = None if given is None else DofSet(given)
     if name not in items:

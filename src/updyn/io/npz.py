@@ -16,7 +16,7 @@ to both: see `updyn.io.named`. `write_model` writes sparse groups.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from updyn.dofs import Dof
 from updyn.errors import FormatError
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
@@ -87,8 +88,8 @@ def read_frf(
     *,
     quantity: str | None = None,
     duplicates: str = "raise",
-    responses: Sequence[str] | None = None,
-    references: Sequence[str] | None = None,
+    response_labels: Iterable[str | Dof] | None = None,
+    reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
 ) -> FRF:
     """Read FRFs from an archive.
@@ -101,8 +102,8 @@ def read_frf(
         What was measured, where the file does not say; a contradiction is an error.
     duplicates : {"raise"}
         For the sake of the other formats; an array holds every response and reference once.
-    responses, references : sequence of str, optional
-        Labels, where the file has none; a contradiction is an error.
+    response_labels, reference_labels : iterable of str or Dof, optional
+        What the rows and columns are, where the file does not say; a contradiction is an error.
     order : sequence of str, optional
         What the axes of the stored array are, for instance ``("reference", "response", "freq")``; by default
         ``("freq", "response", "reference")``.
@@ -118,8 +119,8 @@ def read_frf(
         path,
         quantity=quantity,
         duplicates=duplicates,
-        responses=responses,
-        references=references,
+        response_labels=response_labels,
+        reference_labels=reference_labels,
         order=order,
     )
 

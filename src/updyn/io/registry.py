@@ -2,7 +2,8 @@
 
 Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
 that format is met, and offers, as far as it can, ``read_frf(path, *, quantity, duplicates, ...)``,
-``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)`` and ``read_geometry(path)``.
+``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)`` and ``read_geometry(path)``. A ``read_frf``
+with ``responses`` and ``references`` selects while it reads; with the others `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -45,13 +46,15 @@ class Format:
 _FRF = ("read_frf", "write_frf")
 _MODEL = ("read_model", "write_model")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+#: The first releases of MATLAB that wrote version 7.3 called it 7.0.
+_MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
 
 FORMATS = (
     Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry")),
     Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5, b"CDF"), _FRF),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
-    Format("mat", "updyn.io.mat", (".mat",), (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), (*_FRF, *_MODEL)),
+    Format("mat", "updyn.io.mat", (".mat",), _MATLAB, (*_FRF, *_MODEL)),
     Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
 )

@@ -17,9 +17,14 @@ What is read, and how:
   system of its own are expressed in the global one, where they coincide with its axes to 1e-6; oblique ones are
   refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them.
 
-The files are taken apart here and not by pyuff, which the tests use as a second opinion: of the small deviations that
-real files have, version 2.5.8 drops functions without a word (after a dataset with a line that ends in "-1"), cuts
-exponents off numbers (fields a column wider than the format says), and fails on padded lines and exponents with D.
+The files are taken apart here and not by pyuff, which the tests use as a second opinion (`tests/io/test_pyuff.py` holds
+what follows). Of deviations that real files have, pyuff 2.5.8
+
+- cuts the exponents off numbers in fields of 14 columns, one a line, so that -2.5E-01 is read as -2.5, without a word;
+- drops every function after a dataset with a line of text that ends in "-1", without a word;
+- ends the data of a 58b at bytes that look like a delimiter, and returns what is before them, without a word;
+- raises "Error when reading data-set(s)" for fields of 14 columns, six a line, for exponents with D, and for numbers
+  separated by blanks.
 """
 
 from __future__ import annotations
@@ -27,7 +32,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +67,8 @@ def read_frf(
     *,
     quantity: str | None = None,
     duplicates: str = "raise",
-    responses: Sequence[str] | None = None,
-    references: Sequence[str] | None = None,
+    responses: Iterable[str | Dof] | None = None,
+    references: Iterable[str | Dof] | None = None,
     scalar_direction: str | None = None,
     scale: float | None = None,
 ) -> FRF:
@@ -78,8 +83,9 @@ def read_frf(
     duplicates : {"raise", "average"}
         Several functions at one pair of DOFs: an error, or their mean, weighted with their coherence where every one
         has it; the coherence is then the plain mean.
-    responses, references : sequence of str, optional
-        DOFs to read, with a sense if wanted ("5:-Z"); all others are left out.
+    responses, references : iterable of str or Dof, optional
+        DOFs to read, in the order given and with a sense if wanted ("5:-Z"); all others are left out, and need not be
+        complete.
     scalar_direction : str, optional
         What direction code 0 stands for, for instance "Z" or "-RX".
     scale : float, optional

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import FormatError, InputError, UpdynWarning
 from updyn.geometry import Geometry
-from updyn.io.guard import placed
+from updyn.io.guard import chosen, placed
 from updyn.io.uff58 import Function
 
 __all__ = ["Directions", "Parts", "assemble"]
@@ -141,8 +141,8 @@ def assemble(
     directions: Directions,
     *,
     average: bool,
-    responses: Sequence[str] | None,
-    references: Sequence[str] | None,
+    responses: Iterable[str | Dof] | None,
+    references: Iterable[str | Dof] | None,
 ) -> Parts:
     """Put functions into a matrix.
 
@@ -154,7 +154,7 @@ def assemble(
         Turns direction codes into DOFs.
     average : bool
         Whether functions at one pair are averaged; else they are an error.
-    responses, references : sequence of str or None
+    responses, references : iterable of str or Dof, or None
         DOFs to keep; None: all.
 
     Returns
@@ -226,16 +226,14 @@ class _Chosen:
     def meet(self, dof: Dof) -> None:
         self.met.setdefault(_name(dof), dof)
 
-    def keep(self, wanted: Sequence[str] | None) -> None:
+    def keep(self, wanted: Iterable[str | Dof] | None) -> None:
         held = DofSet(self.met.values())
         if wanted is None:
             self.kept = held
             return
+        self.kept = chosen(wanted, f"{self.what}s", self.path)
         with placed(self.path, f"{self.what}s"):
-            self.kept = DofSet(wanted)
             held.match(self.kept, self.what)
-            if not len(self.kept):
-                raise FormatError(f"{self.what}s: an empty list; leave it out to read all", self.path)
 
     def __contains__(self, dof: Dof) -> bool:
         return dof in self.kept

@@ -111,7 +111,7 @@ def _measurement(job: Job) -> FRF:
     try:
         frf = read_frf(path, **table.reader_options)
     except InputError as error:
-        raise job.error_about(str(error), "test") from error
+        raise job.error_about(str(error), "test", path=path) from error
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
             raise job.error(
@@ -120,10 +120,6 @@ def _measurement(job: Job) -> FRF:
                 "averages",
             )
         frf = replace(frf, averages=table.averages)
-    with _at(job, "test", "responses"):
-        frf = frf.select(responses=table.responses)
-    with _at(job, "test", "references"):
-        frf = frf.select(references=table.references)
     with _at(job, "test", "band"):
         return frf.select(band=table.band)
 

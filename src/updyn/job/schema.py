@@ -122,9 +122,11 @@ class TestTable(_Table):
             "duplicates": self.duplicates,
             "scalar_direction": self.scalar_direction,
             "scale": self.scale,
-            "responses": self.response_labels,
-            "references": self.reference_labels,
+            "response_labels": self.response_labels,
+            "reference_labels": self.reference_labels,
             "order": self.order,
+            "responses": self.responses,
+            "references": self.references,
         }
         return {k: v for k, v in stated.items() if v is not None}
 
@@ -235,7 +237,7 @@ class Job(_Table):
         """
         return JobError(message, self.path, self.place(*place))
 
-    def error_about(self, message: str, *place: str | int) -> JobError:
+    def error_about(self, message: str, *place: str | int, path: Path | None = None) -> JobError:
         """Return an error about a table, at the line of its first key that the message names, else at its own.
 
         Parameters
@@ -244,13 +246,15 @@ class Job(_Table):
             What was found and what was expected.
         *place : str or int
             The table, as for `place`.
+        path : Path, optional
+            A file that the message starts with: the words in its name are not keys.
 
         Returns
         -------
         JobError
             To be raised.
         """
-        words = re.findall(r"\w+", message)
+        words = re.findall(r"\w+", message.removeprefix(str(path)))
         inside = {p[len(place)]: p for p in self._lines if len(p) == len(place) + 1 and p[: len(place)] == place}
         return self.error(message, *next((inside[w] for w in words if w in inside), place))
 
