@@ -67,10 +67,12 @@ def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any
 
 
 def log_step(values: ArrayLike) -> int | str:
-    """Return how to mark a log axis: whole decades where `values` span more than two, else 1, 2 and 5 in each."""
+    """Return how to mark a log axis: at most ten whole decades where `values` span more than two, else 1, 2 and 5."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0)]
-    return 1 if array.size and array.max() > 100.0 * array.min() else "D2"
+    if not array.size or array.max() <= 100.0 * array.min():
+        return "D2"
+    return int(np.ceil(np.log10(array.max() / array.min()) / 10.0))
 
 
 def rows_height(n: int, extra: int) -> int:

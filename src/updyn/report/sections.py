@@ -21,7 +21,8 @@ def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> st
     said = w.verdict(result, figures)
     about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {w.extent(result.frf)}"
     remedy = f"What to do next: {result.remedy}" if result.remedy else ""
-    cause = result.message if result.remedy or not result.ok else ""  # else it repeats the verdict
+    # The first sentence of a fit that is well repeats the verdict.
+    cause = result.message if result.remedy or not result.ok else result.message.partition(". ")[2]
     return (
         f"<header><h1>{m.esc(result.title or 'Model update')}</h1>{m.paragraph(about, 'byline')}"
         f'<section id="verdict" aria-label="Verdict"><p><span class="badge {said.kind}">{m.esc(said.badge)}</span></p>'
@@ -49,7 +50,7 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
     )
     chi = result.noise.get("chi_square")
     if isinstance(chi, int | float) and math.isfinite(chi):
-        tiles.append(("Reduced chi-square", w.number(float(chi), 3), "1: what is left is noise"))
+        tiles.append(("Reduced chi-square", w.number(float(chi), 3), w.chi_hint(result.noise)))
     cells = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
         for name, value, hint in tiles

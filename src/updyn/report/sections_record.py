@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ def noise(c: Content) -> str:
     chi = c.result.noise.get("chi_square")
     parts = ['<section id="noise"><h2>Noise and residual</h2>']
     if isinstance(chi, int | float) and math.isfinite(chi):
-        parts.append(m.paragraph(_chi_words(float(chi))))
+        parts.append(m.paragraph(_chi_words(float(chi), c.result.noise)))
     parts.append(m.definition_table(items) if items else m.paragraph("The method used no noise model.", "muted"))
     if "level-differences" in c.figures:
         caption = (
@@ -101,8 +102,12 @@ def noise(c: Content) -> str:
     return "".join(parts) + "</section>"
 
 
-def _chi_words(chi: float) -> str:
+def _chi_words(chi: float, noise: Mapping[str, Any]) -> str:
     shown = w.number(chi, 3)
+    if w.noise_is_fitted(noise):
+        return (
+            f"Reduced chi-square {shown}, by construction: the noise is taken from what is left, model error included."
+        )
     if chi > 2.0:
         return (
             f"Reduced chi-square {shown}: the residual is {w.number(math.sqrt(chi), 2)} times what the noise explains. "

@@ -16,6 +16,7 @@ __all__ = [
     "Verdict",
     "agreement_name",
     "change",
+    "chi_hint",
     "combination",
     "counted",
     "decibels",
@@ -24,6 +25,7 @@ __all__ = [
     "figure_of_agreement",
     "held_out",
     "interval",
+    "noise_is_fitted",
     "number",
     "plain",
     "quantity_words",
@@ -256,6 +258,16 @@ def extent(frf: FRF) -> str:
 def decibels(value: float) -> str:
     """Return a level difference with its unit."""
     return "unknown" if math.isnan(value) else f"{number(value, 2 if abs(value) < 10 else 3)} dB"
+
+
+def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
+    """Whether the noise was taken from the residual, so that chi-square says nothing about the fit."""
+    return str(noise.get("kind", "")).startswith(("estimated", "spread"))
+
+
+def chi_hint(noise: Mapping[str, Any]) -> str:
+    """Return what a reduced chi-square of 1 means."""
+    return "by construction: noise taken from what is left" if noise_is_fitted(noise) else "1: what is left is noise"
 
 
 def held_out(result: UpdateResult) -> str:

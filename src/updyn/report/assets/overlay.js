@@ -51,7 +51,7 @@ const updynOverlay = (() => {
       out.push({ ...common, legendgroup: name, x: freq, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${name}<extra></extra>` });
       out.push({ ...common, ...phase(sets[name], k), legendgroup: name, showlegend: false, yaxis: "y2",
         hovertemplate: `%{x:.5g} Hz: %{y:.1f}° ${name}<extra></extra>` });
-      if (name === "measured" && !data.everyLineUsed && !held && data.used.length) {
+      if (name === "measured" && (!data.everyLineUsed || n <= 60) && !held && data.used.length) {
         out.push({ type: "scatter", mode: "markers", name: "lines used in the fit", x: data.used.map((i) => freq[i]),
           y: data.used.map((i) => level[i]), hoverinfo: "skip",
           marker: { symbol: "circle-open", size: 8, color: "@text", line: { width: 1.1 } } });
