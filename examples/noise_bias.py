@@ -10,6 +10,7 @@ Run it with ``python examples/noise_bias.py``; it prints the largest error of an
 from __future__ import annotations
 
 import numpy as np
+
 import updyn
 
 N = 6

@@ -11,6 +11,7 @@ Run it with ``python examples/undetermined.py``.
 from __future__ import annotations
 
 import numpy as np
+
 import updyn
 
 TRUTH = {"coupling 1": {"stiffness": 0.7}, "coupling 2": {"stiffness": 1.2}}
