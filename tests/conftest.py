@@ -123,3 +123,21 @@ def add_noise() -> Callable[..., FRF]:
         return FRF(frf.freq, H + std * unit, frf.responses, frf.references, frf.quantity, **kwargs)
 
     return noisy
+
+
+@pytest.fixture(scope="session")
+def mixed_model() -> Callable[[float], Model]:
+    """Make a model of translations beside rotations; the argument is the unit of length in metres."""
+
+    def make(length: float) -> Model:
+        rng, n = np.random.default_rng(8), 8
+        T = np.diag(np.where(np.arange(n) % 2 == 0, length, 1.0))  # displacements change, rotations do not
+        groups = {}
+        for name, own in (("a", np.arange(5)), ("b", np.arange(3, 8))):
+            K, M, at = np.zeros((n, n)), np.zeros((n, n)), np.ix_(own, own)
+            A, B = rng.standard_normal((2, 5, 5))
+            K[at], M[at] = 1e4 * (A @ A.T + np.eye(5)), 0.05 * B @ B.T + np.eye(5)
+            groups[name] = Group(T @ (K + K.T) @ T, T @ (M + M.T) @ T, loss_factor=0.03)
+        return Model.from_groups(groups, [f"{i // 2 + 1}:{'Y' if i % 2 == 0 else 'RZ'}" for i in range(n)])
+
+    return make

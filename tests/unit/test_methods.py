@@ -163,6 +163,23 @@ def test_signs_of_sensors_do_not_matter(chain12, chain12_frf, add_noise):
         assert two == pytest.approx(one, rel=1e-8)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_unit_of_length_does_not_matter(mixed_model, add_noise, name):
+    """Translations beside rotations, in metres and in millimetres: the same noisy test gives the same unknowns."""
+    fits = []
+    for length in (1.0, 1e-3):
+        start = mixed_model(length)
+        true = start.scaled({"a": {"stiffness": 1.1, "loss_factor": 0.05}, "b": {"stiffness": 0.9, "mass": 1.05}})
+        responses = ["1:Y", "2:RZ", "3:Y", "4:RZ"]
+        clean = updyn.response(true, np.linspace(2, 60, 50), responses, ["1:Y", "2:RZ"])
+        # Relative noise, so that it is the same measurement in both units.
+        data = add_noise(clean, np.random.default_rng(3), relative=0.02)
+        unknowns = updyn.parameters(start, stiffness="all", mass=["b"], loss_factor="all")
+        fits.append(updyn.update(start, data, unknowns, method=name))
+    assert vector(fits[1]) == pytest.approx(vector(fits[0]), rel=1e-6)
+    assert list(fits[1].std.values()) == pytest.approx(list(fits[0].std.values()), rel=1e-4)
+
+
 # -- priors ----------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", METHODS)
 def test_wide_prior_hardly_moves_what_the_data_know(chain12, chain12_frf, add_noise, name):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import OptionError
-from updyn.frf import FRF
+from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Problem
 
 __all__ = ["choose_lines", "d_optimal"]
@@ -50,9 +50,9 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
 def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     """Choose lines one by one, each the one that raises the determinant of the Fisher information most.
 
-    The information is taken at the start of the unknowns, for noise that is relative with a floor of 1 % of the rms, as
-    sensors have. Loss factors are taken as at least 0.02 there, so that a peak that is not yet in its place still draws
-    lines to its flanks.
+    The information is taken at the start of the unknowns, for noise that is relative with a floor of 1 % of the rms of
+    all data of the same unit, as sensors have. Loss factors are taken as at least 0.02 there, so that a peak that is
+    not yet in its place still draws lines to its flanks.
 
     Parameters
     ----------
@@ -92,15 +92,10 @@ def _information_by_line(problem: Problem) -> NDArray[np.float64]:
     loss = problem.unknowns.is_loss
     values = np.where(loss, np.maximum(values, np.minimum(0.02, problem.coordinates.parameters.upper)), values)
     out = []
-    level = float(np.sqrt(np.mean(np.abs(problem.frf.values) ** 2)))
+    floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
     for block in problem.blocks(problem.coordinates.to_x(values)):
         assert block.dH is not None
-        weight = 1.0 / np.sqrt(np.abs(block.H) ** 2 + (_RELATIVE_FLOOR * level) ** 2)
+        weight = 1.0 / np.hypot(np.abs(block.H), floor)
         J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
         out.append(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
     return np.concatenate(out)
-
-
-def without(frf: FRF, band: tuple[float, float]) -> NDArray[np.intp]:
-    """Return the positions of the lines outside a band (Hz, both ends belong to the band)."""
-    return np.flatnonzero((frf.freq < band[0]) | (frf.freq > band[1]))

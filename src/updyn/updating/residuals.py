@@ -17,6 +17,7 @@ from updyn import sensitivity
 from updyn.dynamics.fields import line_blocks
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
+from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Block, Problem
 from updyn.updating.trust_region import Local
 
@@ -90,7 +91,8 @@ class EquationError:
     """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
 
     Every reference has to be measured as a response too: its unit force stands on a retained DOF. With measured noise
-    the estimate is biased, as H_X stands on both sides.
+    the estimate is biased, as H_X stands on both sides. Where translations and rotations were measured, forces and
+    moments are brought to one scale by the levels of the data (`_same_unit`); otherwise it is the paper's as it stands.
     """
 
     name: str = "equation-error"
@@ -118,6 +120,7 @@ class EquationError:
             raise DataError(
                 f"equation error: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
             )
+        weight = _same_unit(problem, unit)
         for lines in line_blocks(len(problem.frf.freq), problem.solver.block_size(2 * len(problem.rows))):
             freq = problem.frf.freq[lines]
             factor = problem.sign / ((2j * np.pi * freq) ** power)[:, None, None]
@@ -125,7 +128,17 @@ class EquationError:
                 problem.solver, problem.unknowns, state, freq, problem.rows, problem.frf.values[lines] * factor
             )
             assert derivative is not None
-            yield product - unit, derivative * slope[:, None, None, None]
+            yield weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
+
+
+def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
+    """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
+
+    The residual at a rotation is a moment per force. Times the level of the motion there, over the level of the motion
+    at the force, it becomes a share of work, whatever the unit of length.
+    """
+    level = level_by_unit(problem.frf)[0]
+    return np.asarray(level / (unit * level).sum(axis=0))
 
 
 def reduce(blocks: Iterable[_Matrix], n: int) -> Local:

@@ -1,0 +1,82 @@
+"""Choice of lines: lists, D-optimal against random choices, refusals."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.errors import DataError, OptionError
+from updyn.updating.lines import choose_lines, d_optimal
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import OutputError
+
+
+@pytest.fixture
+def problem(chain12, chain12_frf):
+    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+    return Problem.build(chain12, chain12_frf.select(references=["12:X"]), unknowns)
+
+
+def log_determinant(model, problem, at):
+    """Of the Fisher information at the start, for 1 % relative noise with a floor of 1e-4 of the rms."""
+    data = problem.frf.select(lines=problem.frf.freq[at])
+    chosen = Problem.build(model, data, problem.coordinates.parameters)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    H = chosen.responses(x)
+    floor = 1e-4 * np.sqrt(np.mean(np.abs(problem.frf.values) ** 2))
+    R = OutputError(np.sqrt(2.0) / np.hypot(0.01 * np.abs(H), floor)).local(chosen, x).R
+    return np.linalg.slogdet(R.T @ R)[1]
+
+
+def test_all_lines_or_a_list(problem):
+    freq = problem.frf.freq
+    assert list(choose_lines(None, problem)) == list(range(60))
+    assert list(choose_lines(freq[[3, 40, 8]], problem)) == [3, 8, 40]
+    with pytest.raises(DataError, match="5 Hz"):
+        choose_lines([freq[0], 5.0], problem)
+
+
+@pytest.mark.parametrize("text", ["d-optimal", "d-optimal:", "d-optimal:4.5", "d-optimal:-3", "doptimal:5", "all", ""])
+def test_text_that_is_not_understood(problem, text):
+    with pytest.raises(OptionError, match="expected 'd-optimal:N' with a whole number N, or frequencies in Hz"):
+        choose_lines(text, problem)
+
+
+@pytest.mark.parametrize("text", ["d-optimal:0", "d-optimal:61"])
+def test_more_lines_than_there_are(problem, text):
+    with pytest.raises(OptionError, match="the data have 60 lines to choose from"):
+        choose_lines(text, problem)
+
+
+@pytest.mark.parametrize("count", [4, 10, 25])
+def test_d_optimal_beats_random_and_even_choices(chain12, problem, count):
+    chosen = d_optimal(problem, count)
+    assert len(set(chosen)) == count
+    assert (np.diff(chosen) > 0).all()
+    best, rng = log_determinant(chain12, problem, chosen), np.random.default_rng(0)
+    others = [log_determinant(chain12, problem, np.sort(rng.choice(60, count, replace=False))) for _ in range(60)]
+    assert best > max(others)
+    assert best > log_determinant(chain12, problem, np.round(np.linspace(0, 59, count)).astype(int))
+
+
+def test_d_optimal_of_all_lines_is_all_lines(problem):
+    assert list(d_optimal(problem, 60)) == list(range(60))
+
+
+def test_d_optimal_of_a_single_oscillator_takes_the_half_power_flanks():
+    """Loss factor and stiffness of one resonance: steepest at the peak and its flanks, not out in the band."""
+    model = updyn.Model.from_groups({"o": updyn.Group([[(2 * np.pi * 10) ** 2]], [[1.0]], 0.04)}, ["1:X"])
+    data = updyn.response(model, np.linspace(5, 15, 201), ["1:X"], ["1:X"])
+    problem = Problem.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
+    freq = data.freq[d_optimal(problem, 6)]
+    assert (np.abs(freq - 10.0) < 10 * 0.04).all()
+
+
+def test_d_optimal_does_not_depend_on_units(mixed_model):
+    """In metres, and in a unit a thousand times smaller or larger."""
+    chosen = []
+    for scale in (1.0, 1e-3, 1e3):
+        model = mixed_model(scale)
+        data = updyn.response(model, np.linspace(2, 60, 80), ["1:Y", "2:RZ", "3:Y"], ["1:Y"])
+        problem = Problem.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
+        chosen.append(list(d_optimal(problem, 10)))
+    assert chosen[0] == chosen[1] == chosen[2]
