@@ -51,7 +51,7 @@ def test_the_job_of_the_readme_can_be_run(chain_inputs: Path) -> None:
     block = next(b for b in blocks(ROOT / "README.md") if b.language == "toml")
     path = chain_inputs / "readme.toml"
     path.write_text(block.text, encoding="utf-8")
-    assert len(prepare(load_job(path)).parameters) == 8
+    assert len(prepare(load_job(path)).parameters) == 12
     path.unlink()
 
 
