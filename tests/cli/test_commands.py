@@ -284,6 +284,9 @@ def test_info_of_each_kind(chain_folder: Path, capsys: pytest.CaptureFixture[str
     assert main(["info", str(chain_folder / "nodes.csv")]) == 0
     assert "2 nodes, 0 lines to draw, in m: X 0 to 1.5, Y 0 to 0, Z -2 to 0" in capsys.readouterr().out
 
+    assert main(["info", str(write(chain_folder, JOB))]) == 2
+    assert "looks like a job file (it has 'model'), not a model: updyn check job.toml" in capsys.readouterr().err
+
 
 # -- demo --------------------------------------------------------------------------------------------------
 def test_demo_list(capsys: pytest.CaptureFixture[str]) -> None:

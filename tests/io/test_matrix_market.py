@@ -119,3 +119,10 @@ def test_a_matrix_alone_is_not_a_model(folder):
         read_model(folder / "K.mtx")
     with pytest.raises(FormatError, match=r"write to 'x.toml' instead"):
         write_model(model(), folder / "x.mtx")
+
+
+@pytest.mark.parametrize("table", ["[model]", "[test]", "[[parameter]]"])
+def test_a_job_is_not_taken_for_a_model(folder, table):
+    (folder / "job.toml").write_text(f'title = "Run 3"\n{table}\nfile = "m.toml"\n')
+    with pytest.raises(FormatError, match=r"job\.toml: looks like a job file .*: updyn check job\.toml$"):
+        read_model(folder / "job.toml")

@@ -40,6 +40,7 @@ from updyn.model import Group, Matrix, Model
 __all__ = ["read_model", "write_model"]
 
 _TOP = ("title", "dofs", "geometry", "group")
+_JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of TOML file
 _GEOMETRY = ("nodes", "lines")
 _MATRICES = ("stiffness", "mass", "viscous")
 _GROUP = ("name", *_MATRICES, "loss_factor")
@@ -71,6 +72,11 @@ def read_model(path: str | Path) -> Model:
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"at line (\d+)", str(error))
         raise FormatError(f"not a TOML file: {error}", path, int(line[1]) if line else None) from error
+    if "group" not in table and (found := [name for name in _JOB if name in table]):
+        raise FormatError(
+            f"looks like a job file (it has {found[0]!r}), not a model: updyn check {path.name}",
+            path,
+        )
     entry = _Entry(path, text)
     entry.only_known(table, _TOP, "")
     if "group" not in table:
