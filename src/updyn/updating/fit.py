@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.errors import SolverError
 from updyn.updating.identifiability import open_directions
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
@@ -74,6 +75,11 @@ def descend(
     Loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent goes on from
     the nearest point within the bounds. Where the data leave combinations of unknowns open, of all points that fit as
     well the one nearest to the unknowns' start is sought.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at x.
     """
     lower, upper = problem.coordinates.bounds
 
@@ -83,13 +89,20 @@ def descend(
             local = Local(local.cost / unit**2, local.R / unit, local.q / unit)
         return None if local is None else with_prior(local, problem, at)
 
-    if (start := evaluate(x)) is not None and not monitor.begun:
+    start = evaluate(x)
+    if start is None:
+        raise SolverError(f"{residual.name}: the model cannot be solved where the fit starts")
+    if not monitor.begun:
         monitor.start(x, start)
+    if monitor.stopped:
+        return Outcome(x, start, "stopped")
     outcome = settings.minimise(evaluate, x, problem.coordinates.relaxed_lower, upper, monitor.step)
     inside = np.clip(outcome.x, lower, upper)
     if (inside != outcome.x).any():
         local = evaluate(inside)
-        if outcome.reason == "stopped" and local is not None:
+        if local is None:
+            raise SolverError(f"{residual.name}: the model cannot be solved with its loss factors at zero")
+        if outcome.reason == "stopped":
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
     home = problem.coordinates.to_x(problem.coordinates.parameters.start)
@@ -98,6 +111,8 @@ def descend(
         if outcome.reason != "converged" or free.shape[1] == 0:
             break
         pulled = np.clip(outcome.x + free @ (free.T @ (home - outcome.x)), lower, upper)
+        if evaluate(pulled) is None:
+            break
         back = settings.minimise(evaluate, pulled, lower, upper, monitor.step)
         nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
         if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.frf.values.size:

@@ -55,6 +55,8 @@ class EquationErrorMethod:
             if self.solver == "gauss-newton":
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
+                for _ in residual.blocks(problem, x):
+                    pass  # a start that cannot be condensed is said with its line
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
                 x, reason = outcome.x, outcome.reason
@@ -83,6 +85,8 @@ def _gauss_newton(
         try:
             parts = list(EquationError().blocks(problem, x))
         except SolverError:
+            if number == 0:
+                raise
             return x, "failed"
         r = np.concatenate([p[0].ravel() for p in parts])
         S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T

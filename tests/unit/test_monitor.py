@@ -1,0 +1,76 @@
+"""History, progress and the wish to stop."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.monitor import Monitor, Progress, condition
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import LogError
+from updyn.updating.trust_region import Local, Step
+
+
+@pytest.fixture
+def problem(chain12, chain12_frf):
+    unknowns = updyn.parameters(chain12, stiffness=["part1"], loss_factor=["part1"])
+    return Problem.build(chain12, chain12_frf, unknowns)
+
+
+def test_history_keeps_every_step_with_stage_and_values(problem):
+    monitor, x = Monitor(problem), np.array([np.log(1.5), 0.02])
+    with monitor.stage("search"):
+        assert not monitor.begun
+        monitor.start(x, LogError().local(problem, x))
+        assert monitor.begun
+        monitor.step(Step(x + 0.1, None, 0.1, False))
+    with monitor.stage("log"):
+        assert not monitor.begun
+        monitor.start(x, LogError().local(problem, x))
+    assert [(h.stage, h.number, h.step, h.accepted) for h in monitor.history] == [
+        ("search", 0, 0.0, True), ("search", 1, 0.1, False), ("log", 2, 0.0, True),
+    ]  # fmt: skip
+    assert monitor.history[0].values == pytest.approx({"part1.stiffness": 1.5, "part1.loss_factor": 0.02})
+    assert monitor.history[0].cost == LogError().local(problem, x).cost
+    assert np.isnan(monitor.history[1].cost)
+    assert monitor.timing_s.keys() == {"search", "log"}
+    assert all(t >= 0 for t in monitor.timing_s.values())
+
+
+def test_callback_sees_progress_and_stops(problem):
+    seen = []
+
+    def callback(progress):
+        seen.append(progress)
+        return len(seen) == 2
+
+    monitor, x = Monitor(problem, callback), np.zeros(2)
+    step = Step(x, LogError().local(problem, x), 0.1, True)
+    with monitor.stage("log"):
+        assert monitor.step(step) is False
+        assert monitor.step(step) is True
+        assert monitor.step(step) is True  # once stopped, it stays stopped
+    assert all(isinstance(p, Progress) for p in seen)
+    assert [p.iteration for p in seen] == [0, 1, 2]
+    assert [p.lines_done for p in seen] == [60, 120, 180]
+    assert {(p.stage, p.n_lines) for p in seen} == {("log", 60)}
+
+
+def test_stages_nest_and_times_add_up(problem):
+    monitor = Monitor(problem)
+    with monitor.stage("a"):
+        with monitor.stage("b"):
+            pass
+        monitor.start(np.zeros(2), Local(1.0, np.eye(2), np.ones(2)))
+    first = monitor.timing_s["a"]
+    with monitor.stage("a"):
+        pass
+    assert monitor.history[0].stage == "a"
+    assert monitor.timing_s["a"] >= first
+
+
+def test_condition_is_that_of_unit_columns():
+    R = np.array([[1.0, 1e6], [0.0, 1e6]])
+    assert condition(R) == pytest.approx(np.linalg.cond(R / [1.0, np.sqrt(2) * 1e6]), rel=1e-12)
+    assert condition(np.array([[1.0, 0.0], [0.0, 0.0]])) == np.inf
+    assert condition(np.array([[1.0, 2.0]])) == np.inf
+    assert condition(np.array([[np.nan, 1.0], [0.0, 1.0]])) == np.inf
