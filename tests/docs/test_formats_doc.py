@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import scipy.io
 
+from updyn.cli import main
 from updyn.errors import FormatError
 from updyn.io import read_frf, read_geometry, read_model
 from updyn.io.registry import FORMATS, Format, load
+from updyn.job import load_job, prepare
 
 TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE)
@@ -142,3 +144,20 @@ def test_matlab_names_of_the_page_are_read(tmp_path: Path) -> None:
     frf = read_frf(tmp_path / "test.mat")
     assert frf.responses.labels == ["5:Z", "9:-Z"]
     np.testing.assert_array_equal(frf.values[:, :, 0], values["H"])
+
+
+def test_a_universal_file_in_g_is_refused_until_it_is_scaled(
+    chain_inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw = (chain_inputs / "chain.uff").read_bytes()
+    assert b" m/s^2 " in raw
+    file = tmp_path / "g.uff"
+    file.write_bytes(raw.replace(b" m/s^2 ", b" g     "))
+    assert main(["convert", str(file), str(tmp_path / "g.npz")]) == 2
+    assert "9.80665 for g/N" in capsys.readouterr().err
+    assert main(["convert", str(file), str(tmp_path / "si.npz"), "--scale", "9.80665"]) == 0
+    expected = read_frf(chain_inputs / "chain.uff").values * 9.80665
+    np.testing.assert_array_equal(read_frf(tmp_path / "si.npz").values, expected)
+    job = (chain_inputs / "job.toml").read_text(encoding="utf-8").replace('"chain.h5"', f'"{chain_inputs}/chain.h5"')
+    (tmp_path / "job.toml").write_text(job.replace('"chain.uff"', '"g.uff"\nscale = 9.80665'), encoding="utf-8")
+    np.testing.assert_array_equal(prepare(load_job(tmp_path / "job.toml")).frf.values, expected)

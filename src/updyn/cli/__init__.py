@@ -171,6 +171,7 @@ def convert(
     quantity: str | None = None,
     duplicates: str | None = None,
     scalar_direction: str | None = None,
+    scale: float | None = None,
     force: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Convert a measurement or a model to another format. What IN is, is told by its content.
@@ -189,6 +190,8 @@ def convert(
         What to do with functions that stand twice; the reader's default is to refuse them.
     scalar_direction
         Direction of functions whose file names none.
+    scale
+        Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
     force
         Write over OUT where it exists.
     """
@@ -198,7 +201,7 @@ def convert(
     if target.exists() and (not force or target.resolve() == source.resolve()):
         same = target.resolve() == source.resolve()
         raise InputError(f"{target}: {'is the file to read' if same else 'exists already; --force writes over it'}")
-    reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction}
+    reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction, "scale": scale}
     reading = {k: v for k, v in reading.items() if v is not None}
     kinds = ("frf",) if reading else ("frf", "model")
     kind, content = read_anything(source, kinds, {"frf": {"format": from_, **reading}, "model": {"format": from_}})
