@@ -55,6 +55,7 @@ PADS = (0.028, 0.537)
 _PADS = {"stiffness": 2e4, "loss_factor": 0.1}  # N/m each
 _ACCELEROMETER = 0.004  # kg each
 
+_SOURCE = "Measurement: Ladisk, sample data of sdypy-EMA 0.27.3, MIT licence (inputs/README.md)."
 _JOB = """\
 # The measurement is Ladisk's (see README.md beside this file). Dimensions and positions are inferred from it, not
 # measured; E and the density are handbook values. Everything is scored over all lines of the band.
@@ -236,4 +237,4 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare start, whole beam and segments; say what remains and why."""
     from updyn.demos.beam_remains import comparison, remains
 
-    return f"{comparison(results)}\n\n{remains(results[-1])}"
+    return f"{_SOURCE}\n\n{comparison(results)}\n\n{remains(results[-1])}"

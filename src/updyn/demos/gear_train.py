@@ -163,8 +163,8 @@ def _family(result: UpdateResult, moved: UpdateResult) -> str:
             f"Both models answer as the measurement does, to {before:.0e} and {after:.0e} of the largest receptance, "
             f"though K(6,6) is {_matrices_of(result.model)['K(6,6)']:.5g} in one and "
             f"{_matrices_of(moved.model)['K(6,6)']:.5g} in the other. The paper's result is a member of this family, "
-            f"picked by rounding. Its unit 6 is {abs(_share(moved) - 1.0):.2%} from Table 2, not '0.031 %'. (K of units "
-            "2 and 6 is slightly indefinite by the rounding of Table 2.)",
+            f"picked by rounding. Its unit 6 is {abs(_share(moved) - 1.0):.2%} from Table 2, not '0.031 %'. (K of "
+            "units 2 and 6 is slightly indefinite by the rounding of Table 2.)",
         ]
     )
 
