@@ -111,7 +111,7 @@ def _directions(given: ArrayLike, ids: NDArray[np.int64]) -> NDArray[np.float64]
     axes = _floats(given, "axes")
     if axes.shape != (len(ids), 3, 3):
         raise InputError(f"geometry: expected axes of shape {(len(ids), 3, 3)}, found {axes.shape}")
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         fits = (np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)) < 1e-4).reshape(len(ids), 9).all(axis=1)
     if not fits.all():
         raise InputError(
