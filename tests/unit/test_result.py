@@ -65,11 +65,11 @@ SUMMARY = """\
 Azimuth drive: not-identifiable after 2 iterations (maximum-likelihood)
 The fit converged, but one combination of unknowns is open. Fix one mass.
 
-unknown                            start       value         std  note
-shaft.mass                             1        0.95           -  not determined by the data
-shaft.stiffness                        1     1.23457      0.0123
-shaft.loss_factor                   0.01       0.025       0.001
-disc.mass                              1         100           -  at its upper bound; not determined by the data
+unknown                            start         value         std  note
+shaft.mass                             1          0.95           -  not determined by the data
+shaft.stiffness                        1       1.23457      0.0123
+shaft.loss_factor                   0.01         0.025       0.001
+disc.mass                              1           100           -  at its upper bound; not determined by the data
 
 The data determine 3 of 4 unknowns. Masses of shaft and disc act at the same DOFs.
   open combination 1: +1 shaft.mass, -0.5 disc.mass

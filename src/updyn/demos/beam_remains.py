@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["comparison", "levels_of", "one_mode", "reciprocity", "remains", "torsion"]
 
-#: Sensor and hammer point of the same station: at most 5 mm apart, the third at one node.
+#: Sensor and hammer point of the same station: some millimetres apart, the third at one node.
 _PAIRS = tuple(zip(SENSORS[:6], HAMMER, strict=True))
 _BANDS = ((BAND[0], 300.0), (300.0, 1000.0), (1000.0, 2200.0), (2200.0, BAND[1]))
 
@@ -62,6 +62,7 @@ def remains(result: UpdateResult) -> str:
     levels = ", ".join(
         f"{np.median(error[(computed.freq >= a) & (computed.freq < b)]):.2f} dB in {a:g}-{b:g} Hz" for a, b in _BANDS
     )
+    apart = 1e3 * max(abs(STATIONS[int(s[:3])] - STATIONS[int(h[:3])]) for s, h in _PAIRS)
     twisted, mac = torsion(computed, LENGTH)
     swapped, unexplained = reciprocity(computed.measured, computed.computed)
     frequency = next(f for f in modes(result.model, 4).frequency if f > BAND[0])
@@ -74,8 +75,8 @@ def remains(result: UpdateResult) -> str:
             f"{computed.csac.min():.2f}). At the sensors it moves much as the first torsion of a free bar "
             f"would (MAC {mac:.2f}), struck and measured off the axis; a beam that bends in one plane has no torsion.",
             f"- Swapping hammer and sensor between stations changes the measurement by {swapped:.1%} (median). The two "
-            f"are up to 5 mm apart there; {unexplained:.1%} is more than the model can put down to that: torsion, "
-            "calibration, repeatability.",
+            f"are up to {apart:.1f} mm apart there; {unexplained:.1%} is more than the model can put down to that: "
+            "torsion, calibration, repeatability.",
             "- Each sensor lies off the model by a level of its own (calibration, or position), which is no unknown: "
             f"{', '.join(f'{k} {v:+.2f}' for k, v in levels_of(computed.measured, computed.computed).items())} dB.",
             f"- Mode 1 is measured with a loss factor of {found:.2%}; the model gives it {ours:.2%}. The foam under "

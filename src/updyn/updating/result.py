@@ -188,7 +188,7 @@ class UpdateResult:
             f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations ({self.method})",
             self.message + (f" {self.remedy}" if self.remedy else ""),
             "",
-            f"{'unknown':<{width}}{'start':>12}{'value':>12}{'std':>12}  note",
+            f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
         ]
         for p in self.parameters:
             std = self.std[p.name]
@@ -196,7 +196,7 @@ class UpdateResult:
             if p.name in self.at_bound:
                 note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
-            lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>12.6g}{shown:>12}  {note}".rstrip())
+            lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip())
         ident = self.identifiability
         advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
         lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip()]
