@@ -43,7 +43,7 @@ def test_advice_under_noise_does_not_promise_too_much(gear_train):
     for f in np.geomspace(0.7 * 10 / HZ, 1.5 * 100 / HZ, 12):
         assert gear_train_identifiability(gear_train, np.append(omega, HZ * f), relative=0.05).rank < 18
     assert found.advice.startswith("No single further line or sensor on this model would determine all unknowns. Less")
-    assert f"fix {18 - found.rank} of the unknowns" in found.advice
+    assert f"Fix {18 - found.rank} of the unknowns" in found.advice
 
 
 def springs_in_series(measured_middle=False):
@@ -81,7 +81,7 @@ def test_unknown_that_nothing_sees_is_named_and_no_measurement_promised():
     assert found.rank == 1
     assert found.null_directions == [{"b.stiffness": 1.0}]
     assert found.advice.startswith("The data do not see b.stiffness at all. No single further line or sensor")
-    assert "fix 1 of the unknowns in the open combination at known values" in found.advice
+    assert ". Fix 1 of the unknowns in the open combination at known values" in found.advice
 
 
 def test_accuracy_that_the_cure_needs_is_said(gear_train):

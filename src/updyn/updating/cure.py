@@ -21,6 +21,8 @@ _CANDIDATE_SENSORS = 200
 #: A candidate counts if the relative change of what it would measure, for an e-fold change along each open direction,
 #: exceeds the noise, and in any case this: well above rounding, within what a good measurement sees after averaging.
 _VISIBLE = 1e-6
+#: Noise from which it is worth saying that less of it would help.
+_NOISY = 1e-3
 
 
 def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
@@ -63,10 +65,13 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
         parts.append(f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}.")
     if len(parts) == bool(silent):
         k = analysis.open.shape[1]
-        less = "Less noise (more averages) or several further lines and sensors may help; else " if noise > 1e-3 else ""
-        what = f"fix {k} of the unknowns in the open combination{'s' if k > 1 else ''} at known values"
-        none = f"No single further line or sensor on this model would determine all unknowns. {less}{what}"
-        parts.append(f"{none}, join groups, or give priors.")
+        parts.append("No single further line or sensor on this model would determine all unknowns.")
+        if noise > _NOISY:
+            parts.append("Less noise (more averages) or several further lines and sensors may help.")
+        parts.append(
+            f"Fix {k} of the unknowns in the open combination{'s' if k > 1 else ''} at known values, join groups, or "
+            "give priors."
+        )
     return " ".join(parts)
 
 

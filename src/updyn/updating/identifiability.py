@@ -69,7 +69,7 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
     -----
     Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns below
     `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The collinearity index is that of
-    Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, eq. 13, for all unknowns together.
+    Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for all unknowns together.
     """
     n = R.shape[1]
     norms = np.linalg.norm(R, axis=0)
