@@ -10,7 +10,10 @@ from typing import Any
 from updyn import __version__
 from updyn.job.schema import Job
 
-__all__ = ["resolved_job"]
+__all__ = ["MARK", "resolved_job"]
+
+#: How the comment in the first line begins, by which a folder knows its own.
+MARK = "Written by updyn"
 
 
 def resolved_job(job: Job, out: Path) -> str:
@@ -40,7 +43,7 @@ def resolved_job(job: Job, out: Path) -> str:
     defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
     content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
     document = tomlkit.document()
-    document.add(tomlkit.comment(f"Written by updyn {__version__} from {_from(out, job.path)}"))
+    document.add(tomlkit.comment(f"{MARK} {__version__} from {_from(out, job.path)}"))
     for key, value in content.items():
         if value != {} and value != {"table": {}}:
             document.add(key, _item(value))

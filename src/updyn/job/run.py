@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import resolved_job
+from updyn.job.resolved import MARK, resolved_job
 from updyn.job.resume import resumed
 from updyn.job.schema import Job
 
@@ -76,6 +76,10 @@ def check_out(job: Job, out: str | Path) -> Path:
         for name in OUTPUTS:
             if path.resolve() == (out / name).resolve():
                 raise JobError(f"the run would write over its own {what} {str(path)!r}; choose another --out", job.path)
+    there = out / "job.toml"
+    if there.is_file() and not there.read_bytes().startswith(f"# {MARK}".encode()):
+        text = f"the run would write over {str(there)!r}, a job that updyn did not write; choose another --out"
+        raise JobError(text, job.path)
     return out
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,16 +25,14 @@ from updyn.updating.identifiability import Analysis, analyse
 from updyn.updating.lines import choose_lines
 from updyn.updating.methods import make_method
 from updyn.updating.monitor import Monitor, Progress
-from updyn.updating.noise import choose_noise
+from updyn.updating.noise import Estimated, NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import OutputError
 from updyn.updating.result import Identifiability, UpdateResult
+from updyn.updating.verdict import verdict
 
 __all__ = ["identifiability", "update"]
-
-#: A correlation length from which the residual is called model error, in lines.
-_ALIKE = 3.0
 
 #: Noise that an identifiability check assumes where the data state none.
 _ASSUMED = {"relative": 0.05, "floor": 0.001}
@@ -125,16 +123,19 @@ def update(
     try:
         fit = strategy.fit(problem, noise_model, monitor)
     except SolverError as error:
-        fit = Fit(
-            problem.coordinates.to_x(parameters.start), "failed", np.zeros((len(parameters),) * 2), note=str(error)
-        )
-    analysis = analyse(fit.R, parameters.names)
-    advice = "" if fit.reason == "failed" else advise(analysis, problem, fit.x, _typical_misfit(problem, fit.x))
+        x = problem.coordinates.to_x(parameters.start)
+        fit = Fit(x, "failed", np.zeros((len(parameters),) * 2), note=str(error))
+    if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
+        analysis, advice = _at_start(problem, noise_model)
+        fit = replace(fit, R=np.zeros((len(parameters),) * 2))
+    else:
+        analysis = analyse(fit.R, parameters.names)
+        advice = advise(analysis, problem, fit.x, _typical_misfit(problem, fit.x))
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
-    covariance = _covariance(analysis, problem, fit)
-    status, message, remedy = _verdict(fit, analysis, problem, advice)
+    covariance = _covariance(problem, fit)
+    status, message, remedy = verdict(fit, analysis, parameters.names, advice)
     options_used = {
         **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
         "lines": lines if isinstance(lines, str) or lines is None else "list",
@@ -161,7 +162,7 @@ def update(
         std=dict(zip(parameters.names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=covariance,
         at_bound=_at_bound(problem, fit.x, parameters),
-        identifiability=_advised(analysis.report, advice),
+        identifiability=replace(analysis.report, advice=advice),
         history=tuple(monitor.history),
         noise=dict(fit.noise),
         correlation=correlation,
@@ -205,18 +206,23 @@ def identifiability(
     """
     _check(model, frf, parameters)
     problem = _on_lines(Problem.build(model, frf, parameters), lines)
-    chosen = choose_noise(noise, problem.frf)
-    if chosen.kind.startswith("estimated"):
-        chosen = choose_noise(_ASSUMED, problem.frf)
-    x = problem.coordinates.to_x(parameters.start)
-    variance = chosen.variance(problem.responses(x), problem.frf)
+    analysis, advice = _at_start(problem, choose_noise(noise, problem.frf))
+    return replace(analysis.report, advice=advice)
+
+
+def _at_start(problem: Problem, noise: NoiseModel) -> tuple[Analysis, str]:
+    """Analyse the data at the start of the unknowns, and advise."""
+    if noise.kind == Estimated.kind:
+        noise = choose_noise(_ASSUMED, problem.frf)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    H = problem.responses(x)
+    variance = noise.variance(H, problem.frf)
     local = OutputError(np.sqrt(2.0 / variance)).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")
-    analysis = analyse(local.R, parameters.names)
-    H = problem.responses(x)
+    analysis = analyse(local.R, problem.coordinates.parameters.names)
     share = np.median(np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny))
-    return _advised(analysis.report, advise(analysis, problem, x, float(share)))
+    return analysis, advise(analysis, problem, x, float(share))
 
 
 def _check(model: Model, frf: FRF, parameters: ParameterSet) -> None:
@@ -256,8 +262,6 @@ def _split(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | Non
 
 
 def _on_lines(problem: Problem, lines: str | ArrayLike | None) -> Problem:
-    from dataclasses import replace
-
     at = choose_lines(lines, problem)
     return (
         problem
@@ -266,12 +270,11 @@ def _on_lines(problem: Problem, lines: str | ArrayLike | None) -> Problem:
     )
 
 
-def _covariance(analysis: Analysis, problem: Problem, fit: Fit) -> NDArray[np.float64]:
+def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
     """Return the covariance of the values: from data and priors; inf for unknowns that both leave open."""
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
-    if weight.any():
-        analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
+    analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
     out = analysis.covariance * slope[:, None] * slope
     out[analysis.involved] = np.inf
     out[:, analysis.involved] = np.inf
@@ -291,59 +294,6 @@ def _at_bound(problem: Problem, x: NDArray[np.float64], parameters: ParameterSet
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
     return {n: str(s) for n, s in zip(parameters.names, sides, strict=True) if s}
-
-
-def _advised(report: Identifiability, advice: str) -> Identifiability:
-    from dataclasses import replace
-
-    return replace(report, advice=advice)
-
-
-def _verdict(fit: Fit, analysis: Analysis, problem: Problem, advice: str) -> tuple[str, str, str]:
-    """Return status, cause and remedy."""
-    names = problem.coordinates.parameters.names
-    if fit.reason == "failed":
-        return (
-            "failed",
-            f"The fit broke down. {fit.note}".strip(),
-            "Start closer, or use the trust-region solver with bounds.",
-        )
-    if fit.reason == "stopped":
-        return "stopped", "Stopped before it had converged; the values are those of the last step.", "Run it again."
-    if fit.reason == "max-iterations":
-        return "max-iterations", "The largest number of steps was reached before convergence.", "Raise max_iterations."
-    if not analysis.report.complete:
-        open_ = [n for n, i in zip(names, analysis.involved, strict=True) if i]
-        blind = np.isinf(analysis.report.condition)
-        how = "without changing anything" if blind else "with no change, above the noise, of anything"
-        return (
-            "not-identifiable",
-            f"The fit ended, but the data determine only {analysis.report.rank} of {analysis.report.n_parameters} "
-            f"unknowns: {', '.join(open_)} can change together {how} that was measured.",
-            advice,
-        )
-    if fit.reason == "stalled":
-        return (
-            "stalled",
-            "No step lowers the misfit although its gradient is not zero.",
-            "Start elsewhere or loosen bounds.",
-        )
-    message = "The fit converged and the data determine all unknowns."
-    chi_square = float(fit.noise.get("chi_square", 1.0))
-    remedy = fit.note
-    length = float(fit.noise.get("correlation_length", 1.0))
-    if length > _ALIKE:
-        message += (
-            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
-            f"standard deviations were widened {np.sqrt(length):.2g} times for it."
-        )
-    if chi_square > 2.0:
-        message += (
-            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
-            "data, and the standard deviations were widened by as much."
-        )
-        remedy = "Look at the channels with the lowest FRAC; free other groups or refine the model."
-    return "converged", message, remedy
 
 
 def _correlation(before: Model, after: Model, split: _Split, frf: FRF) -> dict[str, Any]:

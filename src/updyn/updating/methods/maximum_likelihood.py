@@ -106,7 +106,9 @@ class MaximumLikelihood:
         local = residual.local(problem, x)
         assert local is not None
         whitened = residual.weight * (problem.responses(x) - problem.frf.values)
-        chi_square = 2.0 * local.cost / max(2 * whitened.size - problem.n, 1)
+        freedom = 2 * whitened.size - problem.n
+        # Without a value to spare the misfit says nothing about the noise.
+        chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
         length = correlation_length(whitened)
         # More misfit than the noise explains widens the error bars; less of it narrows them only where the scale of the
         # noise was not known. Misfit that is alike from line to line holds less information than independent noise.
@@ -115,7 +117,7 @@ class MaximumLikelihood:
         record = {
             "kind": noise.kind,
             **noise.figures(),
-            "chi_square": chi_square,
+            **({"chi_square": chi_square} if freedom > 0 else {}),
             "correlation_length": length,
             "inflation": inflation,
         }

@@ -1,0 +1,88 @@
+"""Status, cause and remedy of a fit, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from updyn.updating.fit import Fit
+from updyn.updating.identifiability import Analysis
+
+__all__ = ["verdict"]
+
+#: A correlation length from which the residual is called model error, in lines.
+_ALIKE = 3.0
+#: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called weak.
+_WEAK = 0.3
+#: A reduced chi-square from which the noise no longer explains the misfit.
+_MISFIT = 2.0
+
+
+def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str) -> tuple[str, str, str]:
+    """Say how a fit ended.
+
+    Parameters
+    ----------
+    fit : Fit
+        The outcome of the method.
+    analysis : Analysis
+        What the data determine.
+    names : list of str
+        The unknowns.
+    advice : str
+        What would cure open unknowns.
+
+    Returns
+    -------
+    status, message, remedy : str
+        One of `STATUSES`; the cause; what to do next, empty where all is well.
+    """
+    if fit.reason == "failed":
+        remedy = "Start closer, or use the trust-region solver with bounds."
+        return "failed", f"The fit broke down. {fit.note}".strip(), remedy
+    if fit.reason == "stopped":
+        return "stopped", "Stopped before it had converged; the values are those of the last step.", "Run it again."
+    if fit.reason == "max-iterations":
+        message = "The largest number of steps was reached before convergence."
+        if analysis.report.complete:
+            return "max-iterations", message, "Raise max_iterations."
+        return "max-iterations", f"{message} {_open(analysis, names)}", advice
+    if not analysis.report.complete:
+        return "not-identifiable", f"The fit ended, but {_open(analysis, names)}", advice
+    if fit.reason == "stalled":
+        message = "No step lowers the misfit although its gradient is not zero."
+        return "stalled", message, "Start elsewhere or loosen bounds."
+    return "converged", *_converged(fit, analysis, names)
+
+
+def _open(analysis: Analysis, names: list[str]) -> str:
+    report = analysis.report
+    involved = [n for n, i in zip(names, analysis.involved, strict=True) if i]
+    blind = np.isinf(report.condition)
+    how = "without changing anything" if blind else "with no change, above the noise, of anything"
+    return (
+        f"the data determine only {report.rank} of {report.n_parameters} unknowns: {', '.join(involved)} can change "
+        f"together {how} that was measured."
+    )
+
+
+def _converged(fit: Fit, analysis: Analysis, names: list[str]) -> tuple[str, str]:
+    message = "The fit converged and the data determine all unknowns."
+    remedy = fit.note
+    std = np.sqrt(np.diag(analysis.covariance))
+    weak = [f"{n} ({100 * s:.0f} %)" for n, s in zip(names, std, strict=True) if s > _WEAK]
+    if weak:
+        message += f" Only weakly: the standard deviation is large for {', '.join(weak)}."
+    length = float(fit.noise.get("correlation_length", 1.0))
+    if length > _ALIKE:
+        message += (
+            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
+            f"standard deviations were widened {np.sqrt(length):.2g} times for it."
+        )
+    chi_square = float(fit.noise.get("chi_square", 1.0))
+    if chi_square > _MISFIT:
+        message += (
+            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
+            "data, and the standard deviations were widened by as much."
+        )
+        remedy = "Look at the channels with the lowest FRAC; free other groups or refine the model."
+    return message, remedy
