@@ -81,6 +81,20 @@ def test_errors_reach_the_bound_and_error_bars_cover(case, add_noise, relative, 
     assert chi.mean() == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error"])
+def test_as_many_unknowns_as_numbers_are_not_called_certain(chain12, chain12_true, chain12_frf, add_noise, method):
+    """Two lines of one sensor are four numbers for four unknowns: a fit without residual, far from the truth."""
+    every = {"stiffness": ["part1", "part2"], "mass": ["part1", "part2"]}
+    data = add_noise(chain12_frf, np.random.default_rng(0), 0.01)
+    few = data.select(lines=data.freq[[3, 20]], responses=["2:X"], references=["2:X"])
+    unknowns = updyn.parameters(chain12, **every)
+    found = updyn.update(chain12, few, unknowns, method=method)
+    exact = exact_values(unknowns, chain12, chain12_true)
+    off = np.abs(np.array(list(found.values.values())) - exact)
+    assert off.max() > 0.1
+    assert (off < 4 * np.array(list(found.std.values()))).all()
+
+
 def test_wrong_statement_of_the_noise_widens_the_error_bars(case, add_noise):
     """Noise said to be 0.5 % is 1 %: chi-square is 4, and the error bars are those of 1 %."""
     start, clean, unknowns, _ = case

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.fit import correlation_length
-from updyn.updating.noise import Coherence, Estimated, Stated, Variance, choose_noise, level_by_unit
+from updyn.updating.noise import ASSUMED, Assumed, Coherence, Estimated, Stated, Variance, choose_noise, level_by_unit
 
 RNG = np.random.default_rng
 
@@ -75,6 +75,18 @@ def test_estimate_allows_for_the_unknowns_that_were_fitted(H):
     noisy = H * (1 + 0.05 * circular(RNG(3), H.shape))
     none, many = (Estimated().refit(H, frf(noisy), n).relative for n in (0, 100))
     assert many / none == pytest.approx(np.sqrt(4800 / 4700), rel=1e-3)
+
+
+def test_as_many_unknowns_as_numbers_leave_nothing_to_estimate_from():
+    """They fit any noise exactly; a residual of zero is then no sign of good data."""
+    values = np.ones((2, 1, 1), dtype=complex)
+    assert isinstance(Estimated().refit(values, frf(values), 3), Estimated)
+    for n in (4, 9):
+        found = Estimated().refit(values, frf(values), n)
+        assert isinstance(found, Assumed)
+        assert found.figures() == ASSUMED
+        assert found.refit(values, frf(values), n) is found
+        assert "assumed" in found.kind
 
 
 def test_estimate_from_exact_data_is_at_rounding(H):

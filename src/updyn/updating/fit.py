@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.identifiability import open_directions
 from updyn.updating.monitor import Monitor
-from updyn.updating.noise import NoiseModel
+from updyn.updating.noise import ASSUMED, NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import Residual, with_prior
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
@@ -68,12 +68,19 @@ class Method(Protocol):
 
 
 def descend(
-    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion, unit: float = 1.0
+    problem: Problem,
+    residual: Residual,
+    x: _Vector,
+    monitor: Monitor,
+    settings: TrustRegion,
+    unit: float = 1.0,
+    *,
+    relax: bool = True,
 ) -> Outcome:
     """Minimise one residual from x, priors included, and record every step.
 
-    Loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent goes on from
-    the nearest point within the bounds. Where the data leave combinations of unknowns open, of all points that fit as
+    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent
+    goes on from the nearest point within the bounds. Where the data leave combinations of unknowns open, of all points that fit as
     well the one nearest to the unknowns' start is sought.
 
     Raises
@@ -96,7 +103,8 @@ def descend(
         monitor.start(x, start)
     if monitor.stopped:
         return Outcome(x, start, "stopped")
-    outcome = settings.minimise(evaluate, x, problem.coordinates.relaxed_lower, upper, monitor.step)
+    outermost = problem.coordinates.relaxed_lower if relax else lower
+    outcome = settings.minimise(evaluate, x, outermost, upper, monitor.step)
     inside = np.clip(outcome.x, lower, upper)
     if (inside != outcome.x).any():
         local = evaluate(inside)
@@ -144,8 +152,13 @@ def descend_to_scale(
 
 
 def spread_of(local: Local, n_values: int, n: int) -> float:
-    """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n))."""
-    return float(np.sqrt(2.0 * local.cost / max(2 * n_values - n, 1)))
+    """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
+
+    As many unknowns as measured numbers leave nothing to tell it from; then that of `ASSUMED` noise is taken.
+    """
+    if 2 * n_values <= n:
+        return float(ASSUMED["relative"] / np.sqrt(2.0))
+    return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 
-__all__ = ["Coherence", "Estimated", "NoiseModel", "Stated", "Variance", "choose_noise", "level_by_unit"]
+__all__ = [
+    "ASSUMED",
+    "Assumed",
+    "Coherence",
+    "Estimated",
+    "NoiseModel",
+    "Stated",
+    "Variance",
+    "choose_noise",
+    "level_by_unit",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -24,6 +34,9 @@ _Complex = NDArray[np.complex128]
 #: Relative noise below this is rounding; it keeps the weights of exact data finite.
 _SMALLEST = 1e-12
 _SAMPLES = 20_000
+
+#: Noise that is assumed where neither the user nor the data say how large it is.
+ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
 class NoiseModel(Protocol):
@@ -75,6 +88,16 @@ class Stated:
     def figures(self) -> dict[str, float]:
         """Return relative and floor."""
         return {"relative": self.relative, "floor": self.floor}
+
+
+@dataclass(frozen=True, slots=True)
+class Assumed(Stated):
+    """Noise of ordinary size, where nothing says how large it is.
+
+    As many unknowns as measured numbers fit any noise, and leave no residual to estimate it from.
+    """
+
+    kind: ClassVar[str] = "assumed: as many unknowns as measured numbers, the residual cannot tell"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +167,17 @@ class Estimated:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return _two_part(self.relative, self.floor, H, level_by_unit(frf))
 
-    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Estimated:
-        """Return the model with `relative` and `floor` estimated from frf - H."""
+    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Estimated | Assumed:
+        """Return the model with `relative` and `floor` estimated from frf - H, or `Assumed` where nothing is left."""
         from scipy.optimize import minimize
 
+        if 2 * H.size <= n_parameters:
+            return Assumed(**ASSUMED)
         level = np.broadcast_to(level_by_unit(frf), H.shape)
         stride = max(1, H.size // _SAMPLES)
         size, floor = np.abs(H).ravel()[::stride], level.ravel()[::stride]
         squared = np.abs(frf.values - H).ravel()[::stride] ** 2
-        squared = squared * H.size / max(H.size - 0.5 * n_parameters, 0.25 * H.size)
+        squared = squared * H.size / (H.size - 0.5 * n_parameters)
 
         def unlikely(logs: NDArray[Any]) -> float:
             a, b = np.exp(np.clip(logs, np.log(_SMALLEST), 3.0))
