@@ -79,9 +79,9 @@ def descend(
 ) -> Outcome:
     """Minimise one residual from x, priors included, and record every step.
 
-    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the descent
-    goes on from the nearest point within the bounds. Where the data leave combinations of unknowns open, of all points that fit as
-    well the one nearest to the unknowns' start is sought.
+    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the
+    descent goes on from the nearest point within the bounds. Where the data leave combinations of unknowns open, of all
+    points that fit as well the one nearest to the unknowns' start is sought.
 
     Raises
     ------

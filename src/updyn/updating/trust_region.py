@@ -163,7 +163,9 @@ class TrustRegion:
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
-                    return Outcome(x, here, "converged" if fall <= 1e-6 * here.cost else "stalled")
+                    whole = np.abs(_step(here, x, lower, upper, np.inf)[0]).max(initial=0.0)
+                    near = fall <= 1e-6 * here.cost or whole <= 10.0 * _ROUNDING
+                    return Outcome(x, here, "converged" if near else "stalled")
             if stop:
                 return Outcome(x, here, "stopped")
         return Outcome(x, here, "max-iterations")

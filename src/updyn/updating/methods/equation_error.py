@@ -61,8 +61,7 @@ class EquationErrorMethod:
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
                 x, reason = outcome.x, outcome.reason
         local = residual.local(problem, x)
-        if local is None:
-            return Fit(x, "failed", np.zeros((problem.n, problem.n)))
+        assert local is not None
         sigma = spread_of(local, problem.frf.values.size, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
         note = (
@@ -78,16 +77,16 @@ def _gauss_newton(
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
     Real over imaginary rows, real unknowns (eqs. 12, 20-22); no step control and no bounds.
+
+    Raises
+    ------
+    SolverError
+        If it diverges.
     """
     coordinates = problem.coordinates
     length = 0.0
     for number in range(max_iterations + 1):
-        try:
-            parts = list(EquationError().blocks(problem, x))
-        except SolverError:
-            if number == 0:
-                raise
-            return x, "failed"
+        parts = list(EquationError().blocks(problem, x))
         r = np.concatenate([p[0].ravel() for p in parts])
         S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
         A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
@@ -100,7 +99,9 @@ def _gauss_newton(
         values = coordinates.to_values(x)
         change = _basic_solution(A / coordinates.slope(x), b)
         if (values + change)[problem.coordinates.parameters.is_factor].min(initial=1.0) <= 0.0:
-            return x, "failed"  # a mass or a stiffness would turn negative: the plain iteration has diverged
+            raise SolverError(
+                f"A mass or a stiffness would turn negative in step {number + 1}: the plain iteration has diverged."
+            )
         moved = coordinates.to_x(values + change)
         x, length = moved, float(np.abs(moved - x).max())
     return x, "max-iterations"
@@ -110,7 +111,7 @@ def _basic_solution(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[n
     """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
 
     Of the usual ways to solve a system of short rank this one reaches the paper's five iterations from both readings of
-    its error rates; least-norm solutions move along the open direction and take longer (examples/gear_train.py).
+    its error rates; least-norm solutions move along the open direction and take longer.
     """
     Q, R, order = scipy.linalg.qr(A, mode="economic", pivoting=True)
     size = np.abs(np.diag(R))

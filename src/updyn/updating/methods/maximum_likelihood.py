@@ -90,7 +90,8 @@ class MaximumLikelihood:
                 reason = "stopped" if monitor.stopped else "max-iterations"
                 break
             before = len(monitor.history)
-            outcome = descend(problem, residual, x, monitor, TrustRegion(left, self.tolerance, fall=_FALL))
+            settings = TrustRegion(left, self.tolerance, fall=_FALL)
+            outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
             left -= len(monitor.history) - before
             moved, x, reason = outcome.x - x, outcome.x, outcome.reason
             if reason in ("stopped", "max-iterations"):
