@@ -25,7 +25,7 @@ from updyn.updating.identifiability import Analysis, analyse
 from updyn.updating.lines import choose_lines
 from updyn.updating.methods import make_method
 from updyn.updating.monitor import Monitor, Progress
-from updyn.updating.noise import Estimated, NoiseModel, choose_noise
+from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import OutputError
@@ -33,9 +33,6 @@ from updyn.updating.result import Identifiability, UpdateResult
 from updyn.updating.verdict import verdict
 
 __all__ = ["identifiability", "update"]
-
-#: Noise that an identifiability check assumes where the data state none.
-_ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +210,7 @@ def identifiability(
 def _at_start(problem: Problem, noise: NoiseModel) -> tuple[Analysis, str]:
     """Analyse the data at the start of the unknowns, and advise."""
     if noise.kind == Estimated.kind:
-        noise = choose_noise(_ASSUMED, problem.frf)
+        noise = choose_noise(ASSUMED, problem.frf)
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     H = problem.responses(x)
     variance = noise.variance(H, problem.frf)
