@@ -28,11 +28,11 @@ lint: $(VENV)/.installed-dev
 
 # The package is installed in place, so that only a change of pyproject.toml needs another installation.
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable ".[mkl]"
 	@touch $@
 
 $(VENV)/.installed-%: $(VENV)/.made pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[$*]"
+	$(BIN)/python -m pip install --quiet --editable ".[$*,mkl]"
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/.made:

@@ -46,7 +46,10 @@ class Case:
         H = self.clean.values
         noise = rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
         return FRF(
-            self.clean.freq, H * (1 + relative * noise / np.sqrt(2)), self.clean.responses, self.clean.references,
+            self.clean.freq,
+            H * (1 + relative * noise / np.sqrt(2)),
+            self.clean.responses,
+            self.clean.references,
             self.clean.quantity,
         )
 

@@ -1,8 +1,8 @@
 """How close to the Cramer-Rao bound, and do the error bars say the truth?
 
-Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise of 1 % and 5 %, each
-draw fitted from the perturbed start. For every unknown: RMS error over the Cramer-Rao bound, and share of draws whose 95 %
-interval covers the truth. The bound is that of complex Gaussian noise of known variance at the truth.
+Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise of 1 % and 5 %,
+each draw fitted from the perturbed start. For every unknown: RMS error over the Cramer-Rao bound, and share of draws
+whose 95 % interval covers the truth. The bound is that of complex Gaussian noise of known variance at the truth.
 
     python benchmarks/noise.py [--draws 200] [--seed 0] [--stated]
 """
@@ -67,8 +67,8 @@ def main() -> None:
             begun = time.perf_counter()
             out = study(case, relative, args.draws, args.seed, args.stated)
             print(
-                f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws: {out['not converged'][0]} not converged, "
-                f"{out['steps'][0]:.0f} steps and {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
+                f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws: {out['not converged'][0]} not "
+                f"converged, {out['steps'][0]:.0f} steps and {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
             )
             print(f"{'unknown':<24}{'bound':>10}{'RMS/bound':>11}{'bias/bound':>12}{'covered':>10}")
             for i, name in enumerate(case.unknowns.names):
@@ -76,7 +76,10 @@ def main() -> None:
                     f"{name:<24}{100 * out['bound'][i]:>9.3g}%{out['ratio'][i]:>11.2f}{out['bias'][i]:>12.2f}"
                     f"{100 * out['coverage'][i]:>9.1f}%"
                 )
-            print(f"all: coverage {100 * out['coverage'].mean():.1f} %, largest RMS/bound {out['ratio'].max():.2f}", flush=True)
+            print(
+                f"all: coverage {100 * out['coverage'].mean():.1f} %, largest RMS/bound {out['ratio'].max():.2f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

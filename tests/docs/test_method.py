@@ -11,7 +11,7 @@ import pytest
 import updyn
 from updyn.demos.gear_train_case import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating import identifiability, problem, search, update
+from updyn.updating import identifiability, noise, problem, search
 from updyn.updating.lines import _RELATIVE_FLOOR
 
 TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split())
@@ -27,7 +27,7 @@ TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(enc
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
-        f"noise of {100 * update._ASSUMED['relative']:g} % and a floor of {100 * update._ASSUMED['floor']:g} %",
+        f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of {100 * noise.ASSUMED['floor']:g} %",
         f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
         f"Up to {fields.DENSE_LIMIT} degrees of freedom",
     ],

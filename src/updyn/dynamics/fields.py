@@ -7,16 +7,18 @@ factorisation, one a line. Fields are kept as arrays (N, n_lines, n_columns): a 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.partition import Partition
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
+from updyn.linalg.factorise import SparseSolver
 
 __all__ = ["DENSE_LIMIT", "TIERS", "LineSolver", "line_blocks"]
 
@@ -46,6 +48,7 @@ class LineSolver:
     system: AffineSystem
     tier: str
     backend: str
+    _kept: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def choose(cls, system: AffineSystem, tier: str | None = None, backend: str | None = None) -> LineSolver:
@@ -103,8 +106,9 @@ class LineSolver:
         B = np.zeros((n, r), dtype=np.complex128)
         B[columns, np.arange(r)] = 1.0
         out = np.empty((n, len(freq), r), dtype=np.complex128)
+        whole = self._whole()
         for i, f in enumerate(freq):
-            out[:, i] = factorise.solve(self._sparse(values[:, i]), B, self.backend, float(f))
+            out[:, i] = whole.solve(self._sparse(values[:, i]), B, float(f))
         return out
 
     def condense(
@@ -134,11 +138,9 @@ class LineSolver:
             If Z_ss is singular at a line: a natural frequency of the structure with its retained DOFs held.
         """
         values = self.system.values(coefficients)
-        n_all, n = self.system.n, len(retained)
-        keep = np.zeros(n_all, dtype=np.bool_)
-        keep[retained] = True
-        eliminated = np.flatnonzero(~keep)
-        T = np.zeros((n_all, len(freq), n), dtype=np.complex128)
+        partition, solver = self._partitioned(retained)
+        eliminated, n = partition.eliminated, len(retained)
+        T = np.zeros((self.system.n, len(freq), n), dtype=np.complex128)
         T[retained, :, np.arange(n)] = 1.0
         if self.tier == "dense":
             Z = self._dense(values)
@@ -151,14 +153,23 @@ class LineSolver:
             return Znn - Zsn.transpose(0, 2, 1) @ W, T
         Z_red = np.empty((len(freq), n, n), dtype=np.complex128)
         for i, f in enumerate(freq):
-            Z = self._sparse(values[:, i])
-            Zsn = Z[eliminated][:, retained].toarray()
-            Z_red[i] = Z[retained][:, retained].toarray()
+            Z_red[i], block, Zss = partition.blocks(values[:, i])
             if eliminated.size:
-                W = factorise.solve(Z[eliminated][:, eliminated], Zsn, self.backend, float(f), _HELD)
-                T[eliminated, i] = -W
-                Z_red[i] -= Zsn.T @ W
+                X = solver.solve(Zss, block, float(f), _HELD)
+                T[eliminated, i] = -X
+                Z_red[i] -= block.T @ X
         return Z_red, T
+
+    def _whole(self) -> SparseSolver:
+        """Return the solver for all of Z; its analysis is kept."""
+        return cast(SparseSolver, self._kept.setdefault(b"", SparseSolver(self.backend)))
+
+    def _partitioned(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
+        """Return the blocks for some retained DOFs and the solver for Z_ss; both are kept."""
+        key = retained.tobytes()
+        if key not in self._kept:
+            self._kept[key] = Partition.find(self.system, retained), SparseSolver(self.backend)
+        return cast("tuple[Partition, SparseSolver]", self._kept[key])
 
     def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         n = self.system.n

@@ -124,15 +124,17 @@ def update(
         fit = Fit(x, "failed", np.zeros((len(parameters),) * 2), note=str(error))
     if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
         analysis, advice = _at_start(problem, noise_model)
+        misfit = 0.0
         fit = replace(fit, R=np.zeros((len(parameters),) * 2))
     else:
         analysis = analyse(fit.R, parameters.names)
-        advice = advise(analysis, problem, fit.x, _typical_misfit(problem, fit.x))
+        misfit = _typical_misfit(problem, fit.x)
+        advice = advise(analysis, problem, fit.x, misfit)
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
     covariance = _covariance(problem, fit)
-    status, message, remedy = verdict(fit, analysis, parameters.names, advice)
+    status, message, remedy = verdict(fit, analysis, parameters.names, advice, misfit)
     options_used = {
         **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
         "lines": lines if isinstance(lines, str) or lines is None else "list",

@@ -15,9 +15,12 @@ _ALIKE = 3.0
 _WEAK = 0.3
 #: A reduced chi-square from which the noise no longer explains the misfit.
 _MISFIT = 2.0
+#: A typical misfit that is called a miss where nobody says how noisy the data are.
+_FAR = 0.3
+_LOOK = "Check units, calibration and labels; look at the channels with the lowest FRAC; free other groups."
 
 
-def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str) -> tuple[str, str, str]:
+def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float = 0.0) -> tuple[str, str, str]:
     """Say how a fit ended.
 
     Parameters
@@ -30,6 +33,8 @@ def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str) -> tupl
         The unknowns.
     advice : str
         What would cure open unknowns.
+    misfit : float
+        Median of |H - H_X| / |H_X|.
 
     Returns
     -------
@@ -45,13 +50,13 @@ def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str) -> tupl
         message = "The largest number of steps was reached before convergence."
         if analysis.report.complete:
             return "max-iterations", message, "Raise max_iterations."
-        return "max-iterations", f"{message} {_open(analysis, names)}", advice
+        return "max-iterations", f"{message} Besides, {_open(analysis, names)}", advice
     if not analysis.report.complete:
         return "not-identifiable", f"The fit ended, but {_open(analysis, names)}", advice
     if fit.reason == "stalled":
         message = "No step lowers the misfit although its gradient is not zero."
         return "stalled", message, "Start elsewhere or loosen bounds."
-    return "converged", *_converged(fit, analysis, names)
+    return "converged", *_converged(fit, analysis, names, misfit)
 
 
 def _open(analysis: Analysis, names: list[str]) -> str:
@@ -65,7 +70,7 @@ def _open(analysis: Analysis, names: list[str]) -> str:
     )
 
 
-def _converged(fit: Fit, analysis: Analysis, names: list[str]) -> tuple[str, str]:
+def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) -> tuple[str, str]:
     message = "The fit converged and the data determine all unknowns."
     remedy = fit.note
     std = np.sqrt(np.diag(analysis.covariance))
@@ -78,11 +83,16 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str]) -> tuple[str, str
             f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
             f"standard deviations were widened {np.sqrt(length):.2g} times for it."
         )
+    if misfit > _FAR and fit.noise.get("kind") not in ("stated", "variance", "coherence"):
+        message += (
+            f" But the model still misses the data: half of the values are off by more than {100 * misfit:.0f} %."
+        )
+        remedy = _LOOK
     chi_square = float(fit.noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
         message += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
             "data, and the standard deviations were widened by as much."
         )
-        remedy = "Look at the channels with the lowest FRAC; free other groups or refine the model."
+        remedy = _LOOK
     return message, remedy
