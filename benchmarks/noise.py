@@ -4,7 +4,7 @@ Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5)
 each draw fitted from the perturbed start. For every unknown: RMS error over the Cramer-Rao bound, and share of draws
 whose 95 % interval covers the truth. The bound is that of complex Gaussian noise of known variance at the truth.
 
-    python benchmarks/noise.py [--draws 200] [--seed 0] [--stated]
+    python benchmarks/noise.py [--draws 200] [--seed 0] [--stated] [--oracle]
 """
 
 from __future__ import annotations
@@ -31,14 +31,18 @@ def cramer_rao(case: Case, relative: float) -> np.ndarray:
     return np.linalg.norm(half, axis=0) * problem.coordinates.slope(x)
 
 
-def study(case: Case, relative: float, draws: int, seed: int, stated: bool) -> dict[str, np.ndarray]:
+def study(
+    case: Case, relative: float, draws: int, seed: int, stated: bool, oracle: bool = False
+) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     names = case.unknowns.names
     truth = np.array([case.truth[n] for n in names])
     errors, inside, failed, used = [], [], 0, 0
     for _ in range(draws):
         noise = {"relative": relative} if stated else None
-        result = updyn.update(case.start, case.noisy(relative, rng), case.unknowns, noise=noise)
+        unknowns = case.unknowns.with_start(truth) if oracle else case.unknowns
+        options = {"starts": 0} if oracle else {}
+        result = updyn.update(case.start, case.noisy(relative, rng), unknowns, noise=noise, **options)
         error = np.array([result.values[n] for n in names]) - truth
         std = np.array([result.std[n] for n in names])
         errors.append(error)
@@ -61,11 +65,12 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--stated", action="store_true", help="state the noise instead of estimating it")
+    parser.add_argument("--oracle", action="store_true", help="start at the truth, without a search")
     args = parser.parse_args()
     for case in (gear_train(start=starting_model()), chain12()):
         for relative in (0.01, 0.05):
             begun = time.perf_counter()
-            out = study(case, relative, args.draws, args.seed, args.stated)
+            out = study(case, relative, args.draws, args.seed, args.stated, args.oracle)
             print(
                 f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws: {out['not converged'][0]} not "
                 f"converged, {out['steps'][0]:.0f} steps and {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
