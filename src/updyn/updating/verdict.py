@@ -87,12 +87,12 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
         message += (
             f" But the model still misses the data: half of the values are off by more than {100 * misfit:.0f} %."
         )
-        remedy = _LOOK
+        remedy = f"{_LOOK} {fit.note}".strip()
     chi_square = float(fit.noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
         message += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
             "data, and the standard deviations were widened by as much."
         )
-        remedy = _LOOK
+        remedy = f"{_LOOK} {fit.note}".strip()
     return message, remedy
