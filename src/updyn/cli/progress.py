@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Watch", "watch"]
 
+_STOPPING = "\nStopping after this step; the results so far will be written. Ctrl-C again to leave at once.\n"
 _EVERY_S = 1.0  # plain lines of one stage, not closer than this
 
 
@@ -52,8 +54,9 @@ class Watch:
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = True
-        note = "Stopping after this step; the results so far will be written. Ctrl-C again to leave at once."
-        self.console.print(note, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        # Past the console: the signal may come while it writes, and it is not to be entered twice.
+        with suppress(OSError, ValueError):  # a console that is no file has no one at Ctrl-C
+            os.write(self.console.file.fileno(), _STOPPING.encode())
 
     @contextmanager
     def shown(self) -> Iterator[Watch]:
