@@ -149,8 +149,7 @@ def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, n
         assert np.abs(one - two).max() > 1e-6
         assert (np.abs(one - two) < 20 * std).all()
     else:
-        # A descent ends where rounding does, a thousandth of a standard deviation from the minimum or closer.
-        assert (np.abs(one - two) < 1e-3 * std).all()
+        assert two == pytest.approx(one, rel=1e-7, abs=1e-9)
         assert np.array(list(fits[1].std.values())) == pytest.approx(std, rel=1e-5)
 
 

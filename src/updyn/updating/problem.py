@@ -60,7 +60,7 @@ class Coordinates:
         """Lower bounds in x that let loss factors turn negative on the way, shape (n,).
 
         The true loss factor of a lightly damped part lies on its bound at zero, and a search that may not step across
-        gets caught there: of the paper's start and its variants a third fail with the wall and none without.
+        gets caught there.
         """
         lower = self.bounds[0]
         return np.where(self.parameters.is_factor, lower, np.minimum(lower, _RELAXED))

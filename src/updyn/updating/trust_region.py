@@ -160,6 +160,10 @@ class TrustRegion:
             else:
                 # A whole Gauss-Newton step this small that still does not help: only rounding is left.
                 if length <= _ROUNDING and not limited:
+                    # Costs that agree to rounding cannot choose between the two points; what is left to gain can.
+                    if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
+                        left = _step(there, trial, lower, upper, radius)[1]
+                        x, here = (trial, there) if left < fall else (x, here)
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
