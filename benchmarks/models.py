@@ -1,0 +1,113 @@
+"""Models of any size for the benchmarks: solids of eight-node bricks, and chains of springs."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+import updyn
+
+#: Steel, and an element edge of 0.1 m.
+E, NU, RHO, EDGE = 2.1e11, 0.3, 7850.0, 0.1
+
+
+def brick() -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness (24, 24) in N/m and consistent mass in kg of a trilinear brick, 2 x 2 x 2 Gauss points.
+
+    Hughes, The Finite Element Method (1987), section 3.5; the DOFs are x, y, z node by node.
+    """
+    corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)
+    lame, shear = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+    D = np.zeros((6, 6))
+    D[:3, :3] = lame
+    D += np.diag([2 * shear] * 3 + [shear] * 3)
+    K, M, jacobian = np.zeros((24, 24)), np.zeros((24, 24)), EDGE / 2
+    for point in corners / np.sqrt(3.0):
+        factors = 1.0 + corners * point
+        N = factors.prod(axis=1) / 8
+        dN = corners / 8 * np.stack([factors[:, [1, 2, 0]][:, i] * factors[:, [2, 0, 1]][:, i] for i in range(3)], 1)
+        dN = dN / jacobian
+        B = np.zeros((6, 24))
+        for i in range(3):
+            B[i, i::3] = dN[:, i]
+        for row, (i, j) in enumerate(((1, 2), (0, 2), (0, 1)), start=3):
+            B[row, i::3], B[row, j::3] = dN[:, j], dN[:, i]
+        K += B.T @ D @ B * jacobian**3
+        M += RHO * np.kron(np.outer(N, N), np.eye(3)) * jacobian**3
+    return K, M
+
+
+def solid(cells: tuple[int, int, int], parts: int = 20, *, lumped: bool = False) -> updyn.Model:
+    """A block of bricks clamped at its lower end, in `parts` layers with loss factors of 1 to 4 %.
+
+    Parameters
+    ----------
+    cells : (int, int, int)
+        Bricks in x, y and z; 3 (x+1) (y+1) z DOFs.
+    parts : int
+        Groups, layers along z.
+    lumped : bool
+        A diagonal mass: half the memory.
+    """
+    nx, ny, nz = (c + 1 for c in cells)
+    node = np.arange(nx * ny * nz).reshape(nz, ny, nx)
+    x, y, z = (i.ravel() for i in np.meshgrid(*(np.arange(c) for c in cells), indexing="ij"))
+    corner = np.stack([node[z + c, y + b, x + a] for c in (0, 1) for b in (0, 1) for a in (0, 1)], axis=1)
+    held = 3 * nx * ny
+    dofs = (3 * corner[:, :, None] + np.arange(3)).reshape(len(corner), 24) - held
+    K, M = brick()
+    if lumped:
+        M = np.diag(M.sum(axis=1))
+    layer = z * parts // cells[2]
+    n = 3 * nx * ny * nz - held
+    groups = {
+        f"layer {part + 1}": updyn.Group(
+            _assemble(dofs[layer == part], K, n),
+            _assemble(dofs[layer == part], M, n),
+            loss_factor=0.01 + 0.03 * (part % 4) / 3,
+        )
+        for part in range(parts)
+    }
+    labels = [f"{i + 1}:{d}" for i in range(n // 3) for d in "XYZ"]
+    return updyn.Model.from_groups(groups, labels)
+
+
+def _assemble(dofs: np.ndarray, local: np.ndarray, n: int) -> sp.csr_array:
+    i, j = np.nonzero(local)
+    rows, columns = dofs[:, i].ravel(), dofs[:, j].ravel()
+    values = np.tile(local[i, j], len(dofs))
+    free = (rows >= 0) & (columns >= 0)
+    return sp.csr_array(
+        sp.coo_array((values[free], (rows[free].astype(np.int32), columns[free].astype(np.int32))), shape=(n, n))
+    )
+
+
+#: By about how many DOFs.
+SOLIDS = {
+    "10k": (12, 12, 20),
+    "50k": (20, 20, 38),
+    "150k": (30, 30, 52),
+    "300k": (38, 38, 66),
+    "500k": (45, 45, 80),
+    "1M": (57, 57, 99),
+}
+
+
+def sensors(model: updyn.Model, n: int = 30) -> list[str]:
+    """DOFs spread over a model, the first three of which carry forces in the benchmarks."""
+    return [str(model.dofs[int(i)]) for i in np.linspace(model.n_dofs - 1, model.n_dofs // 20, n)]
+
+
+def chain(n: int, parts: int = 10) -> updyn.Model:
+    """Masses of 1 kg on springs of 1e6 N/m, one end held, in `parts` pieces with 2 % of loss."""
+    piece = np.arange(n) * parts // n
+    groups = {}
+    for part in range(parts):
+        own = np.flatnonzero(piece == part)
+        left = own[own > 0]
+        rows = np.concatenate([own, left - 1, own[own > 0], left - 1])
+        columns = np.concatenate([own, left - 1, left - 1, left])
+        values = 1e6 * np.concatenate([np.ones(len(own) + len(left)), -np.ones(2 * len(left))])
+        K = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
+        groups[f"piece {part + 1}"] = updyn.Group(K, sp.diags_array((piece == part) * 1.0), loss_factor=0.02)
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
