@@ -144,7 +144,7 @@ def receptance(
     X = solver.solve(coefficients, loaded, freq)
     of_columns = place[-len(columns) :]
     U = X[:, :, of_columns]
-    H = U[rows].transpose(1, 0, 2)
+    H = solver.at(U, rows).transpose(1, 0, 2)
     if not derivatives:
         return H, None
     V = X[:, :, place[: len(rows)]]

@@ -87,3 +87,14 @@ def test_block_size_is_bounded_memory_and_at_least_one_line(tier, monkeypatch):
     assert 1 < many <= 10**6 / (16 * 20 * 2)
     monkeypatch.setattr(fields, "_BLOCK_BYTES", 1)
     assert solver.block_size(2) == 1
+
+
+@pytest.mark.parametrize("tier", fields.TIERS)
+def test_motion_at_some_dofs(tier):
+    """Reciprocity: motion of DOFs 3 and 0 for forces on 4 and 1 is that of 4 and 1 for forces on 3 and 0."""
+    solver = LineSolver.choose(AffineSystem.compile(chain(9)), tier)
+    freq, one, other = np.array([3.0, 40.0]), np.array([3, 0]), np.array([4, 1])
+    c = solver.system.coefficients(solver.system.start, 2 * np.pi * freq)
+    there, back = (solver.at(solver.solve(c, a, freq), b) for a, b in ((one, other), (other, one)))
+    assert there.shape == (2, 2, 2)
+    assert there == pytest.approx(back.transpose(2, 1, 0), rel=1e-10)

@@ -111,6 +111,23 @@ class LineSolver:
             out[:, i] = whole.solve(self._sparse(values[:, i]), B, float(f))
         return out
 
+    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+        """Return the motion at some DOFs from fields that `solve` returned.
+
+        Parameters
+        ----------
+        fields : ndarray of complex, shape (N, n_lines, r)
+            From `solve`.
+        dofs : ndarray of int, shape (n,)
+            DOFs of the model.
+
+        Returns
+        -------
+        ndarray of complex, shape (n, n_lines, r)
+            In m/N.
+        """
+        return fields[dofs]
+
     def condense(
         self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -73,7 +73,7 @@ def response(
     omega = 2.0 * np.pi * lines
     for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
         c = solver.system.coefficients(solver.system.start, omega[block])
-        X = solver.solve(c, loaded.index, lines[block])[read.index].transpose(1, 0, 2)
+        X = solver.at(solver.solve(c, loaded.index, lines[block]), read.index).transpose(1, 0, 2)
         values[block] = X.transpose(0, 2, 1) if swap else X
     values *= at_rows.sign[:, None] * at_columns.sign[None, :]
     values *= ((1j * omega) ** QUANTITIES[quantity])[:, None, None]
