@@ -11,7 +11,8 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     │   ├── ParameterError    an unknown, its bounds or its group
     │   ├── OptionError       an option, a method or a keyword
     │   └── JobError          the job file: says file and line
-    └── SolverError           a line that could not be solved (a resonance without damping, a singular model)
+    ├── SolverError           a line that could not be solved (a resonance without damping, a singular model)
+    └── EngineError           the processes or the cluster that were to do the work are lost
 
 `UpdynWarning` marks what a user should know and may accept.
 """
@@ -25,6 +26,7 @@ from os import PathLike
 __all__ = [
     "DataError",
     "DofError",
+    "EngineError",
     "FormatError",
     "InputError",
     "JobError",
@@ -87,6 +89,10 @@ class JobError(_FileError):
 
 class SolverError(UpdynError):
     """A line could not be solved."""
+
+
+class EngineError(UpdynError):
+    """The processes or the cluster that were to do the work are lost."""
 
 
 class UpdynWarning(UserWarning):
