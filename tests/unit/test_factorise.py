@@ -54,7 +54,9 @@ class Fake:
     analyses = 0
     solves = 0
 
-    def __init__(self, pattern):
+    released = 0
+
+    def __init__(self, pattern, *, real=False):
         type(self).analyses += 1
 
     def factor(self, A):
@@ -63,6 +65,9 @@ class Fake:
             return self.answer(A, B)
 
         return solve
+
+    def release(self):
+        type(self).released += 1
 
 
 @pytest.fixture
@@ -123,6 +128,132 @@ def test_every_installed_backend_gives_the_same_on_new_values():
         Z = sp.csc_array(A + shift * sp.eye_array(300))
         answers = [s.solve(Z, B, 1.0) for s in solvers]
         assert all(a == pytest.approx(exact(Z, B), rel=1e-9, abs=1e-12) for a in answers)
+
+
+# -- real matrices, kept factorisations ----------------------------------------------------------------------
+def indefinite(n=60, seed=1):
+    """K - s M of a chain of springs, with the number of its negative eigenvalues."""
+    K = sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    m = np.random.default_rng(seed).uniform(0.5, 2.0, n)
+    A = sp.csc_array(K - 0.7 * sp.diags_array(m))
+    return A, int((np.linalg.eigvalsh(A.toarray()) < 0).sum())
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+def test_a_real_factorisation_serves_later_right_hand_sides(backend):
+    A, _ = indefinite()
+    factorised = SparseSolver(backend, real=True).factorise(A, 1.0)
+    rng = np.random.default_rng(0)
+    for r in (1, 7, 130):
+        B = rng.standard_normal((60, r))
+        X = factorised.solve(B)
+        assert X.dtype == np.float64
+        assert pytest.approx(np.linalg.solve(A.toarray(), B), rel=1e-9, abs=1e-10) == X
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+def test_inertia_counts_negative_eigenvalues(backend):
+    """Truth by the eigenvalues; a backend may not know, but may not be wrong."""
+    solver = SparseSolver(backend, real=True)
+    known = []
+    for seed in range(5):
+        A, truth = indefinite(seed=seed)
+        known.append(solver.factorise(A, 1.0).negative)
+        assert 0 < truth < 60
+        assert known[-1] in (truth, None)
+    assert backend == "superlu" or None not in known
+    positive = sp.csc_array(A + 5 * sp.eye_array(60))
+    assert solver.factorise(positive, 1.0).negative == 0
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+def test_a_complex_matrix_has_no_inertia(backend):
+    assert SparseSolver(backend).factorise(symmetric(9), 1.0).negative is None
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+@pytest.mark.parametrize("ended_by", ["factorise", "solve", "release", "pattern"])
+def test_an_earlier_factorisation_ends(backend, ended_by):
+    """PARDISO's memory is reused: an earlier factorisation would silently answer for another matrix."""
+    solver, (A, _), B = SparseSolver(backend, real=True), indefinite(), np.ones((60, 1))
+    first = solver.factorise(A, 1.0)
+    first.solve(B)
+    end = {
+        "factorise": lambda: solver.factorise(A * 2, 1.0),
+        "solve": lambda: solver.solve(A * 2, B, 1.0),
+        "release": solver.release,
+        "pattern": lambda: solver.factorise(sp.csc_array((A @ A).toarray()), 1.0),
+    }[ended_by]
+    later = end()
+    for use in (lambda: first.solve(B), lambda: first.negative):
+        with pytest.raises(RuntimeError, match="factorisation has ended"):
+            use()
+    del later
+    assert solver.solve(A, B, 1.0) == pytest.approx(np.linalg.solve(A.toarray(), B), rel=1e-9)
+
+
+def test_what_is_not_of_the_solvers_kind_is_refused():
+    (A, _), Z = indefinite(), symmetric(6)
+    with pytest.raises(TypeError, match="a complex solver was given a matrix of float64"):
+        SparseSolver("superlu").factorise(A, 1.0)
+    with pytest.raises(TypeError, match="a real solver was given a matrix of complex128"):
+        SparseSolver("superlu", real=True).factorise(Z, 1.0)
+    with pytest.raises(TypeError, match="complex right-hand sides"):
+        SparseSolver("superlu", real=True).solve(A, np.ones((60, 1)) * 1j, 1.0)
+    real_load = SparseSolver("superlu").solve(Z, np.eye(6), 1.0)
+    assert real_load == pytest.approx(exact(Z, np.eye(6)), rel=1e-11)
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+def test_a_real_singular_matrix_is_found(backend):
+    A = sp.csc_array(np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    with pytest.raises(SolverError, match="singular at 0 Hz: the structure is free to move"):
+        SparseSolver(backend, real=True).solve(A, np.eye(2), 0.0)
+
+
+# -- what happened -------------------------------------------------------------------------------------------
+def test_solves_are_counted_by_backend(monkeypatch):
+    sloppy = type("Sloppy", (Fake,), {"answer": staticmethod(lambda A, B: exact(A, B) * (1 + 1e-5))})
+    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", sloppy)
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    A, B = symmetric(6), np.eye(6, dtype=complex)
+    solver = SparseSolver("pardiso")
+    assert (solver.used, solver.refined) == ({}, 0)
+    solver.solve(A, B, 1.0)
+    solver.solve(A, B, 1.0)
+    assert (solver.used, solver.refined) == ({"pardiso": 2}, 2)
+    sloppy.answer = staticmethod(lambda A, B: B * np.nan)
+    solver.solve(A, B, 1.0)
+    assert solver.used["pardiso"] == 2
+    assert sum(solver.used.values()) == 3
+
+
+def test_a_backend_that_fails_gives_its_memory_back_before_another_takes_some(monkeypatch):
+    wrong = type("Wrong", (Fake,), {"answer": staticmethod(lambda A, B: B * np.nan)})
+    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", wrong)
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    A = symmetric(6)
+    solver = SparseSolver("pardiso")
+    for line in (1, 2):
+        solver.solve(A, np.eye(6, dtype=complex), 1.0)
+        assert wrong.released == line
+    assert wrong.analyses == 2
+
+
+def test_a_factorisation_kept_survives_the_failure_of_its_backend(monkeypatch):
+    """The first right-hand side is answered, the second not: the other backend factorises then, once."""
+    moody = type("Moody", (Fake,), {"answer": staticmethod(exact)})
+    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", moody)
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    solver, (A, truth), B = SparseSolver("pardiso", real=True), indefinite(), np.ones((60, 2))
+    factorised = solver.factorise(A, 1.0)
+    assert factorised.solve(B) == pytest.approx(exact(A, B), rel=1e-9)
+    moody.answer = staticmethod(lambda A, B: B * 0)
+    for _ in range(2):
+        assert factorised.solve(B) == pytest.approx(exact(A, B), rel=1e-9)
+    assert solver.used.pop("pardiso") == 1
+    assert list(solver.used.values()) == [2]
+    assert factorised.negative in (truth, None)
 
 
 def test_growth_does_not_depend_on_units():

@@ -1,15 +1,15 @@
-"""MKL PARDISO for complex symmetric matrices, through the ``mkl`` wheel (extra ``updyn[mkl]``).
+"""MKL PARDISO for symmetric matrices, complex or real, through the ``mkl`` wheel (extra ``updyn[mkl]``).
 
 The symbolic analysis of a pattern is done once and serves every line and every iteration after it; only the upper
-triangle is stored and factorised (L D L^T). Matrix type 6 and parameters as in the oneMKL PARDISO reference.
+triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameters as in the oneMKL PARDISO reference.
 """
 
 from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Callable
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 from weakref import finalize
@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 __all__ = ["Pardiso", "available"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
-_COMPLEX_SYMMETRIC = 6
+_COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
+#: Rows, or entries, that are worked on at a time where a copy of the whole would cost memory.
+_BLOCK = 2**18
 
 
 @cache
@@ -49,40 +51,43 @@ class Pardiso:
     ----------
     pattern : sparse CSC, shape (n, n)
         A matrix of the pattern: symmetric, sorted, with a full diagonal.
+    real : bool
+        Matrices are real, definite or not, instead of complex.
 
     Raises
     ------
     RuntimeError
-        If the library reports an error.
+        If the library reports an error, or the diagonal is not full.
     """
 
-    def __init__(self, pattern: Any) -> None:
-        n = pattern.shape[0]
-        columns = np.repeat(np.arange(n), np.diff(pattern.indptr))
-        # CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
-        self._upper = np.flatnonzero(pattern.indices >= columns)
-        self._ja = np.ascontiguousarray(pattern.indices[self._upper], dtype=np.int32)
-        self._ia = np.zeros(n + 1, dtype=np.int32)
-        np.cumsum(np.bincount(columns[self._upper], minlength=n), out=self._ia[1:])
-        self._a = np.ones(len(self._ja), dtype=np.complex128)
-        self._iparm = np.zeros(64, dtype=np.int32)
-        self._iparm[0] = 1  # no defaults: every parameter is set here
-        self._iparm[1] = 2  # nested dissection (METIS)
-        self._iparm[9] = 8  # pivots below 1e-8 are perturbed, which is not accepted
-        self._iparm[20] = 1  # Bunch-Kaufman pivots
-        self._iparm[34] = 1  # indices from zero
-        handle = np.zeros(64, dtype=np.int64)
-        self._call = partial(_call, handle, self._iparm, n, self._a, self._ia, self._ja)
-        self._call(_ANALYSE)
+    def __init__(self, pattern: Any, *, real: bool = False) -> None:
+        if not pattern.has_canonical_format:
+            # It would overwrite memory that is not its own.
+            raise ValueError("PARDISO needs row indices that are sorted, each once")
+        self._upper, ia = _upper_triangle(pattern.indptr, pattern.indices)
+        ja = np.ascontiguousarray(pattern.indices[self._upper], dtype=np.int32)
+        if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
+            raise RuntimeError("PARDISO needs a full diagonal in the pattern")
+        a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
+        iparm = np.zeros(64, dtype=np.int32)
+        iparm[0] = 1  # no defaults: every parameter is set here
+        iparm[1] = 2  # nested dissection (METIS)
+        iparm[9] = 8  # pivots below 1e-8 are perturbed, which is not accepted
+        iparm[20] = 1  # Bunch-Kaufman pivots
+        iparm[34] = 1  # indices from zero
+        kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
+        self._session = _Session(kind, np.zeros(64, dtype=np.int64), iparm, a, ia.astype(np.int32), ja)
         # The library's memory goes with this object; at the interpreter's end with the process.
-        finalize(self, self._call, _RELEASE).atexit = False
+        self._end = finalize(self, self._session.call, _RELEASE)
+        self._end.atexit = False
+        self._session.call(_ANALYSE)
 
-    def factor(self, A: Any) -> Callable[[NDArray[np.complex128]], NDArray[np.complex128]]:
+    def factor(self, A: Any) -> _LDL:
         """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
 
         Parameters
         ----------
-        A : sparse CSC, shape (n, n), complex symmetric
+        A : sparse CSC, shape (n, n), symmetric, of the kind analysed for
             Matrix.
 
         Returns
@@ -95,42 +100,76 @@ class Pardiso:
         RuntimeError
             If the library reports an error, or had to perturb a pivot.
         """
-        np.take(A.data, self._upper, out=self._a)
-        self._call(_FACTOR)
-        if self._iparm[13]:
+        session, at = self._session, 0
+        for first in range(0, len(self._upper), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            values = A.data[part][self._upper[part]]
+            session.a[at : at + len(values)] = values
+            at += len(values)
+        session.call(_FACTOR)
+        if session.iparm[13]:
             # A perturbed pivot makes a singular matrix look like a regular one.
-            raise RuntimeError(f"PARDISO perturbed {self._iparm[13]} pivots")
-        return self._solve
+            raise RuntimeError(f"PARDISO perturbed {session.iparm[13]} pivots")
+        real = session.kind == _REAL_SYMMETRIC_INDEFINITE
+        return _LDL(session, int(session.iparm[22]) if real else None)
 
-    def _solve(self, B: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        b = np.asfortranarray(B, dtype=np.complex128)
+    def release(self) -> None:
+        """Give the library's memory back; the object is of no more use."""
+        self._end()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LDL:
+    session: _Session
+    negative: int | None
+
+    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+        b = np.asfortranarray(B, dtype=self.session.a.dtype)
         x = np.empty_like(b)
-        self._call(_SOLVE, b, x)
+        self.session.call(_SOLVE, b, x)
         return x
 
 
-def _call(
-    handle: NDArray[np.int64],
-    iparm: NDArray[np.int32],
-    n: int,
-    a: NDArray[np.complex128],
-    ia: NDArray[np.int32],
-    ja: NDArray[np.int32],
-    phase: int,
-    b: NDArray[np.complex128] | None = None,
-    x: NDArray[np.complex128] | None = None,
-) -> None:
-    def number(value: int) -> Any:
-        return ctypes.byref(ctypes.c_int32(value))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Session:
+    """The library's handle and the arrays that it reads."""
 
-    def place(array: NDArray[Any] | None) -> Any:
-        return None if array is None else ctypes.c_void_p(array.ctypes.data)
+    kind: int
+    handle: NDArray[np.int64]
+    iparm: NDArray[np.int32]
+    a: NDArray[Any]
+    ia: NDArray[np.int32]
+    ja: NDArray[np.int32]
 
-    error = ctypes.c_int32(0)
-    _library().pardiso(
-        place(handle), number(1), number(1), number(_COMPLEX_SYMMETRIC), number(phase), number(n),
-        place(a), place(ia), place(ja), None, number(1 if b is None else b.shape[1]), place(iparm), number(0),
-        place(b), place(x), ctypes.byref(error),
-    )  # fmt: skip
-    if error.value:
-        raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
+    def call(self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None) -> None:
+        def number(value: int) -> Any:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def place(array: NDArray[Any] | None) -> Any:
+            return None if array is None else ctypes.c_void_p(array.ctypes.data)
+
+        error = ctypes.c_int32(0)
+        _library().pardiso(
+            place(self.handle), number(1), number(1), number(self.kind), number(phase), number(len(self.ia) - 1),
+            place(self.a), place(self.ia), place(self.ja), None, number(1 if b is None else b.shape[1]),
+            place(self.iparm), number(0), place(b), place(x), ctypes.byref(error),
+        )  # fmt: skip
+        if error.value:
+            raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
+
+
+def _upper_triangle(indptr: NDArray[Any], indices: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return which entries of a CSC pattern belong to the upper triangle in CSR, and where its rows begin.
+
+    CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
+    """
+    n = len(indptr) - 1
+    kept = np.empty(len(indices), dtype=np.bool_)
+    begin = np.zeros(n + 1, dtype=np.int64)
+    for first in range(0, n, _BLOCK):
+        last = min(first + _BLOCK, n)
+        part = slice(indptr[first], indptr[last])
+        column = np.repeat(np.arange(first, last), np.diff(indptr[first : last + 1]))
+        kept[part] = indices[part] >= column
+        begin[first + 1 : last + 1] = np.bincount(column[kept[part]] - first, minlength=last - first)
+    return kept, np.cumsum(begin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,17 +23,19 @@ class SuperLU:
     ----------
     pattern : sparse CSC, shape (n, n)
         A matrix of the pattern; not used, as SuperLU has no analysis that could be kept.
+    real : bool
+        Matrices are real; not used, as SuperLU takes what it is given.
     """
 
-    def __init__(self, pattern: Any) -> None:
-        del pattern
+    def __init__(self, pattern: Any, *, real: bool = False) -> None:
+        del pattern, real
 
-    def factor(self, A: Any) -> Callable[[NDArray[np.complex128]], NDArray[np.complex128]]:
+    def factor(self, A: Any) -> _LU:
         """Factorise a matrix.
 
         Parameters
         ----------
-        A : sparse CSC, shape (n, n), complex
+        A : sparse CSC, shape (n, n), symmetric
             Matrix.
 
         Returns
@@ -49,5 +51,23 @@ class SuperLU:
         from scipy.sparse.linalg import splu
 
         # Minimum degree on A + A^T with nearly diagonal pivots: 1.6 x faster than the default ordering on solids.
-        lu = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
-        return lambda B: np.asarray(lu.solve(B))
+        return _LU(splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True}))
+
+    def release(self) -> None:
+        """Do nothing: the memory goes with what `factor` returned."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LU:
+    lu: Any
+
+    @property
+    def negative(self) -> int | None:
+        """Number of negative eigenvalues of a real matrix; None where pivots off the diagonal were taken."""
+        if not np.array_equal(self.lu.perm_r, self.lu.perm_c):
+            return None
+        pivots = self.lu.U.diagonal()
+        return None if np.iscomplexobj(pivots) else int((pivots < 0).sum())
+
+    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.lu.solve(B))
