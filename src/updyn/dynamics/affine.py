@@ -84,7 +84,7 @@ class AffineSystem:
     indptr, indices : ndarray of int
         CSR pattern of Z, symmetric, with a full diagonal.
     dofs : DofSet
-        The N degrees of freedom.
+        The N degrees of freedom of the model.
     """
 
     terms: tuple[Term, ...]
@@ -115,8 +115,8 @@ class AffineSystem:
 
     @property
     def n(self) -> int:
-        """Number of DOFs N."""
-        return len(self.dofs)
+        """Number of equations: the N DOFs, or the coordinates of a reduced model."""
+        return len(self.indptr) - 1
 
     def find(self, group: str, quantity: str) -> int:
         """Return the position of the term that an unknown (``group``, ``quantity``) acts on."""
@@ -150,6 +150,14 @@ class AffineSystem:
         out = np.zeros((len(self.indices), coefficients.shape[1]), dtype=np.complex128)
         for term, c in zip(self.terms, coefficients, strict=True):
             out[term.slots] += term.data[:, None] * c[None, :]
+        return out
+
+    def real_values(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the entries on the pattern, shape (nnz,), of the terms' sum with real weights, shape (n_terms,)."""
+        out = np.zeros(len(self.indices))
+        for term, weight in zip(self.terms, weights, strict=True):
+            if weight:
+                out[term.slots] += weight * term.data
         return out
 
     def rows_of_entries(self) -> NDArray[np.intp]:
