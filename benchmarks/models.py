@@ -111,3 +111,40 @@ def chain(n: int, parts: int = 10) -> updyn.Model:
         K = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
         groups[f"piece {part + 1}"] = updyn.Group(K, sp.diags_array((piece == part) * 1.0), loss_factor=0.02)
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def drive_train(n: int, parts: int = 10) -> updyn.Model:
+    """A shaft line, free to turn: `n` inertias of 0.5 to 1.5 kg m2 on shafts of 1e6 N m/rad and 20 N m s/rad."""
+    piece = np.arange(n) * parts // n
+    inertia = 1.0 + 0.5 * np.cos(np.arange(n))
+    groups = {}
+    for part in range(parts):
+        left = np.flatnonzero(piece[:-1] == part)
+        rows = np.concatenate([left, left + 1, left, left + 1])
+        columns = np.concatenate([left, left + 1, left + 1, left])
+        values = np.concatenate([np.ones(2 * len(left)), -np.ones(2 * len(left))])
+        shafts = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
+        own = {"stiffness": 1e6 * shafts, "viscous": 20.0 * shafts} if len(left) else {}
+        groups[f"piece {part + 1}"] = updyn.Group(mass=sp.diags_array((piece == part) * inertia), **own)
+    return updyn.Model.from_groups(groups, [f"{i + 1}:RZ" for i in range(n)])
+
+
+def full(n: int, parts: int = 5) -> updyn.Model:
+    """Groups whose matrices have no zeros, as superelements have; natural frequencies from about 5 Hz."""
+    random = np.random.default_rng(0)
+    groups = {}
+    for part in range(parts):
+        Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+        K = (Q * (1e3 * np.linspace(1.0, 100.0, n) ** 2)) @ Q.T
+        mass = (Q * np.linspace(0.5, 1.5, n)) @ Q.T
+        groups[f"body {part + 1}"] = updyn.Group((K + K.T) / 2, (mass + mass.T) / 2, loss_factor=0.02)
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def damped(model: updyn.Model, viscous: float = 0.0) -> updyn.Model:
+    """The same structure without loss factors, and with C = `viscous` (s) times K where that is not zero."""
+    groups = {
+        name: updyn.Group(g.stiffness, g.mass, viscous=g.stiffness * viscous if viscous else None)
+        for name, g in model.groups.items()
+    }
+    return updyn.Model.from_groups(groups, [str(d) for d in model.dofs])

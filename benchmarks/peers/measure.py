@@ -1,0 +1,177 @@
+"""What the peers share: a case, a stopwatch, the check that two answers are one, and the table."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from models import full, sensors, solid
+
+import updyn
+from updyn import sensitivity
+from updyn.errors import OptionError
+from updyn.linalg.factorise import BACKENDS, check_backend
+from updyn.updating.problem import Problem
+
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One timing.
+
+    Attributes
+    ----------
+    who : str
+        Who computed what.
+    seconds : float
+        Wall clock.
+    against : float
+        Seconds that it is compared with; ratio = seconds / against.
+    differs : float
+        Largest difference from updyn's answer, relative to the largest value; NaN: this is updyn's.
+    note : str
+        What else there is to say.
+    """
+
+    who: str
+    seconds: float
+    against: float
+    differs: float = np.nan
+    note: str = ""
+
+
+def show(title: str, rows: Sequence[Row]) -> None:
+    print(f"\n{title}")
+    print(f"{'':<46}{'seconds':>10}{'ratio':>9}{'differs':>10}")
+    for row in rows:
+        differs = "" if np.isnan(row.differs) else f"{row.differs:.0e}"
+        print(f"  {row.who:<44}{row.seconds:>10.4f}{row.seconds / row.against:>9.2f}{differs:>10}  {row.note}")
+
+
+def machine() -> str:
+    """Processor, cores, threads and versions in one line each."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    named = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    processor = named[0] if named else platform.processor()
+    threads = ", ".join(f"{name}={os.environ[name]}" for name in THREADS if name in os.environ)
+    names = ("updyn", "numpy", "scipy", "mkl", "sdynpy", "opentorsion")
+    packages = ", ".join(f"{name} {v}" for name in names if (v := _version(name)))
+    return (
+        f"{processor}, {os.cpu_count()} cores; {threads or 'as many threads as cores'}\n"
+        f"Python {platform.python_version()}, {packages}"
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+def best(run: Callable[[], object], times: int = 3, enough: float = 10.0) -> float:
+    """Shortest of several runs; runs that take long are not repeated beyond `enough` seconds."""
+    taken: list[float] = []
+    while len(taken) < times and sum(taken) < enough:
+        begun = time.perf_counter()
+        run()
+        taken.append(time.perf_counter() - begun)
+    return min(taken)
+
+
+def once(run: Callable[[], Any]) -> tuple[float, Any]:
+    """Seconds of one run, and what it returned."""
+    begun = time.perf_counter()
+    answer = run()
+    return time.perf_counter() - begun, answer
+
+
+def same(theirs: Any, ours: Any, tolerance: float, what: str) -> float:
+    """Return the largest difference over the largest value, or stop: another answer is compared for nothing."""
+    differs = float(np.abs(theirs - ours).max() / np.abs(ours).max())
+    if not differs <= tolerance:
+        raise SystemExit(f"{what}: differs from updyn by {differs:.1e}, more than {tolerance:.0e}; not compared")
+    return differs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A model, measured at some DOFs and lines, with unknowns.
+
+    Attributes
+    ----------
+    model : Model
+        Start of the update.
+    data : FRF
+        "Measured": the model's receptance with 5 % of noise, so that residuals are not zero.
+    unknowns : ParameterSet
+        What to find.
+    """
+
+    model: updyn.Model
+    data: updyn.FRF
+    unknowns: Any
+
+    @classmethod
+    def build(cls, model: updyn.Model, lines: np.ndarray, n_unknowns: int | None = None, n_sensors: int = 30) -> Case:
+        """Sensors and three forces spread over the model; mass, stiffness and damping of the first groups."""
+        at = sensors(model, n_sensors)
+        clean = updyn.response(model, lines, at, at[:3])
+        random = np.random.default_rng(0)
+        noise = random.normal(size=(2, *clean.values.shape))
+        data = replace(clean, values=clean.values * (1.0 + 0.05 * (noise[0] + 1j * noise[1])))
+        damping = "viscous" if any(g.viscous is not None for g in model.groups.values()) else "loss_factor"
+        # 10 are mass, stiffness and damping of three groups, and the mass of a fourth.
+        whole, rest = divmod(n_unknowns or 3 * len(model.groups), 3)
+        names = list(model.groups)
+        kinds = {k: names[: whole + (i < rest)] for i, k in enumerate(("mass", "stiffness", damping))}
+        return cls(model, data, updyn.parameters(model, **kinds))
+
+    def problem(self, tier: str | None = None, backend: str | None = None) -> Problem:
+        return Problem.build(self.model, self.data, self.unknowns, tier=tier, backend=backend)
+
+    def receptance(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+        """H (n_f, n_i, n_j) and its derivatives (n, n_f, n_i, n_j) at the start."""
+        return sensitivity.receptance(*self._at(problem), problem.rows, problem.columns)
+
+    def condensed(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+        """Z_red H_X (n_f, n_i, n_j) and its derivatives (n, n_f, n_i, n_j) at the start."""
+        return sensitivity.condensed_product(*self._at(problem), problem.rows, self.data.values)
+
+    def _at(self, problem: Problem) -> tuple[Any, ...]:
+        state = problem.unknowns.state(problem.solver.system, self.unknowns.start)
+        return problem.solver, problem.unknowns, state, self.data.freq
+
+
+def steps(residual: Any, problem: Problem) -> Callable[[], Any]:
+    """Return what computes a residual and its Jacobian, at other values of the unknowns whenever it is called."""
+    start, n = problem.coordinates.to_x(problem.coordinates.parameters.start), count()
+    return lambda: residual.local(problem, start + 1e-3 * next(n))
+
+
+def backends() -> list[str]:
+    """Sparse backends that are installed, best first."""
+    out = []
+    for name in BACKENDS:
+        try:
+            out.append(check_backend(name))
+        except OptionError:
+            continue
+    return out
+
+
+def dense_models(n_dofs: int) -> Iterator[tuple[str, updyn.Model]]:
+    """Models for peers that hold everything dense: one whose zeros they do not see, and one that has none."""
+    layers = n_dofs // 48
+    yield "solid, matrices of finite elements", solid((3, 3, layers), min(layers, 20))
+    yield "full matrices, as of superelements", full(n_dofs)
