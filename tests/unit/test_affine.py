@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
+from updyn.dynamics import affine
 from updyn.dynamics.affine import AffineSystem, State
 
 
@@ -93,6 +94,65 @@ def test_term_times_a_field_is_the_matrix_product(n):
     assert term.times(field[term.rows]) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), field), rel=1e-13)
     backwards = field[:, ::-1].transpose(0, 2, 1)  # not contiguous
     assert term.times(backwards) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), backwards), rel=1e-13)
+
+
+@pytest.mark.parametrize("n_lines", [1, 3])
+@pytest.mark.parametrize("chunk", [2, 8192])
+def test_full_matrices_of_one_pattern_are_mixed_together(n_lines, chunk, monkeypatch):
+    """Two groups that fill the whole pattern, one that does not; sums in pieces and at once."""
+    monkeypatch.setattr(affine, "_CHUNK", chunk)
+    rng = np.random.default_rng(2)
+    A, B, C = (X @ X.T for X in rng.standard_normal((3, 4, 4)))
+    groups = {"a": updyn.Group(A, B, 0.1), "b": updyn.Group(C), "c": updyn.Group(np.diag([1.0, 0, 2.0, 0]))}
+    full = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 5)])
+    system, omega = AffineSystem.compile(full), np.array([0.5, 2.0, 7.0])[:n_lines]
+    Z = dense(system, system.values(system.coefficients(system.start, omega)))
+    for z, w in zip(Z, omega, strict=True):
+        assert z == pytest.approx(by_hand(full, w), rel=1e-14, abs=1e-14)
+
+
+def test_real_sums_stay_real(model):
+    """K - 4 M with weights on the terms, as `terms` lists them."""
+    system = AffineSystem.compile(model)
+    values = system.real_values(np.array([1.0, -4.0, 1.0, -4.0, 0.0, 1.0]))
+    assert values.dtype == np.float64
+    expected = by_hand(model, 2.0, {("b", "viscous"): 0.0}, {"a": 0.0})
+    assert dense(system, values[:, None])[0] == pytest.approx(expected.real, rel=1e-15)
+
+
+def test_what_matrices_have_in_common_is_kept_once(model):
+    n = 900
+    K = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
+    large = updyn.Model.from_groups(
+        {"a": updyn.Group(K, abs(K)), "b": updyn.Group(sp.eye_array(n))}, [f"{i}:X" for i in range(n)]
+    )
+    stiffness, mass, other = AffineSystem.compile(large).terms
+    assert stiffness.slots is mass.slots
+    assert stiffness.rows is mass.rows is other.rows
+    assert stiffness.slots.dtype == np.int32
+    own = large.groups["a"].stiffness.data
+    assert np.shares_memory(stiffness.data, own)
+    assert np.shares_memory(stiffness.local.data, own)
+    full = AffineSystem.compile(updyn.Model.from_groups({"f": updyn.Group(np.eye(2) + 1.0)}, ["1:X", "2:X"])).terms[0]
+    assert np.shares_memory(full.local, full.data)
+    assert [t.own for t in AffineSystem.compile(model).terms][:3] == [slice(0, 2), slice(0, 2), slice(1, 3)]
+
+
+def test_rows_apart_are_an_index():
+    K = np.array([[1.0, 0, -1.0], [0, 0, 0], [-1.0, 0, 1.0]])
+    model = updyn.Model.from_groups({"a": updyn.Group(K), "b": updyn.Group(np.eye(3))}, ["1:X", "2:X", "3:X"])
+    term = AffineSystem.compile(model).terms[0]
+    assert list(term.own) == [0, 2]
+    assert term.times(np.array([2.0 + 1j, 5.0])[:, None])[:, 0] == pytest.approx([-3 + 1j, 3 - 1j])
+
+
+def test_a_matrix_of_zeros_adds_nothing():
+    model = updyn.Model.from_groups(
+        {"a": updyn.Group(np.eye(2)), "none": updyn.Group(np.zeros((2, 2)))}, ["1:X", "2:X"]
+    )
+    system = AffineSystem.compile(model)
+    assert list(system.real_values(np.array([3.0, 5.0]))) == [3.0, 3.0]
+    assert np.arange(2)[system.terms[1].own].size == 0
 
 
 def test_state_of_start_repeats_the_model(model):

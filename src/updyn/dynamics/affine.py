@@ -9,7 +9,9 @@ the loss factor acts on the updated stiffness).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,9 @@ __all__ = ["AffineSystem", "State", "Term"]
 
 _DENSE_OWN = 400
 
+#: Entries times lines that are added at a time: what is worked on stays in the processor's cache.
+_CHUNK = 8192
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
@@ -33,21 +38,27 @@ class Term:
     group, quantity : str
         Whose it is; ``stiffness``, ``mass`` or ``viscous``.
     rows : ndarray of int, shape (n_t,)
-        The group's own DOFs: rows that are not empty.
+        The group's own DOFs, ascending: rows that are not empty. Terms of equal rows share one array.
     local : ndarray or sparse, shape (n_t, n_t), real
-        The matrix on its own DOFs.
+        The matrix on its own DOFs. Where it is sparse or full, its entries are those of `data`, not a copy.
     slots : ndarray of int
-        Where its entries stand among the values of the system's pattern.
+        Where its entries stand among the values of the system's pattern, ascending. Terms of one pattern share it.
     data : ndarray of float
-        Its entries, in that order.
+        Its entries, in that order: the model's own array.
     """
 
     group: str
     quantity: str
     rows: NDArray[np.intp]
     local: Any
-    slots: NDArray[np.intp]
+    slots: NDArray[Any]
     data: NDArray[np.float64]
+
+    @property
+    def own(self) -> Any:
+        """The rows as an index: a slice, which copies nothing, where they are consecutive."""
+        first, last = (self.rows[0], self.rows[-1]) if len(self.rows) else (0, -1)
+        return slice(int(first), int(last) + 1) if last - first + 1 == len(self.rows) else self.rows
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the matrix times a complex field on its own DOFs, shape (n_t, ...), as one real product."""
@@ -96,20 +107,15 @@ class AffineSystem:
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
         """Compile a model: find the common pattern and each matrix's place in it."""
-        n = model.n_dofs
         stored = [
             (name, quantity, matrix, group.loss_factor if quantity == "stiffness" else 0.0)
             for name, group in model.groups.items()
             for quantity in ("stiffness", "mass", "viscous")
             if (matrix := getattr(group, quantity)) is not None
         ]
-        # Ones, not values: a sum of values could cancel to zero and drop an entry of the pattern.
-        pattern = sp.csr_array(sp.identity(n, format="csr"))
-        for _, _, matrix, _ in stored:
-            pattern = pattern + sp.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=(n, n))
-        pattern.sort_indices()
-        key = _keys(pattern)
-        terms = tuple(_term(name, quantity, matrix, key) for name, quantity, matrix, _ in stored)
+        pattern = _union([matrix for _, _, matrix, _ in stored], model.n_dofs)
+        places = _Places(pattern.indptr, pattern.indices)
+        terms = tuple(places.term(name, quantity, matrix) for name, quantity, matrix, _ in stored)
         start = State(np.ones(len(terms)), np.array([loss for *_, loss in stored]))
         return cls(terms, start, pattern.indptr, pattern.indices, model.dofs)
 
@@ -146,40 +152,120 @@ class AffineSystem:
         return out
 
     def values(self, coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the entries of Z on the pattern, shape (nnz, n_lines)."""
-        out = np.zeros((len(self.indices), coefficients.shape[1]), dtype=np.complex128)
-        for term, c in zip(self.terms, coefficients, strict=True):
-            out[term.slots] += term.data[:, None] * c[None, :]
-        return out
+        """Return the entries of Z on the pattern, shape (nnz, n_lines); those of one line are contiguous."""
+        return self._combined(coefficients)
 
     def real_values(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the entries on the pattern, shape (nnz,), of the terms' sum with real weights, shape (n_terms,)."""
-        out = np.zeros(len(self.indices))
-        for term, weight in zip(self.terms, weights, strict=True):
-            if weight:
-                out[term.slots] += weight * term.data
+        """Return the entries of a sum of real `weights`, shape (n_terms,), times the terms, shape (nnz,)."""
+        out: NDArray[np.float64] = self._combined(np.asarray(weights, dtype=np.float64)[:, None])[:, 0]
         return out
+
+    def _combined(self, c: NDArray[Any]) -> NDArray[Any]:
+        """Return the sum of c_t A_t on the pattern, real or complex as c, shape (n_terms, n_lines), is."""
+        out = np.zeros((c.shape[1], len(self.indices)), dtype=c.dtype)
+        target = out[0] if len(out) == 1 else out
+        step = max(1, _CHUNK // c.shape[1])
+        for slots, at in self._families():
+            for first in range(0, len(slots), step):
+                chunk = slice(first, first + step)
+                # A full pattern has its entries in their places.
+                where = chunk if len(slots) == out.shape[1] else slots[chunk].astype(np.intp)
+                target[..., where] += _mixed([self.terms[t].data[chunk] for t in at], c[at])
+        return out.T
+
+    def _families(self) -> Iterator[tuple[NDArray[Any], list[int]]]:
+        """Yield the slots and positions of terms that share them."""
+        members: dict[int, list[int]] = {}
+        for t, term in enumerate(self.terms):
+            members.setdefault(id(term.slots), []).append(t)
+        for at in members.values():
+            yield self.terms[at[0]].slots, at
 
     def rows_of_entries(self) -> NDArray[np.intp]:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)
 
 
-def _keys(matrix: Any) -> NDArray[np.int64]:
-    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
-    return np.asarray(rows * matrix.shape[0] + matrix.indices, dtype=np.int64)
+def _mixed(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
+    """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries); of one line, shape (n_entries,)."""
+    mixed: NDArray[Any]
+    if c.size == 1:
+        mixed = entries[0] * c[0, 0]
+        return mixed
+    # Real entries times real and imaginary parts: one real product.
+    parts = np.ascontiguousarray(c).view(np.float64)
+    mixed = (np.stack(entries).T @ parts).view(c.dtype).T
+    return mixed[0] if c.shape[1] == 1 else mixed
 
 
-def _term(name: str, quantity: str, matrix: Any, key: NDArray[np.int64]) -> Term:
-    rows = np.unique(matrix.indices)
-    local = sp.csr_array(matrix[rows][:, rows])
-    # Sparse rows pay only when the group is large and its matrix mostly empty.
-    dense = len(rows) <= _DENSE_OWN and local.nnz > 0.1 * len(rows) ** 2
-    return Term(
-        group=name,
-        quantity=quantity,
-        rows=rows,
-        local=local.toarray() if dense else local,
-        slots=np.searchsorted(key, _keys(matrix)),
-        data=matrix.data,
-    )
+def _union(matrices: list[Any], n: int) -> Any:
+    """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans.
+
+    Neighbours are added in pairs, so that an entry is looked at once for each doubling, not once for each matrix.
+    Booleans, not values: a sum of values could cancel to zero and drop an entry.
+    """
+    if len(matrices) > 1:
+        half = len(matrices) // 2
+        return _union(matrices[:half], n) + _union(matrices[half:], n)
+    only = matrices[0]
+    entries = sp.csr_array((np.ones(only.nnz, dtype=np.bool_), only.indices, only.indptr), shape=(n, n))
+    return entries + sp.eye_array(n, dtype=np.bool_, format="csr")
+
+
+@dataclass(slots=True, eq=False)
+class _Places:
+    """Where the entries of matrices stand in a pattern; what equal matrices have in common is kept once."""
+
+    indptr: NDArray[Any]
+    indices: NDArray[Any]
+    _known: dict[bytes, tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]] = field(default_factory=dict, init=False)
+    _rows: dict[bytes, NDArray[np.intp]] = field(default_factory=dict, init=False)
+
+    def term(self, name: str, quantity: str, matrix: Any) -> Term:
+        """Return the term of a matrix, canonical CSR."""
+        key = _digest(matrix.indptr, matrix.indices)
+        if key not in self._known:
+            self._known[key] = self._of(matrix)
+        rows, slots, columns = self._known[key]
+        n, data = len(rows), matrix.data
+        if matrix.nnz == n * n:
+            return Term(name, quantity, rows, data.reshape(n, n), slots, data)
+        local = sp.csr_array((data, columns, _begin(matrix, rows)), shape=(n, n))
+        # Sparse rows pay only when the group is large and its matrix mostly empty.
+        dense = n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2
+        return Term(name, quantity, rows, local.toarray() if dense else local, slots, data)
+
+    def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
+        """Return the rows of a matrix, the slots of its entries, and their columns counted in its own rows."""
+        used = np.diff(matrix.indptr) > 0
+        used[matrix.indices] = True
+        rows = np.flatnonzero(used)
+        rows = self._rows.setdefault(_digest(rows), rows)
+        number = np.cumsum(used, dtype=matrix.indices.dtype) - 1
+        return rows, self._slots(matrix, rows), number[matrix.indices]
+
+    def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+        begin, kind = self.indptr[rows], self.indptr.dtype
+        own = np.zeros(len(rows) + 1, dtype=kind)
+        np.cumsum(self.indptr[rows + 1] - begin, out=own[1:])
+        # Entries of these rows in the pattern, counted from one, as a product drops zeros.
+        places = np.arange(1, own[-1] + 1, dtype=kind)
+        places += np.repeat(begin - own[:-1], np.diff(own))
+        shape = len(rows), len(self.indptr) - 1
+        whole = sp.csr_array((places, self.indices[places - 1], own), shape=shape)
+        part = sp.csr_array((np.ones(matrix.nnz, dtype=kind), matrix.indices, _begin(matrix, rows)), shape=shape)
+        slots: NDArray[Any] = whole.multiply(part).data
+        slots -= 1
+        return slots
+
+
+def _begin(matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return the indptr of a matrix without its empty rows."""
+    return np.append(matrix.indptr[rows], matrix.indptr[-1:])
+
+
+def _digest(*arrays: NDArray[Any]) -> bytes:
+    found = hashlib.blake2b()
+    for array in arrays:
+        found.update(np.ascontiguousarray(array).data)
+    return found.digest()
