@@ -1,83 +1,89 @@
 """What does one exact Jacobian and residual cost beyond the bare factorisations and solves?
 
-Three-dimensional grids of springs in 10 parts, 30 sensors, 3 references, 30 unknowns, 6 lines. The bare cost is that of
-the same backend factorising the same matrices and solving for as many right-hand sides; analysis counted in neither.
+Three-dimensional solids in 20 layers, 30 sensors, 3 references, stiffness, mass and loss factor of every layer unknown.
+The bare cost is that of the same backend factorising the same matrices and solving for as many right-hand sides;
+analysis is counted in neither. Both are taken in turn, the best of a few each.
 
-    python benchmarks/iteration.py [--nodes 15 21 28]
+    python benchmarks/iteration.py [--sizes 10k 50k] [--lines 4] [--backends pardiso superlu]
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
 import time
 from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
+from models import SOLIDS, sensors, solid
 
 import updyn
 from updyn.linalg.factorise import BACKENDS, _module
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError
 
-PARTS, LINES = 10, np.linspace(10.0, 60.0, 6)
+#: Beyond this many DOFs SuperLU takes minutes.
+SUPERLU_LIMIT = 20_000
 
 
-def grid(m: int) -> updyn.Model:
-    """m x m x m unit masses, 1e6 N/m between neighbours, held at the faces; slabs and joints are parts."""
-    T, eye = sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1]), sp.eye_array(m)
-    K = 1e6 * sp.csr_array(
-        sp.kron(sp.kron(T, eye), eye) + sp.kron(sp.kron(eye, T), eye) + sp.kron(sp.kron(eye, eye), T)
-    )
-    slab = np.arange(m**3) * PARTS // m**3
-    groups = {}
-    rest = K
-    for part in range(PARTS):
-        inside = sp.diags_array((slab == part) * 1.0)
-        own = sp.csr_array(inside @ K @ inside)
-        rest = rest - own
-        groups[f"slab {part + 1}"] = updyn.Group(own, inside, loss_factor=0.02)
-    groups["joints"] = updyn.Group(rest + sp.diags_array(np.abs(rest).sum(axis=1)), loss_factor=0.02)
-    return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(m**3)])
+def seconds(run: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    run()
+    return time.perf_counter() - begun
 
 
-def best(run: Callable[[], object], times: int = 3) -> float:
-    taken = []
-    for _ in range(times):
-        begun = time.perf_counter()
-        run()
-        taken.append(time.perf_counter() - begun)
-    return min(taken)
-
-
-def compare(model: updyn.Model, backend: str) -> tuple[float, float]:
+def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tuple[float, float]:
     """Seconds of one iteration, and of the bare factorisations and solves."""
-    sensors = [model.dofs[int(i)] for i in np.linspace(0, model.n_dofs - 1, 30)]
-    data = updyn.response(model, LINES, sensors, sensors[:3], backend=backend)
-    slabs = [g for g in model.groups if g != "joints"]
-    unknowns = updyn.parameters(model, stiffness=slabs, mass=slabs, loss_factor=slabs)
+    freq, at = np.linspace(10.0, 60.0, n_lines), sensors(model)
+    data = updyn.response(model, freq, at, at[:3], backend=backend)
+    unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
     problem = Problem.build(model, data, unknowns, backend=backend)
     x = problem.coordinates.to_x(unknowns.start)
-    residual, solver = LogError(), problem.solver
-    residual.local(problem, x)  # the analysis, once
-    values = solver.system.values(solver.system.coefficients(problem.state(x), 2 * np.pi * LINES))
-    matrices = [solver._sparse(values[:, i]) for i in range(len(LINES))]
+    system = problem.solver.system
+    coefficients = system.coefficients(problem.state(x), 2 * np.pi * freq)
+
+    def matrix(line: int) -> sp.csc_array:
+        values = system.values(coefficients[:, [line]])[:, 0]
+        return sp.csc_array((values, system.indices, system.indptr), shape=(system.n, system.n))
+
+    matrices = [matrix(line) for line in range(n_lines)]
+    loaded = np.unique(np.concatenate([problem.rows, problem.columns]))
+    loads = np.zeros((model.n_dofs, len(loaded)), dtype=np.complex128, order="F")
+    loads[loaded, np.arange(len(loaded))] = 1.0
     bare = getattr(_module(backend), BACKENDS[backend][1])(matrices[0])
-    loads = np.eye(model.n_dofs, 1) * np.zeros((1, 30)) + 0j
-    loads[problem.rows, np.arange(30)] = 1.0
-    return best(lambda: residual.local(problem, x)), best(lambda: [bare.factor(Z)(loads) for Z in matrices])
+    residual = LogError()
+    residual.local(problem, x)  # the analysis, once
+    times = [
+        (
+            seconds(lambda: residual.local(problem, x)),
+            seconds(lambda: [bare.factor(Z)(loads) for Z in matrices]),
+        )
+        for _ in range(repeats)
+    ]
+    return min(t[0] for t in times), min(t[1] for t in times)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--nodes", type=int, nargs="+", default=[15, 21, 28])
+    parser.add_argument("--sizes", nargs="+", default=["10k", "50k"], choices=list(SOLIDS))
+    parser.add_argument("--lines", type=int, default=4)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--backends", nargs="+", default=list(BACKENDS), choices=list(BACKENDS))
     given = parser.parse_args()
-    print(f"{'DOFs':>7}  {'backend':<9}{'iteration s':>12}{'bare s':>9}{'ratio':>7}")
-    for m in given.nodes:
-        model = grid(m)
-        for backend in (b for b in BACKENDS if _module(b).available()):
-            whole, bare = compare(model, backend)
-            print(f"{model.n_dofs:>7}  {backend:<9}{whole:>12.2f}{bare:>9.2f}{whole / bare:>7.2f}", flush=True)
+    print(f"{'DOFs':>7} {'lines':>6} {'unknowns':>9}  {'backend':<9}{'iteration s':>12}{'bare s':>9}{'ratio':>7}")
+    for size in given.sizes:
+        model = solid(SOLIDS[size])
+        for backend in given.backends:
+            if not _module(backend).available() or (backend == "superlu" and model.n_dofs > SUPERLU_LIMIT):
+                continue
+            whole, bare = compare(model, backend, given.lines, given.repeats)
+            print(
+                f"{model.n_dofs:>7} {given.lines:>6} {3 * len(model.groups):>9}  "
+                f"{backend:<9}{whole:>12.2f}{bare:>9.2f}{whole / bare:>7.2f}",
+                flush=True,
+            )
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
 
 
 if __name__ == "__main__":
