@@ -1,0 +1,164 @@
+"""The reduced tier against direct solves: the bound holds, on models of every kind, at lines that did not make it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import updyn
+from updyn import sensitivity
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.fields import LineSolver
+from updyn.dynamics.reduced.basis import Basis
+from updyn.dynamics.reduced.reduction import Reduction
+from updyn.errors import OptionError
+from updyn.sensitivity import Unknowns
+
+
+def springs(i: np.ndarray, j: np.ndarray, n: int) -> sp.csr_array:
+    """1e6 N/m between the DOFs i and j."""
+    ends = sp.csr_array(
+        (np.r_[np.ones(len(i)), -np.ones(len(j))], (np.tile(np.arange(len(i)), 2), np.r_[i, j])), shape=(len(i), n)
+    )
+    return sp.csr_array(1e6 * ends.T @ ends)
+
+
+def plate(m: int = 22, *, held: bool = True, local: float = 0.0, damper: float = 0.0) -> updyn.Model:
+    """A grid of m x m masses on springs, in four quarters with 1, 2, 3 and 4 % of loss."""
+    n = m * m
+    node = np.arange(n).reshape(m, m)
+    quarter = np.add.outer(2 * (np.arange(m) >= m // 2), np.arange(m) >= m // 2).ravel()
+    i = np.r_[node[:-1].ravel(), node[:, :-1].ravel()]
+    j = np.r_[node[1:].ravel(), node[:, 1:].ravel()]
+    groups = {}
+    for q in range(4):
+        own = (quarter[i] == q) & (quarter[j] == q)
+        loss = local if local and q == 3 else 0.01 * (q + 1)
+        mass = sp.diags_array((quarter == q) * (1.0 + 0.1 * q))
+        groups[f"quarter {q + 1}"] = updyn.Group(springs(i[own], j[own], n), mass, loss_factor=loss)
+    seam = quarter[i] != quarter[j]
+    groups["seams"] = updyn.Group(springs(i[seam], j[seam], n), loss_factor=0.015)
+    if held:
+        groups["ground"] = updyn.Group(sp.diags_array(np.where(np.arange(n) < m, 1e6, 0.0)), loss_factor=0.01)
+    if damper:
+        at = np.array([n - 1, n // 2])
+        groups["dampers"] = updyn.Group(viscous=sp.csr_array((np.full(2, damper), (at, at)), shape=(n, n)))
+    return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
+
+
+def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: np.ndarray) -> float:
+    exact, fast = LineSolver.choose(system, "sparse"), reduction.solver()
+    c = system.coefficients(state, 2 * np.pi * freq)
+    H = exact.at(exact.solve(c, reduction.columns, freq), reduction.rows)
+    R = fast.at(fast.solve(c, reduction.columns, freq), reduction.rows)
+    return float((np.abs(H - R).max(axis=(0, 2)) / np.abs(H).max(axis=(0, 2))).max())
+
+
+def moved(system: AffineSystem, size: float) -> State:
+    rng = np.random.default_rng(1)
+    factor = system.start.factor * np.exp(size * rng.standard_normal(len(system.terms)))
+    return State(factor, system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))))
+
+
+SENSORS, FORCES = np.array([470, 250, 130, 60, 31, 400, 333, 222]), np.array([470, 31])
+BAND = np.linspace(8.0, 70.0, 160)
+UNSEEN = BAND[:-1:8] + 0.37 * (BAND[1] - BAND[0])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"local": 0.8}, {"damper": 3e3}, {"held": False}, {"held": False, "local": 0.5, "damper": 1e4}],
+    ids=["layers", "local-loss", "dampers", "free", "free-all"],
+)
+@pytest.mark.parametrize("sensors", [SENSORS, SENSORS[:1]], ids=["8-sensors", "1-sensor"])
+@pytest.mark.parametrize("move", [0.0, 0.3])
+def test_the_bound_holds_at_lines_that_were_not_looked_at(options: dict, sensors: np.ndarray, move: float) -> None:
+    system = AffineSystem.compile(plate(**options))
+    state = moved(system, move)
+    reduction = Reduction.build(system, state, sensors, FORCES[:1], (BAND[0], BAND[-1]), "superlu")
+    certificate = reduction.certify(state, BAND, 1e-5)
+    assert certificate.error <= 1e-5
+    assert certificate.size < 0.6 * system.n
+    assert true_error(system, state, reduction, UNSEEN) <= 1e-5
+    looked = np.array(certificate.lines)
+    # The bound is one, and not a wild one.
+    assert true_error(system, state, reduction, looked) <= certificate.error
+    assert certificate.error <= 30 * max(true_error(system, state, reduction, looked), 1e-8)
+
+
+def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    there = moved(system, 0.2)
+    before = true_error(system, there, reduction, BAND)
+    checked = reduction.certify(there, BAND, 1e-5, enrich=False, count=40)
+    assert before > 1e-4
+    assert checked.error > 1e-5
+    size = checked.size
+    assert reduction.certify(there, BAND, 1e-5).size > size
+    assert true_error(system, there, reduction, UNSEEN) <= 1e-5
+
+
+def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
+    # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift exact.
+    n = 600
+    K, M = sp.diags_array(np.arange(1.0, n + 1)), sp.eye_array(n)
+    model = updyn.Model.from_groups({"a": updyn.Group(K, M, loss_factor=0.01)}, [f"{i + 1}:X" for i in range(n)])
+    system = AffineSystem.compile(model)
+    band = (np.sqrt(1.0) / (2 * np.pi), np.sqrt(9.0) / (2 * np.pi))  # both ends are natural frequencies
+    dofs = np.arange(12)
+    reduction = Reduction.build(system, system.start, dofs, dofs[:1], band, "superlu")
+    lines = np.linspace(*band, 9)
+    reduction.certify(system.start, lines, 1e-6)
+    assert true_error(system, system.start, reduction, lines) <= 1e-6
+
+
+def test_derivatives_are_those_of_the_whole_model() -> None:
+    model = plate(local=0.3)
+    system = AffineSystem.compile(model)
+    unknowns = Unknowns.find(system, updyn.parameters(model, stiffness="all", loss_factor=["quarter 4", "seams"]))
+    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    reduction.certify(system.start, BAND, 1e-8)
+    fast, exact = reduction.solver(), LineSolver.choose(system, "sparse")
+    for freq in np.split(UNSEEN, 4):
+        H, dH = sensitivity.receptance(exact, unknowns, system.start, freq, SENSORS, FORCES)
+        R, dR = sensitivity.receptance(fast, unknowns, system.start, freq, SENSORS, FORCES)
+        np.testing.assert_allclose(R, H, rtol=0, atol=1e-7 * np.abs(H).max())
+        np.testing.assert_allclose(dR, dH, rtol=0, atol=1e-4 * np.abs(dH).max())
+
+
+def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
+    system = AffineSystem.compile(plate(8))
+    rng = np.random.default_rng(0)
+    basis = Basis(system, np.sqrt(rng.uniform(1, 1e6, system.n)))
+    basis.append(rng.standard_normal((system.n, 4)))
+    basis.append(np.hstack([basis.moved(np.eye(4)), rng.standard_normal((system.n, 2))]))  # four are there already
+    basis.extend(rng.standard_normal((system.n, 3)))
+    assert basis.size == 9
+    V = basis.moved(np.eye(9))
+    for term, A in zip(system.terms, basis.terms, strict=True):
+        full = np.zeros((system.n, system.n))
+        full[np.ix_(term.rows, term.rows)] = term.local if isinstance(term.local, np.ndarray) else term.local.toarray()
+        np.testing.assert_allclose(A, V.T @ full @ V, rtol=1e-9, atol=1e-9 * np.abs(A).max())
+    C = rng.standard_normal((9, 5))
+    basis.rotate(C)
+    np.testing.assert_allclose(basis.moved(np.eye(5)), V @ C, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
+
+
+def test_compressing_keeps_the_answers() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    reduction.certify(system.start, BAND, 1e-8)
+    size = reduction.basis.size
+    reduction.compress(system.start, BAND, 1e-5)
+    assert reduction.basis.size < size
+    assert true_error(system, system.start, reduction, BAND) <= 1e-5
+
+
+def test_the_condensed_stiffness_is_refused() -> None:
+    system = AffineSystem.compile(plate(6))
+    reduction = Reduction.build(system, system.start, np.array([3]), np.array([3]), (5.0, 20.0), "superlu")
+    with pytest.raises(OptionError, match="tier 'sparse'"):
+        reduction.solver().condense(np.ones((6, 1)) + 0j, np.array([3]), np.array([10.0]))
