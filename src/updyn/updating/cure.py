@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from updyn.updating.problem import Problem
 __all__ = ["advise"]
 
 _CANDIDATE_LINES = 60
-_CANDIDATE_SENSORS = 200
+_CANDIDATE_SENSORS, _CANDIDATE_BYTES = 200, 200 * 2**20
 #: A candidate counts if the relative change of what it would measure, for an e-fold change along each open direction,
 #: exceeds the noise, and in any case this: well above rounding, within what a good measurement sees after averaging.
 _VISIBLE = 1e-6
@@ -99,39 +100,53 @@ def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> 
     low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
     candidates = replace(problem, frf=_blank(problem, lines))
-    best, found = 0.0, 0.0
+    items = [(x, analysis.open, block) for block in candidates.partition()]
     try:
-        for block in candidates.blocks(x):
-            assert block.dH is not None
-            for i, f in enumerate(lines[block.lines]):
-                seen = _sees(block.dH[:, i], block.H[i], analysis.open)
-                if seen > best:
-                    best, found = seen, float(f)
+        seen = np.concatenate(list(candidates.each(_seen_at_lines, items)))
     except SolverError:
         return None
-    return found, best
+    best = int(np.argmax(seen))
+    return float(lines[best]), float(seen[best])
+
+
+def _seen_at_lines(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]) -> NDArray[Any]:
+    x, directions, lines = item
+    block = problem.block(x, lines)
+    assert block.dH is not None
+    return np.array([_sees(block.dH[:, i], H, directions) for i, H in enumerate(block.H)])
 
 
 def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[str, float] | None:
     """Return the best further sensor and the least relative change that it would see."""
     system = problem.solver.system
     others = np.setdiff1d(np.arange(system.n), problem.rows)
-    others = others[:: max(1, len(others) // _CANDIDATE_SENSORS)]
+    # Each candidate takes one field of the whole model.
+    count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * system.n)))
+    others = others[:: max(1, -(-len(others) // count))]
     if others.size == 0:
         return None
-    freq = problem.frf.freq[:: max(1, len(problem.frf.freq) // 20)]
-    freq = freq[freq > 0]
+    freq = problem.frf.freq[problem.frf.freq > 0]
+    few = replace(problem, frf=_blank(problem, freq[:: max(1, len(freq) // 20)]))
+    items = [(x, others, slice(i, i + 1)) for i in range(len(few.frf.freq))]
     try:
-        H, dH = sensitivity.receptance(
-            problem.solver, problem.unknowns, problem.state(x), freq, others, problem.columns
-        )
+        parts = list(few.each(_motion_elsewhere, items))
     except SolverError:
         return None
-    assert dH is not None
-    dH = dH * problem.coordinates.slope(x)[:, None, None, None]
+    H, dH = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts], axis=1)
     seen = [_sees(dH[:, :, i], H[:, i], analysis.open) for i in range(len(others))]
     best = int(np.argmax(seen))
     return str(system.dofs[int(others[best])]), seen[best]
+
+
+def _motion_elsewhere(
+    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.intp], slice]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return receptance at other DOFs, shape (n_f, n_others, n_j), and its derivatives by x."""
+    x, others, lines = item
+    freq = problem.frf.freq[lines]
+    H, dH = sensitivity.receptance(problem.solver, problem.unknowns, problem.state(x), freq, others, problem.columns)
+    assert dH is not None
+    return H, dH * problem.coordinates.slope(x)[:, None, None, None]
 
 
 def _blank(problem: Problem, lines: NDArray[np.float64]) -> FRF:

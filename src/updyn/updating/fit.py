@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,9 +15,10 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import ASSUMED, NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import Residual, with_prior
+from updyn.updating.session import Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["Fit", "Method", "correlation_length", "descend", "descend_to_scale", "spread_of"]
+__all__ = ["Fit", "Method", "correlation_length", "descend", "descend_to_scale", "known_length", "spread_of"]
 
 _Vector = NDArray[np.float64]
 
@@ -50,6 +51,11 @@ class Fit:
     R: NDArray[np.float64]
     noise: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
+
+    @classmethod
+    def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
+        """Return a fit of which no Jacobian is known: nothing is said of what the data determine."""
+        return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
 class Method(Protocol):
@@ -87,6 +93,8 @@ def descend(
     ------
     SolverError
         If the model cannot be solved at x.
+    Stopped
+        If the user wants to stop before x has been evaluated.
     """
     lower, upper = problem.coordinates.bounds
 
@@ -107,7 +115,10 @@ def descend(
     outcome = settings.minimise(evaluate, x, outermost, upper, monitor.step)
     inside = np.clip(outcome.x, lower, upper)
     if (inside != outcome.x).any():
-        local = evaluate(inside)
+        try:
+            local = evaluate(inside)
+        except Stopped:  # the nearest Jacobian that is known
+            return Outcome(inside, outcome.local, "stopped")
         if local is None:
             raise SolverError(f"{residual.name}: the model cannot be solved with its loss factors at zero")
         if outcome.reason == "stopped":
@@ -119,9 +130,12 @@ def descend(
         if outcome.reason != "converged" or free.shape[1] == 0:
             break
         pulled = np.clip(outcome.x + free @ (free.T @ (home - outcome.x)), lower, upper)
-        if evaluate(pulled) is None:
-            break
-        back = settings.minimise(evaluate, pulled, lower, upper, monitor.step)
+        try:
+            if evaluate(pulled) is None:
+                break
+            back = settings.minimise(evaluate, pulled, lower, upper, monitor.step)
+        except Stopped:
+            return replace(outcome, reason="stopped")
         nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
         if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.frf.values.size:
             break
@@ -136,18 +150,30 @@ def descend_to_scale(
 
     A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
     unknowns, each in turn, until it stays within 1 %. Without priors it does not matter.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at x.
+    Stopped
+        If the user wants to stop before x has been evaluated.
     """
     outcome = descend(problem, residual, x, monitor, settings)
     if not problem.coordinates.prior[1].any():
         return outcome
     unit = 1.0
     for _ in range(_SCALES):
-        local = residual.local(problem, outcome.x)
-        sigma = 0.0 if local is None else spread_of(local, problem.frf.values.size, problem.n)
-        if outcome.reason == "stopped" or sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
+        if outcome.reason == "stopped":
             break
-        unit = sigma
-        outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
+        try:
+            local = residual.local(problem, outcome.x)
+            sigma = 0.0 if local is None else spread_of(local, problem.frf.values.size, problem.n)
+            if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
+                break
+            unit = sigma
+            outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
+        except Stopped:
+            return replace(outcome, reason="stopped")
     return outcome
 
 
@@ -159,6 +185,26 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
     return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
+
+
+def known_length(
+    problem: Problem, x: _Vector, whitened: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+) -> dict[str, float]:
+    """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    whitened : callable
+        Residual over its standard deviation from the model's H, both of shape (n_f, ...).
+    """
+    try:
+        return {"correlation_length": correlation_length(whitened(problem.responses(x)))}
+    except Stopped:
+        return {}
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:

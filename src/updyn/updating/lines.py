@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import OptionError
 from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Problem
+from updyn.updating.session import Record
 
 __all__ = ["choose_lines", "d_optimal"]
 
@@ -70,8 +71,18 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     -----
     Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3).
     """
-    information = _information_by_line(problem)
-    n = problem.n
+    x = _start(problem)
+    floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
+
+    def compute() -> Record:
+        items = [(x, floor, lines) for lines in problem.partition()]
+        return (_most_telling(np.concatenate(list(problem.each(_information, items))), count),)
+
+    return problem.recall("d-optimal", x, compute, str(count))[0]
+
+
+def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    n = information.shape[1]
     scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
     information = information / scale[:, None] / scale
     total = 1e-9 * np.eye(n)
@@ -87,15 +98,18 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _information_by_line(problem: Problem) -> NDArray[np.float64]:
+def _start(problem: Problem) -> NDArray[np.float64]:
     values = problem.coordinates.parameters.start
     loss = problem.unknowns.is_loss
     values = np.where(loss, np.maximum(values, np.minimum(0.02, problem.coordinates.parameters.upper)), values)
-    out = []
-    floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
-    for block in problem.blocks(problem.coordinates.to_x(values)):
-        assert block.dH is not None
-        weight = 1.0 / np.hypot(np.abs(block.H), floor)
-        J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
-        out.append(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
-    return np.concatenate(out)
+    return problem.coordinates.to_x(values)
+
+
+def _information(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]) -> NDArray[np.float64]:
+    """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
+    x, floor, lines = item
+    block = problem.block(x, lines)
+    assert block.dH is not None
+    weight = 1.0 / np.hypot(np.abs(block.H), floor)
+    J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
+    return np.asarray(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)

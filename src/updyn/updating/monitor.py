@@ -19,16 +19,16 @@ __all__ = ["Monitor", "Progress"]
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a callback is shown after every step.
+    """What a callback is shown after every step, and within a step between blocks of lines.
 
     Attributes
     ----------
     stage : str
         Part of the method.
     iteration : int
-        Steps so far, through all stages.
+        The latest step, counted from 0 through all stages.
     cost : float
-        Half the sum of squared weighted residuals.
+        Half the sum of squared weighted residuals after that step; nan before the first.
     lines_done, n_lines : int
         Lines solved so far in the whole run, and lines that a step solves.
     """
@@ -49,7 +49,7 @@ class Monitor:
     problem : Problem
         What is fitted.
     callback : callable, optional
-        Called with a `Progress` after every step; returning True stops the fit.
+        Called with a `Progress` after every step and between blocks of lines; returning True stops the fit.
 
     Attributes
     ----------
@@ -57,18 +57,23 @@ class Monitor:
         Every step so far.
     timing_s : dict of str to float
         Seconds by stage.
-    stopped : bool
-        Whether the callback has asked to stop.
     """
 
     problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
-    stopped: bool = field(default=False, init=False)
     _stage: str = field(default="", init=False)
-    _lines: int = field(default=0, init=False)
     _n_lines: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        if self.callback is not None:
+            self.problem.session.wants_stop = self._shown
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the callback has asked to stop."""
+        return self.problem.session.stopped
 
     @contextmanager
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
@@ -103,7 +108,6 @@ class Monitor:
         names = self.problem.coordinates.parameters.names
         values = self.problem.coordinates.to_values(step.x)
         cost = np.nan if step.local is None else step.local.cost
-        self._lines += self._n_lines
         self.history.append(
             Iteration(
                 self._stage,
@@ -115,10 +119,17 @@ class Monitor:
                 dict(zip(names, values.tolist(), strict=True)),
             )
         )
-        if self.callback is not None:
-            progress = Progress(self._stage, len(self.history) - 1, cost, self._lines, self._n_lines)
-            self.stopped = bool(self.callback(progress)) or self.stopped
+        self._shown()
         return self.stopped
+
+    def _shown(self) -> bool:
+        """Show where the fit is; return whether it should stop."""
+        session = self.problem.session
+        if self.callback is not None:
+            number, cost = (self.history[-1].number, self.history[-1].cost) if self.history else (0, np.nan)
+            progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
+            session.stopped = bool(self.callback(progress)) or session.stopped
+        return session.stopped
 
 
 def condition(R: NDArray[np.float64]) -> float:

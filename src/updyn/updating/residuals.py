@@ -6,26 +6,30 @@ the Jacobian of all lines need never be held, and the normal equations are never
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from updyn import sensitivity
-from updyn.dynamics.fields import line_blocks
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.noise import level_by_unit
-from updyn.updating.problem import Block, Problem
+from updyn.updating.problem import Problem
+from updyn.updating.session import Record
 from updyn.updating.trust_region import Local
 
-__all__ = ["EquationError", "LogError", "OutputError", "Residual", "reduce", "with_prior"]
+__all__ = ["EquationError", "LogError", "OutputError", "Residual", "is_solved", "reduce", "solved", "with_prior"]
 
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+
+#: Columns of a panel of the QR factorisation, and blocks that are stacked at a time.
+_PANEL, _TOGETHER = 16, 8
 
 
 class Residual(Protocol):
@@ -39,6 +43,23 @@ class Residual(Protocol):
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
+class _ByLine(Residual, Protocol):
+    """A residual that is evaluated block by block of lines, anywhere."""
+
+    @property
+    def mark(self) -> object:
+        """What tells it from others of its name."""
+
+    def on(self, problem: Problem, lines: slice) -> _ByLine:
+        """Return what of it a block of lines needs."""
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+
+
 @dataclass(frozen=True, slots=True)
 class LogError:
     """r = ln(H_A / H_X): difference of log magnitude and of phase.
@@ -48,17 +69,27 @@ class LogError:
     """
 
     name: str = "log"
+    mark: ClassVar[str] = ""
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
-        return _local(problem, x, self._block)
+        return _local(self, problem, x)
 
-    @staticmethod
-    def _block(block: Block) -> tuple[_Complex, _Complex]:
-        usable = (block.measured != 0) & (block.H != 0)
-        ratio = np.where(usable, block.H, 1.0) / np.where(usable, block.measured, 1.0)
+    def on(self, problem: Problem, lines: slice) -> LogError:
+        """Return itself."""
+        return self
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition()
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines."""
+        block = problem.block(x, lines)
         assert block.dH is not None
-        return np.log(ratio), np.where(usable, block.dH / np.where(usable, block.H, 1.0), 0.0)
+        usable = (block.measured != 0) & (block.H != 0)
+        H = np.where(usable, block.H, 1.0)
+        return np.log(H / np.where(usable, block.measured, 1.0)), block.dH * np.where(usable, 1.0 / H, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,14 +107,28 @@ class OutputError:
     weight: NDArray[np.float64]
     name: str = "output-error"
 
+    @property
+    def mark(self) -> NDArray[np.float64]:
+        """The weights."""
+        return self.weight
+
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
-        return _local(problem, x, self._block)
+        return _local(self, problem, x)
 
-    def _block(self, block: Block) -> tuple[_Complex, _Complex]:
+    def on(self, problem: Problem, lines: slice) -> OutputError:
+        """Return it with the weights of a block of lines."""
+        return OutputError(self.weight[lines], self.name)
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition()
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines, whose weights these are."""
+        block = problem.block(x, lines)
         assert block.dH is not None
-        weight = self.weight[block.lines]
-        return weight * (block.H - block.measured), block.dH * weight
+        return self.weight * (block.H - block.measured), block.dH * self.weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,39 +141,70 @@ class EquationError:
     """
 
     name: str = "equation-error"
+    mark: ClassVar[str] = ""
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
-        try:
-            blocks = [_stack(r, J) for r, J in self.blocks(problem, x)]
-        except SolverError:
-            return None
-        return reduce(blocks, problem.n)
+        self.check(problem)
+        return _local(self, problem, x)
 
-    def blocks(self, problem: Problem, x: _Vector) -> Iterable[tuple[_Complex, _Complex]]:
-        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines."""
-        state, slope = problem.state(x), problem.coordinates.slope(x)
-        unit = (problem.rows[:, None] == problem.columns[None, :]).astype(np.float64)
-        if not unit.any(axis=0).all():
-            missing = problem.frf.references[int(np.flatnonzero(~unit.any(axis=0))[0])]
+    @staticmethod
+    def check(problem: Problem) -> None:
+        """Check that the data have what the equation error needs.
+
+        Raises
+        ------
+        DataError
+            If they lack the drive point of a reference, or hold no receptance at 0 Hz.
+        """
+        driven = _drive_points(problem).any(axis=0)
+        if not driven.all():
+            missing = problem.frf.references[int(np.flatnonzero(~driven)[0])]
             raise DataError(
                 f"equation error: reference {missing} is not among the responses; the force has to stand on a retained "
                 "DOF. Measure the drive point, or use another method"
             )
-        power = QUANTITIES[problem.frf.quantity]
-        if power and problem.frf.freq[0] == 0.0:
-            raise DataError(
-                f"equation error: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
-            )
+        quantity = problem.frf.quantity
+        if QUANTITIES[quantity] and problem.frf.freq[0] == 0.0:
+            raise DataError(f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out")
+
+    def blocks(self, problem: Problem, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
+
+        Raises
+        ------
+        DataError
+            If the data lack what it needs.
+        SolverError
+            If the model cannot be condensed at a line.
+        """
+        self.check(problem)
+        return problem.each(_block, [(self, x, lines) for lines in self.partition(problem)])
+
+    def on(self, problem: Problem, lines: slice) -> EquationError:
+        """Return itself."""
+        return self
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition(2 * len(problem.rows))
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines."""
+        freq, slope = problem.frf.freq[lines], problem.coordinates.slope(x)
+        unit = _drive_points(problem)
         weight = _same_unit(problem, unit)
-        for lines in line_blocks(len(problem.frf.freq), problem.solver.block_size(2 * len(problem.rows))):
-            freq = problem.frf.freq[lines]
-            factor = problem.sign / ((2j * np.pi * freq) ** power)[:, None, None]
-            product, derivative = sensitivity.condensed_product(
-                problem.solver, problem.unknowns, state, freq, problem.rows, problem.frf.values[lines] * factor
-            )
-            assert derivative is not None
-            yield weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
+        factor = problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
+        product, derivative = sensitivity.condensed_product(
+            problem.solver, problem.unknowns, problem.state(x), freq, problem.rows, problem.frf.values[lines] * factor
+        )
+        assert derivative is not None
+        return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
+
+
+def _drive_points(problem: Problem) -> _Matrix:
+    """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
+    return np.asarray(problem.rows[:, None] == problem.columns[None, :], dtype=np.float64)
 
 
 def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
@@ -147,21 +223,30 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     Parameters
     ----------
     blocks : iterable of ndarray of float
-        Weighted Jacobian with the residual as last column.
+        Weighted Jacobian with the residual as last column, or a triangle that stands for it.
     n : int
         Number of unknowns.
     """
-    triangle = np.zeros((0, n + 1))
+    waiting: list[_Matrix] = [np.zeros((0, n + 1))]
     for block in blocks:
-        triangle = _triangle([triangle, block])
+        waiting.append(block)
+        if len(waiting) > _TOGETHER:
+            waiting = [_triangle(np.vstack(waiting))]
+    triangle = _triangle(np.vstack(waiting))
     if len(triangle) < n + 1:
         triangle = np.vstack([triangle, np.zeros((n + 1 - len(triangle), n + 1))])
     last = triangle[:, n]
-    return Local(0.5 * float(last @ last), triangle[:n, :n], last[:n].copy())
+    return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
 
 
-def _triangle(blocks: list[_Matrix]) -> _Matrix:
-    return np.asarray(np.linalg.qr(np.vstack(blocks), mode="r"))
+def _triangle(block: _Matrix) -> _Matrix:
+    """Return the R of the QR factors, shape (min(m, n), n); of a block stored by columns, which is overwritten."""
+    if min(block.shape) == 0:
+        return block[:0]
+    # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy and scipy call.
+    factors, _, info = lapack.dgeqrt(min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True)
+    assert info == 0
+    return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)
 
 
 def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
@@ -175,25 +260,56 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     return Local(joined.cost + rest, joined.R, joined.q)
 
 
-def _local(problem: Problem, x: _Vector, make: object) -> Local | None:
-    assert callable(make)
-    blocks: list[_Matrix] = []
+def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
+    """Return the reduced problem at x.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved, or its answer is not finite.
+    """
+
+    def compute() -> Record:
+        items = [(residual.on(problem, lines), x, lines) for lines in residual.partition(problem)]
+        local = reduce(problem.each(_block_triangle, items), problem.n)
+        if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
+            raise SolverError(f"{residual.name}: the model's answer is not finite")
+        return np.array(local.cost), local.R, local.q
+
+    cost, R, q = problem.recall(_kind(residual), x, compute, residual.mark)
+    return Local(float(cost), R, q)
+
+
+def is_solved(residual: _ByLine, problem: Problem, x: _Vector) -> bool:
+    """Return whether the reduced problem at x is in memory."""
+    return problem.session.knows(problem.key(_kind(residual), x, residual.mark))
+
+
+def _kind(residual: _ByLine) -> str:
+    return type(residual).__name__
+
+
+def _local(residual: _ByLine, problem: Problem, x: _Vector) -> Local | None:
     try:
-        for block in problem.blocks(x):
-            r, J = make(block)
-            blocks.append(_stack(r, J))
-            if len(blocks) > 1:
-                blocks = [_triangle(blocks)]
+        return solved(residual, problem, x)
     except SolverError:
         return None
-    out = reduce(blocks, problem.n)
-    return out if np.isfinite(out.cost) and np.isfinite(out.R).all() else None
+
+
+def _block(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Complex, _Complex]:
+    residual, x, lines = item
+    return residual.block(problem, x, lines)
+
+
+def _block_triangle(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
+    return _triangle(_stack(*_block(problem, item)))
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:
-    """Return [J r] with real over imaginary parts (eq. 12), shape (2 m, n + 1)."""
-    flat = np.empty((2, r.size, len(J) + 1))
-    columns = J.reshape(len(J), -1).T
-    flat[0, :, :-1], flat[1, :, :-1] = columns.real, columns.imag
-    flat[0, :, -1], flat[1, :, -1] = r.real.ravel(), r.imag.ravel()
-    return flat.reshape(2 * r.size, -1)
+    """Return [J r] with real over imaginary parts (eq. 12), shape (2 m, n + 1), stored by columns."""
+    n, m = len(J), r.size
+    flat = np.empty((n + 1, 2 * m))
+    columns = J.reshape(n, m)
+    flat[:n, :m], flat[:n, m:] = columns.real, columns.imag
+    flat[n, :m], flat[n, m:] = r.real.ravel(), r.imag.ravel()
+    return flat.T

@@ -5,27 +5,38 @@ factors start inflated, so that the model's resonances are broad enough to overl
 through negative values on the way: a wall at zero stops most searches for lightly damped parts, whose true values lie
 on it. And a basin is believed only when further tries, with other inflations and then from random points, end in it
 too.
+
+Where there are several workers and the lines of one evaluation are too few to be worth spreading, whole tries run in
+them, ahead of their turn. What they evaluated is remembered, and the tries are then made here as ever: the answer and
+its history do not depend on the workers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from updyn.errors import SolverError
 from updyn.updating.fit import descend
 from updyn.updating.identifiability import analyse
 from updyn.updating.monitor import Monitor
 from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError, with_prior
+from updyn.updating.residuals import LogError, is_solved, with_prior
+from updyn.updating.session import Recent, Record, Session, Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search"]
 
 _Vector = NDArray[np.float64]
+_Points: TypeAlias = "Generator[_Vector, None, None]"
+_Found: TypeAlias = "list[tuple[bytes, Record]]"
+_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
 SEARCH_LINES = 400
@@ -72,27 +83,55 @@ class Search:
     def run(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
-        relaxed = problem.coordinates.relaxed_lower
-        best: tuple[float, _Vector] | None = None
+        best: Outcome | None = None
         costs: list[float] = []
-
-        def evaluate(x: _Vector) -> Local | None:
-            local = LogError().local(problem, x)
-            return None if local is None else with_prior(local, problem, x)
-
-        for x in self._points(problem):
-            first = evaluate(x)
-            if first is None:
-                continue
-            monitor.start(x, first)
-            outcome = self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
-            costs.append(outcome.local.cost)
-            if best is None or outcome.local.cost < best[0]:
-                best = outcome.local.cost, outcome.x
-            if monitor.stopped or self._believed(problem, best[1], costs):
-                break
+        try:
+            with closing(self._ahead(_try, problem, self._points(problem))) as points:
+                for x in points:
+                    outcome = self._try_from(problem, x, monitor)
+                    if outcome is None:
+                        continue
+                    costs.append(outcome.local.cost)
+                    if best is None or outcome.local.cost < best.local.cost:
+                        best = outcome
+                    if monitor.stopped or self._believed(problem, best.x, costs):
+                        break
+        except Stopped:
+            pass  # the best so far
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        return np.clip(start if best is None else best[1], lower, upper)
+        return np.clip(start if best is None else best.x, lower, upper)
+
+    def _try_from(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
+        """Return where a descent from x ends, or None where the model cannot be solved there."""
+
+        def evaluate(at: _Vector) -> Local | None:
+            local = LogError().local(problem, at)
+            return None if local is None else with_prior(local, problem, at)
+
+        first = evaluate(x)
+        if first is None:
+            return None
+        monitor.start(x, first)
+        relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
+        return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
+
+    def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
+        return descend(problem, LogError(), x, monitor, self._settings)
+
+    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector]) -> _Points:
+        """Yield points; where workers are free, what an attempt from each evaluates has been evaluated by then."""
+        session = problem.session
+        if session.engine.workers == 1 or session.memory is None or problem.spreads:
+            yield from points
+            return
+        points = list(points)
+        known = [is_solved(LogError(), problem, x) for x in points]
+        items = [(self, x) for x, k in zip(points, known, strict=True) if not k]
+        with closing(session.map(attempt, problem, items, spread=True)) as results:
+            for x, k in zip(points, known, strict=True):
+                if not k:
+                    session.remember(next(results))
+                yield x
 
     def _points(self, problem: Problem) -> Iterator[_Vector]:
         lower, upper = problem.coordinates.bounds
@@ -117,25 +156,29 @@ class Search:
         alone, well outside its own standard deviation, and all are fitted again from there. Moving one unknown by
         itself leaves the ridge of the misfit; steps along the ridge were measured to fall back.
         """
-        if not self._is_noise(problem, x):
-            return x
-        lower, upper = problem.coordinates.bounds
-        best = descend(problem, LogError(), x, monitor, self._settings)
-        for _ in range(_ROUNDS):
-            before = best.local.cost
-            for moved in self._neighbours(problem, best):
-                if monitor.stopped:
-                    return best.x
-                start = np.clip(moved, lower, upper)
-                other = descend(problem, LogError(), start, monitor, self._settings)
-                if other.local.cost < best.local.cost * (1.0 - _SAME):
-                    best = other
-            if best.local.cost == before:
-                break
-        return best.x
+        best: Outcome | None = None
+        try:
+            if not self._is_noise(problem, x):
+                return x
+            best = self._descend(problem, x, monitor)
+            for _ in range(_ROUNDS):
+                before = best.local.cost
+                with closing(self._ahead(_descend, problem, self._neighbours(problem, best))) as points:
+                    for start in points:
+                        if monitor.stopped:
+                            return best.x
+                        other = self._descend(problem, start, monitor)
+                        if other.local.cost < best.local.cost * (1.0 - _SAME):
+                            best = other
+                if best.local.cost == before:
+                    break
+        except Stopped:
+            pass  # the best so far
+        return x if best is None else best.x
 
     @staticmethod
     def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Vector]:
+        lower, upper = problem.coordinates.bounds
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.frf.values.size - problem.n, 1))
         analysis = analyse(at.local.R / unit, problem.coordinates.parameters.names)
         std = np.where(analysis.involved, 0.0, np.sqrt(np.diag(analysis.covariance)))
@@ -144,7 +187,7 @@ class Search:
                 for sign in (1.0, -1.0):
                     moved = at.x.copy()
                     moved[i] += sign * min(_FAR * std[i], 1.0)
-                    yield moved
+                    yield np.clip(moved, lower, upper)
 
     @staticmethod
     def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
@@ -164,6 +207,25 @@ class Search:
         if len(r) < 8 or power > 0.3**2:
             return False
         return float(np.mean((r[1:] * r[:-1].conj()).real)) < 0.3 * power
+
+
+def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+    """Make a try elsewhere; return all that it evaluated."""
+    search, x = item
+    return _recorded(problem, lambda alone: search._try_from(alone, x, Monitor(alone)))
+
+
+def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+    """Descend elsewhere; return all that it evaluated."""
+    search, x = item
+    return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
+
+
+def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
+    memory = Recent(limit=np.inf)
+    with suppress(SolverError):  # to be met again when its turn comes
+        work(replace(problem, session=Session(memory=memory)))
+    return memory.items
 
 
 def _log_misfit(problem: Problem, x: _Vector) -> NDArray[np.complex128]:

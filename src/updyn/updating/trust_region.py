@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.session import Stopped
+
 __all__ = ["Local", "Outcome", "Step", "TrustRegion"]
 
 _Vector = NDArray[np.float64]
@@ -125,7 +127,8 @@ class TrustRegion:
         Parameters
         ----------
         evaluate : callable
-            Returns the local problem at a point, or None where the model cannot be solved.
+            Returns the local problem at a point, or None where the model cannot be solved. If it raises `Stopped` once
+            the start has been evaluated, the iteration ends as stopped, at its best point.
         x, lower, upper : ndarray of float, shape (n,)
             Start, which must be possible to evaluate, and bounds.
         observe : callable, optional
@@ -146,7 +149,10 @@ class TrustRegion:
             if length == 0.0 or fall <= 0.0 or (not limited and fall <= max(self.fall, self._share * here.cost)):
                 return Outcome(x, here, "converged")
             trial = np.clip(x + p, lower, upper)
-            there = evaluate(trial)
+            try:
+                there = evaluate(trial)
+            except Stopped:
+                return Outcome(x, here, "stopped")
             gain = -1.0 if there is None or not np.isfinite(there.cost) else (here.cost - there.cost) / fall
             accepted = gain > 1e-4
             stop = observe is not None and observe(Step(trial, there, length, accepted))

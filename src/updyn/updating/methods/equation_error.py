@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +15,8 @@ from updyn.updating.fit import Fit, descend_to_scale, spread_of
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
-from updyn.updating.residuals import EquationError
+from updyn.updating.residuals import EquationError, solved
+from updyn.updating.session import Record, Stopped
 from updyn.updating.trust_region import Local, Step, TrustRegion
 
 __all__ = ["EquationErrorMethod"]
@@ -55,12 +57,18 @@ class EquationErrorMethod:
             if self.solver == "gauss-newton":
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
-                for _ in residual.blocks(problem, x):
-                    pass  # a start that cannot be condensed is said with its line
                 settings = TrustRegion(self.max_iterations, self.tolerance)
-                outcome = descend_to_scale(problem, residual, x, monitor, settings)
+                try:
+                    residual.check(problem)
+                    solved(residual, problem, x)  # a start that cannot be condensed is said with its line
+                    outcome = descend_to_scale(problem, residual, x, monitor, settings)
+                except Stopped:
+                    return Fit.blind(x, "stopped")
                 x, reason = outcome.x, outcome.reason
-        local = residual.local(problem, x)
+        try:
+            local = residual.local(problem, x)
+        except Stopped:
+            return Fit.blind(x, "stopped")
         assert local is not None
         sigma = spread_of(local, problem.frf.values.size, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
@@ -84,27 +92,36 @@ def _gauss_newton(
         If it diverges.
     """
     coordinates = problem.coordinates
-    length = 0.0
+    length, before = 0.0, x
     for number in range(max_iterations + 1):
-        parts = list(EquationError().blocks(problem, x))
-        r = np.concatenate([p[0].ravel() for p in parts])
-        S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
-        A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
-        local = Local(0.5 * float(b @ b), np.asarray(np.linalg.qr(A, mode="r")), np.zeros(min(A.shape)))
-        stop = monitor.step(Step(x, local, length, True))
-        if max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts) <= epsilon:
+        try:
+            cost, R, change, error = problem.recall("gauss-newton", x, partial(_plain_step, problem, x))
+        except Stopped:
+            return before, "stopped"
+        stop = monitor.step(Step(x, Local(float(cost), R, np.zeros(len(R))), length, True))
+        if error <= epsilon:
             return x, "converged"
         if stop or number == max_iterations:
             return x, "stopped" if stop else "max-iterations"
         values = coordinates.to_values(x)
-        change = _basic_solution(A / coordinates.slope(x), b)
         if (values + change)[problem.coordinates.parameters.is_factor].min(initial=1.0) <= 0.0:
             raise SolverError(
                 f"A mass or a stiffness would turn negative in step {number + 1}: the plain iteration has diverged."
             )
         moved = coordinates.to_x(values + change)
-        x, length = moved, float(np.abs(moved - x).max())
+        before, x, length = x, moved, float(np.abs(moved - x).max())
     return x, "max-iterations"
+
+
+def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
+    """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
+    parts = list(EquationError().blocks(problem, x))
+    r = np.concatenate([p[0].ravel() for p in parts])
+    S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
+    A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
+    change = _basic_solution(A / problem.coordinates.slope(x), b)
+    error = max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts)
+    return np.array(0.5 * float(b @ b)), np.asarray(np.linalg.qr(A, mode="r")), change, np.array(error)
 
 
 def _basic_solution(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

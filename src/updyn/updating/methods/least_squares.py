@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from updyn.updating.fit import Fit, correlation_length, descend_to_scale, spread_of
+from updyn.updating.fit import Fit, descend_to_scale, known_length, spread_of
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError, Residual
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
+from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["LogMethod", "OutputMethod"]
@@ -79,20 +81,28 @@ class OutputMethod:
 
 
 def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
-    outcome = descend_to_scale(problem, residual, x, monitor, settings)
-    local = residual.local(problem, outcome.x)
+    try:
+        outcome = descend_to_scale(problem, residual, x, monitor, settings)
+    except Stopped:
+        return Fit.blind(x, "stopped")
+    try:
+        local = residual.local(problem, outcome.x)
+    except Stopped:
+        return Fit.blind(outcome.x, "stopped")
     assert local is not None
-    H, measured = problem.responses(outcome.x), problem.frf.values
-    difference = H - measured
-    if residual.name == "log":
-        difference = difference / np.where(H == 0, 1.0, H)
+    measured = problem.frf.values
+
+    def difference(H: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
+
     sigma = spread_of(local, measured.size, problem.n)
-    length = correlation_length(difference)
+    known = known_length(problem, outcome.x, difference)
+    length = known.get("correlation_length", 1.0)
     record = {
         "kind": "spread of the residual",
         "relative" if residual.name == "log" else "floor": float(np.sqrt(2.0) * sigma),
         "chi_square": 1.0,
-        "correlation_length": length,
+        **known,
         "inflation": float(np.sqrt(length)),
     }
     unit = sigma * float(np.sqrt(length))

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit import Fit, correlation_length, descend
+from updyn.updating.fit import Fit, descend, known_length
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, OutputError
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
+from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
 
 __all__ = ["MaximumLikelihood"]
@@ -72,45 +74,56 @@ class MaximumLikelihood:
             with monitor.stage("log", rough):
                 if not monitor.stopped:
                     settings = TrustRegion(self.max_iterations, self.tolerance, relative_fall=1e-6)
-                    x = descend(rough, LogError(), x, monitor, settings).x
+                    with suppress(Stopped):
+                        x = descend(rough, LogError(), x, monitor, settings).x
             with monitor.stage("search", rough):
                 if not monitor.stopped:
                     x = search.escape(rough, x, monitor)
         with monitor.stage("maximum-likelihood"):
-            return self._weighted(problem, noise, x, monitor)
+            x, reason, weighted = self._weighted(problem, noise, x, monitor)
+            try:
+                return Fit.blind(x, reason) if weighted is None else self._judge(problem, x, *weighted, reason)
+            except Stopped:
+                return Fit.blind(x, "stopped")
 
-    def _weighted(self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor) -> Fit:
+    def _weighted(
+        self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor
+    ) -> tuple[NDArray[np.float64], str, tuple[NoiseModel, OutputError] | None]:
+        """Return the estimate, why it ended, and the noise and weights of its last descent."""
         left, reason = self.max_iterations, "converged"
-        for number in range(_ROUNDS):
-            H = problem.responses(x)
-            noise = noise.refit(H, problem.frf, problem.n)
-            weight = np.sqrt(2.0 / noise.variance(H, problem.frf))
-            residual = OutputError(weight, "maximum-likelihood")
-            if monitor.stopped or left <= 0:
-                reason = "stopped" if monitor.stopped else "max-iterations"
-                break
-            before = len(monitor.history)
-            settings = TrustRegion(left, self.tolerance, fall=_FALL)
-            outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
-            left -= len(monitor.history) - before
-            moved, x, reason = outcome.x - x, outcome.x, outcome.reason
-            if reason in ("stopped", "max-iterations"):
-                break
-            settled = number > 0 and np.linalg.norm(outcome.local.R @ moved) < 1e-2
-            if settled or np.abs(moved).max() <= self.tolerance:
-                break
-        return self._judge(problem, noise, x, residual, reason)
+        weighted: tuple[NoiseModel, OutputError] | None = None
+        try:
+            for number in range(_ROUNDS):
+                H = problem.responses(x)
+                noise = noise.refit(H, problem.frf, problem.n)
+                residual = OutputError(np.sqrt(2.0 / noise.variance(H, problem.frf)), "maximum-likelihood")
+                if monitor.stopped or left <= 0:
+                    return x, "stopped" if monitor.stopped else "max-iterations", (noise, residual)
+                before = len(monitor.history)
+                settings = TrustRegion(left, self.tolerance, fall=_FALL)
+                outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
+                weighted = noise, residual
+                left -= len(monitor.history) - before
+                moved, x, reason = outcome.x - x, outcome.x, outcome.reason
+                if reason in ("stopped", "max-iterations"):
+                    break
+                settled = number > 0 and np.linalg.norm(outcome.local.R @ moved) < 1e-2
+                if settled or np.abs(moved).max() <= self.tolerance:
+                    break
+        except Stopped:
+            reason = "stopped"
+        return x, reason, weighted
 
     def _judge(
-        self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], residual: OutputError, reason: str
+        self, problem: Problem, x: NDArray[np.float64], noise: NoiseModel, residual: OutputError, reason: str
     ) -> Fit:
         local = residual.local(problem, x)
         assert local is not None
-        whitened = residual.weight * (problem.responses(x) - problem.frf.values)
-        freedom = 2 * whitened.size - problem.n
+        freedom = 2 * residual.weight.size - problem.n
         # Without a value to spare the misfit says nothing about the noise.
         chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
-        length = correlation_length(whitened)
+        known = known_length(problem, x, lambda H: residual.weight * (H - problem.frf.values))
+        length = known.get("correlation_length", 1.0)
         # More misfit than the noise explains widens the error bars; less of it narrows them only where the scale of the
         # noise was not known. Misfit that is alike from line to line holds less information than independent noise.
         scale = max(chi_square, 1.0) if noise.scale_known else chi_square
@@ -119,7 +132,7 @@ class MaximumLikelihood:
             "kind": noise.kind,
             **noise.figures(),
             **({"chi_square": chi_square} if freedom > 0 else {}),
-            "correlation_length": length,
+            **known,
             "inflation": inflation,
         }
         return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, record)

@@ -1,0 +1,188 @@
+"""What a fit can be trusted for: what the data determine, standard deviations, agreement with the data.
+
+Where the user wants to stop and an evaluation takes long, what is known is judged, and no more is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation import correlate
+from updyn.errors import SolverError
+from updyn.frf import FRF
+from updyn.updating.cure import advise
+from updyn.updating.fit import Fit
+from updyn.updating.identifiability import Analysis, analyse
+from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import OutputError
+from updyn.updating.session import Stopped
+from updyn.updating.split import Split
+
+__all__ = ["Judgement", "at_start", "judge"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What is known of a fit.
+
+    Attributes
+    ----------
+    fit : Fit
+        The fit, as stopped where the judgement was.
+    analysis : Analysis
+        What the data determine.
+    covariance : ndarray of float, shape (n, n)
+        Of the values, from data and priors; inf for unknowns that both leave open.
+    advice : str
+        What would cure open unknowns.
+    misfit : float
+        Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
+    at_bound : dict of str to str
+        ``"lower"`` or ``"upper"`` for unknowns on a bound.
+    correlation : dict
+        Figures of agreement before and after; empty where they are not known.
+    """
+
+    fit: Fit
+    analysis: Analysis
+    covariance: NDArray[np.float64]
+    advice: str = ""
+    misfit: float = 0.0
+    at_bound: Mapping[str, str] = field(default_factory=dict)
+    correlation: Mapping[str, Any] = field(default_factory=dict)
+
+
+def judge(problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel) -> Judgement:
+    """Judge a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    frf : FRF
+        All data.
+    split : Split
+        What of them was held out.
+    fit : Fit
+        How it ended.
+    noise : NoiseModel
+        How uncertain the data are.
+
+    Returns
+    -------
+    Judgement
+    """
+    cut_short = False
+
+    def unless_stopped(compute: Callable[[], T], otherwise: T) -> T:
+        nonlocal cut_short
+        try:
+            return compute()
+        except Stopped:
+            cut_short = True
+            return otherwise
+
+    if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
+        fit = Fit.blind(fit.x, fit.reason, fit.note)
+        blind = analyse(fit.R, problem.coordinates.parameters.names)
+        analysis, advice = unless_stopped(lambda: at_start(problem, noise), (blind, ""))
+        misfit = 0.0
+    else:
+        analysis = analyse(fit.R, problem.coordinates.parameters.names)
+        misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
+        advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
+    correlation = unless_stopped(lambda: _correlation(problem, fit.x, split, frf), _no_figures(split))
+    if cut_short:
+        fit = replace(fit, reason="stopped")
+    return Judgement(fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation)
+
+
+def at_start(problem: Problem, noise: NoiseModel) -> tuple[Analysis, str]:
+    """Analyse the data at the start of the unknowns, and advise.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, data and unknowns.
+    noise : NoiseModel
+        How uncertain the data are; noise of ordinary size is taken where it would be estimated from a fit.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved there.
+    """
+    if noise.kind == Estimated.kind:
+        noise = choose_noise(ASSUMED, problem.frf)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    H = problem.responses(x)
+    variance = noise.variance(H, problem.frf)
+    local = OutputError(np.sqrt(2.0 / variance)).local(problem, x)
+    if local is None:
+        raise SolverError("the model cannot be solved at its start")
+    analysis = analyse(local.R, problem.coordinates.parameters.names)
+    share = np.median(np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny))
+    return analysis, advise(analysis, problem, x, float(share))
+
+
+def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
+    slope = problem.coordinates.slope(fit.x)
+    weight = problem.coordinates.prior[1]
+    analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
+    out = analysis.covariance * slope[:, None] * slope
+    out[analysis.involved] = np.inf
+    out[:, analysis.involved] = np.inf
+    return np.asarray(out)
+
+
+def _typical_misfit(problem: Problem, x: NDArray[np.float64]) -> float:
+    measured = problem.frf.values
+    seen = np.abs(measured) > 0
+    misfit = np.abs(problem.responses(x) - measured)[seen] / np.abs(measured)[seen]
+    return float(np.median(misfit)) if misfit.size else 0.0
+
+
+def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
+    lower, upper = problem.coordinates.bounds
+    near = 1e-9 * (upper - lower)
+    sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
+    return {n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s}
+
+
+def _correlation(problem: Problem, x: NDArray[np.float64], split: Split, frf: FRF) -> dict[str, Any]:
+    whole = problem.with_data(frf)
+    start = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has none.
+    end = np.where(problem.unknowns.is_loss, np.maximum(x, 0.0), x)
+    parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
+    scored = {when: _scores(whole, at, parts) for when, at in (("before", start), ("after", end))}
+    out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
+    if split.held is not None:
+        out["validation"] = {when: scored[when].get("held", {}) for when in scored}
+    return out
+
+
+def _no_figures(split: Split) -> dict[str, Any]:
+    none: dict[str, Any] = {"before": {}, "after": {}}
+    return none if split.held is None else none | {"validation": {"before": {}, "after": {}}}
+
+
+def _scores(whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]) -> dict[str, dict[str, float]]:
+    """Score the model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
+    frf = whole.frf
+    try:
+        answer = FRF(frf.freq, whole.responses(x), frf.responses, frf.references, frf.quantity)
+    except SolverError:
+        return {}
+    return {
+        name: dict(correlate(answer.select(lines=part.freq, responses=part.responses), part).figures())
+        for name, part in parts.items()
+    }
