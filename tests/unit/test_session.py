@@ -1,0 +1,292 @@
+"""Where a run's work is done must not be seen in its answer; stops come between blocks of lines."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.engines import Serial
+from updyn.updating import problem as problem_module
+from updyn.updating.monitor import Monitor
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import EquationError, LogError, OutputError
+from updyn.updating.session import Recent, Session, Stopped, digest
+
+
+def sent(thing):
+    return pickle.loads(pickle.dumps(thing))  # noqa: S301
+
+
+class Remote(Serial):
+    """Four workers that share nothing with the caller: everything is sent as bytes, there and back."""
+
+    def __init__(self):
+        self.functions = []
+
+    @property
+    def workers(self):
+        return 4
+
+    @property
+    def name(self):
+        return "4 remote"
+
+    def map(self, function, shared, items):
+        there = sent(shared)
+        for item in items:
+            self.functions.append(function.__name__)
+            yield sent(function(there, sent(item)))
+
+
+@pytest.fixture
+def unknowns(chain12):
+    return updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+
+
+@pytest.fixture
+def data(chain12_frf, add_noise):
+    return add_noise(chain12_frf, np.random.default_rng(11), 0.01)
+
+
+@pytest.fixture
+def in_blocks(monkeypatch):
+    """Blocks of a few lines, and lines worth spreading."""
+    monkeypatch.setattr(problem_module, "_BLOCK_BYTES", 16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
+    monkeypatch.setattr(problem_module, "_SPREAD", 0.0)
+
+
+def built(chain12, data, unknowns, **session):
+    return Problem.build(chain12, data, unknowns, session=Session(**session))
+
+
+# -- memory ----------------------------------------------------------------------------------------------------------
+def test_digest_tells_type_shape_and_order():
+    a = np.arange(6.0)
+    different = [
+        [a],
+        [a.reshape(2, 3)],
+        [a.astype(np.int64)],
+        ["a", "b"],
+        ["ab"],
+        ["b", "a"],
+        [b"ab", b""],
+        [a[:0]],
+        [],
+    ]
+    assert len({digest(parts) for parts in different}) == len(different)
+    assert digest([a.reshape(2, 3).T]) == digest([np.ascontiguousarray(a.reshape(2, 3).T)])
+
+
+def test_recent_forgets_the_oldest_unless_it_was_used():
+    memory = Recent(limit=2.5 * 80)
+    for name in "abc":
+        memory.put(name.encode(), (np.full(10, 1.0),))
+        memory.get(b"a")
+    assert memory.get(b"b") is None
+    assert memory.get(b"a") is not None
+    memory.put(b"large", (np.zeros(1000),))
+    assert [key for key, _ in memory.items] == [b"large"]
+
+
+def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain12, data, unknowns):
+    problem = built(chain12, data, unknowns, memory=Recent())
+    x = np.full(12, 0.05)
+    first = LogError().local(problem, x)
+    assert LogError().local(problem, x.copy()).R is first.R
+    assert problem.session.lines_solved == 60
+    fresh = built(chain12, data, unknowns)
+    light, heavy = (OutputError(np.full((60, 5, 5), w)) for w in (1.0, 2.0))
+    for other, residual, at in (
+        (problem, LogError(), x + 1e-12),
+        (problem, light, x),
+        (problem, heavy, x),
+        (problem, EquationError(), x),
+        (problem.thinned(20), LogError(), x),
+        (problem.with_data(data.select(responses=["2:X"])), LogError(), x),
+    ):
+        alone = replace(other, session=fresh.session)
+        before = problem.session.lines_solved
+        assert residual.local(other, at).cost == residual.local(alone, at).cost
+        assert problem.session.lines_solved == before + len(other.frf.freq)
+
+
+def test_what_is_remembered_cannot_be_changed(chain12, data, unknowns):
+    problem = built(chain12, data, unknowns, memory=Recent())
+    H = problem.responses(np.full(12, 0.05))
+    with pytest.raises(ValueError, match="read-only"):
+        H[0] = 0.0
+
+
+# -- engines ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("residual", [LogError(), OutputError(np.full((60, 5, 5), 3.0)), EquationError()])
+@pytest.mark.parametrize("tier", ["dense", "sparse"])
+def test_lines_spread_over_workers_give_the_same_bits(chain12, data, unknowns, in_blocks, residual, tier):
+    x = np.full(12, 0.05)
+    here = Problem.build(chain12, data, unknowns, tier=tier)
+    engine = Remote()
+    there = Problem.build(chain12, data, unknowns, tier=tier, session=Session(engine))
+    assert len(there.partition()) > 4
+    assert there.partition() == here.partition()
+    one, other = residual.local(here, x), residual.local(there, x)
+    assert (one.cost, one.R.tobytes(), one.q.tobytes()) == (other.cost, other.R.tobytes(), other.q.tobytes())
+    assert (there.responses(x) == here.responses(x)).all()
+    assert len(engine.functions) == len(residual.partition(there)) + len(there.partition())
+
+
+def test_a_problem_that_is_sent_leaves_its_session_and_its_factorisations_behind(chain12, data, unknowns):
+    problem = built(chain12, data, unknowns, memory=Recent(), engine=Remote())
+    problem.responses(np.full(12, 0.05))
+    there = sent(problem)
+    assert there.session.memory is None
+    assert there.session.engine.workers == 1
+    assert (there.responses(np.zeros(12)) == problem.responses(np.zeros(12))).all()
+
+
+def test_small_evaluations_stay_here(chain12, data, unknowns):
+    engine = Remote()
+    problem = built(chain12, data, unknowns, engine=engine)
+    assert not problem.spreads
+    LogError().local(problem, np.full(12, 0.05))
+    assert engine.functions == []
+
+
+def test_large_models_are_worth_spreading_and_long():
+    n = 60
+    groups = {"g": updyn.Group(1e4 * np.eye(n), np.eye(n), loss_factor=0.1)}
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+    lines = np.linspace(1.0, 10.0, 1000)
+    data = updyn.FRF(lines, np.ones((1000, 1, 1)), ["1:X"], ["1:X"], "receptance")
+    problem = Problem.build(model, data, updyn.parameters(model, stiffness="all"))
+    assert problem.spreads
+    assert not problem.is_long
+    assert problem.thinned(100).work == pytest.approx(0.1 * problem.work)
+
+
+# -- stopping --------------------------------------------------------------------------------------------------------
+def test_a_stop_comes_between_blocks(chain12, data, unknowns, in_blocks):
+    problem = built(chain12, data, unknowns)
+    asked = []
+
+    def wants_stop():
+        asked.append(problem.session.lines_solved)
+        return len(asked) == 3
+
+    problem.session.wants_stop = wants_stop
+    with pytest.raises(Stopped):
+        LogError().local(problem, np.full(12, 0.05))
+    size = problem.partition()[0].stop
+    assert asked == [size, 2 * size, 3 * size]
+    assert problem.session.stopped
+
+
+def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(chain12, data, unknowns, in_blocks, monkeypatch):
+    problem = built(chain12, data, unknowns, memory=Recent())
+    x = np.full(12, 0.05)
+    known = LogError().local(problem, x)
+    problem.session.wants_stop = lambda: True
+    problem.session.stopped = True
+    assert problem.responses(x).shape == (60, 5, 5)
+    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    assert LogError().local(problem, x).R is known.R  # what is known costs nothing
+    with pytest.raises(Stopped):
+        LogError().local(problem, x + 0.1)
+
+
+def test_the_callback_is_asked_between_blocks_and_sees_the_lines(chain12, data, unknowns, in_blocks):
+    problem, seen = built(chain12, data, unknowns), []
+    monitor = Monitor(problem, seen.append)
+    with monitor.stage("log"):
+        local = LogError().local(problem, np.zeros(12))
+        monitor.start(np.zeros(12), local)
+        LogError().local(problem, np.full(12, 0.1))
+    blocks = [part.stop for part in problem.partition()]
+    assert [p.lines_done for p in seen] == [*blocks, *(60 + b for b in blocks[:-1])]
+    assert {(p.stage, p.iteration, p.n_lines) for p in seen} == {("log", 0, 60)}
+    assert [p.cost for p in seen[len(blocks) - 1 :]] == [local.cost] * len(blocks)
+    assert np.isnan([p.cost for p in seen[: len(blocks) - 1]]).all()
+
+
+# -- whole runs ------------------------------------------------------------------------------------------------------
+def outcome(result):
+    return result.status, result.values, result.std, result.history, result.correlation, result.noise
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error", "equation-error"])
+def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blocks, method):
+    engine = Remote()
+    here = updyn.update(chain12, data, unknowns, method=method)
+    there = updyn.update(chain12, data, unknowns, method=method, engine=engine)
+    assert outcome(here) == outcome(there)
+    assert set(engine.functions) >= {"_block_triangle", "_responses"}
+    assert (here.options["engine"], there.options["engine"]) == ("serial", "4 remote")
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
+def test_spreading_tries_changes_no_bit_of_a_run(chain12, chain12_frf, add_noise, unknowns, method):
+    engine, seen = Remote(), []
+    few = chain12_frf.select(responses=["2:X", "5:X"], references=["5:X"])
+    data = add_noise(few, np.random.default_rng(11), 0.2)  # so little is known that unknowns are looked beside
+    far = chain12.scaled({"part2": {"stiffness": 0.15, "mass": 1.5}, "part3": {"stiffness": 4.0}})
+    here = updyn.update(far, data, unknowns, method=method)
+    there = updyn.update(far, data, unknowns, method=method, engine=engine, callback=seen.append)
+    assert outcome(here) == outcome(there)
+    assert set(engine.functions) == {"_try", "_descend"}
+    assert [p.iteration for p in seen] == list(range(len(here.history)))
+
+
+@pytest.mark.parametrize("after", [0, 5, 15])
+def test_a_stop_during_tries_of_workers_is_where_it_is_without(chain12, data, unknowns, after):
+    runs = [
+        updyn.update(chain12, data, unknowns, callback=lambda p: p.iteration >= after, engine=engine)
+        for engine in (None, Remote())
+    ]
+    assert outcome(runs[0]) == outcome(runs[1])
+    assert runs[0].status == "stopped"
+
+
+def test_tries_of_workers_that_fail_fail_as_they_do_here(chain12, data, unknowns):
+    """At zero loss factor a line on a resonance: the tries meet models that cannot be solved."""
+    K = (2 * np.pi) ** 2 * np.array([[2.0, -1.0], [-1.0, 2.0]])
+    start = updyn.Model.from_groups({"g": updyn.Group(K, np.eye(2), loss_factor=0.01)}, ["1:X", "2:X"])
+    frf = updyn.response(start.scaled({"g": {"loss_factor": 0.0}}), [0.5, 0.8, 1.2, 1.9], ["1:X"], ["1:X"])
+    unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
+    here = updyn.update(start, frf, unknowns)
+    there = updyn.update(start, frf, unknowns, engine=Remote())
+    assert outcome(here) == outcome(there)
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error", "equation-error"])
+@pytest.mark.parametrize("solver", ["trust-region", "gauss-newton"])
+def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
+    chain12, data, unknowns, in_blocks, monkeypatch, method, solver
+):
+    """Wherever it comes, the answer is the best point so far, and not one line more is solved."""
+    if solver != "trust-region" and method != "equation-error":
+        pytest.skip("an option of another method")
+    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    options = {"solver": solver} if method == "equation-error" else {}
+    total = []
+    full = updyn.update(
+        chain12, data, unknowns, method=method, callback=lambda p: total.append(p.lines_done), **options
+    )
+    assert full.status != "stopped"
+    stops = np.unique(np.geomspace(1, len(total) - 1, 12).astype(int))
+    for number in stops:
+        seen = []
+
+        def callback(progress, seen=seen, number=number):
+            seen.append(progress.lines_done)
+            return len(seen) > number
+
+        found = updyn.update(chain12, data, unknowns, method=method, callback=callback, **options)
+        assert found.status == "stopped"
+        assert seen[: number + 1] == total[: number + 1]
+        assert seen[-1] == total[number]
+        same = max(0, len(found.history) - 1)  # the last may say where the next stage would have started
+        assert found.history[:same] == full.history[:same]
+        assert all(np.isfinite(v) for v in found.values.values())
+        assert not np.isnan(found.covariance).any()
+        best = min((h.cost for h in found.history if h.accepted), default=np.inf)
+        assert best <= found.history[0].cost if found.history else True
