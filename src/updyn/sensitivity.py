@@ -140,15 +140,14 @@ def receptance(
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     coefficients = system.coefficients(state, omega)
-    loaded, place = np.unique(np.concatenate([rows, columns]) if derivatives else columns, return_inverse=True)
+    loaded, place = _in_order(np.concatenate([rows, columns]) if derivatives else columns)
     X = solver.solve(coefficients, loaded, freq)
-    of_columns = place[-len(columns) :]
-    U = X[:, :, of_columns]
+    U = X[:, :, place[-len(columns) :]]
     H = solver.at(U, rows).transpose(1, 0, 2)
     if not derivatives:
         return H, None
-    V = X[:, :, place[: len(rows)]]
-    return H, -_contract(system, unknowns, unknowns.slopes(system, state, omega), V, U)
+    V = X[:, :, _view(place[: len(rows)])]
+    return H, _contract(system, unknowns, -unknowns.slopes(system, state, omega), V, U)
 
 
 def condensed_product(
@@ -197,17 +196,40 @@ def condensed_product(
     product = Z_red @ motion
     if not derivatives:
         return product, None
-    moved = np.ascontiguousarray((T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2))
+    moved = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
     return product, _contract(system, unknowns, unknowns.slopes(system, state, omega), T, moved)
+
+
+def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return each DOF once, in the order of its first appearance, and where each of `dofs` stands there."""
+    _, first, place = np.unique(dofs, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return dofs[first[order]], np.argsort(order)[place]
+
+
+def _view(places: NDArray[np.intp]) -> Any:
+    """Return an index for the first columns that copies nothing, where they are the first."""
+    return slice(len(places)) if np.array_equal(places, np.arange(len(places))) else places
 
 
 def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
     """Return slope_p V^T A_p U for every unknown, shape (n_p, n_f, n_v, n_u); fields are (N, n_f, columns)."""
-    out = np.empty((len(unknowns.at), U.shape[1], V.shape[2], U.shape[2]), dtype=np.complex128)
-    for t in np.unique(unknowns.at):
-        term: Any = system.terms[t]
-        moved = term.times(U[term.rows])
-        product = np.matmul(V[term.rows].transpose(1, 2, 0), moved.transpose(1, 0, 2))
-        for p in np.flatnonzero(unknowns.at == t):
-            np.multiply(slopes[p, :, None, None], product, out=out[p])
+    n_u = U.shape[2]
+    out = np.empty((len(unknowns.at), U.shape[1], V.shape[2], n_u), dtype=np.complex128)
+    for terms in _by_rows(system, unknowns.at):
+        own: Any = system.terms[terms[0]].own
+        u = U[own]
+        moved = np.concatenate([system.terms[t].times(u) for t in terms], axis=2)
+        product = np.matmul(V[own].transpose(1, 2, 0), moved.transpose(1, 0, 2))
+        for i, t in enumerate(terms):
+            for p in np.flatnonzero(unknowns.at == t):
+                np.multiply(slopes[p, :, None, None], product[:, :, i * n_u : (i + 1) * n_u], out=out[p])
     return out
+
+
+def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[int]]:
+    """Return the terms at some positions, those that share their rows together."""
+    together: dict[int, list[int]] = {}
+    for t in np.unique(at).tolist():
+        together.setdefault(id(system.terms[t].rows), []).append(t)
+    return together.values()

@@ -39,9 +39,18 @@ def test_tier_by_size_and_by_force():
         LineSolver.choose(small, "sparse", "mumps")
 
 
+def full(n):
+    """Masses that are all tied to each other."""
+    A = np.random.default_rng(3).standard_normal((n, n))
+    return updyn.Model.from_groups(
+        {"g": updyn.Group(1e4 * A @ A.T, np.eye(n), loss_factor=0.02)}, [f"{i + 1}:X" for i in range(n)]
+    )
+
+
 @pytest.mark.parametrize("tier", fields.TIERS)
-def test_solve_against_the_full_inverse(tier):
-    model, freq = chain(9), np.array([0.0, 3.0, 40.0])
+@pytest.mark.parametrize("make", [chain, full])
+def test_solve_against_the_full_inverse(make, tier):
+    model, freq = make(9), np.array([0.0, 3.0, 40.0])
     solver = LineSolver.choose(AffineSystem.compile(model), tier)
     omega = 2 * np.pi * freq
     X = solver.solve(solver.system.coefficients(solver.system.start, omega), np.array([4, 0]), freq)

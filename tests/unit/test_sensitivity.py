@@ -57,6 +57,24 @@ def test_values_alone_cost_no_derivatives(gear_train):
 
 
 @pytest.mark.parametrize("tier", ["dense", "sparse"])
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_responses_and_references_in_any_order_and_twice(gear_train, tier, derivatives):
+    """Each DOF is loaded once; the answer is picked entry by entry from that of all DOFs in order."""
+    solver = LineSolver.choose(AffineSystem.compile(gear_train), tier)
+    at = Unknowns.find(solver.system, everything(gear_train))
+    freq, every = np.array([1.0, 3.0]), np.arange(7)
+    H, dH = sensitivity.receptance(solver, at, solver.system.start, freq, every, every)
+    for rows, columns in (([5, 2, 5, 0], [3, 2]), ([4, 1], [1]), ([6], [0, 6, 0])):
+        some, slopes = sensitivity.receptance(
+            solver, at, solver.system.start, freq, np.array(rows), np.array(columns), derivatives=derivatives
+        )
+        assert some == pytest.approx(H[:, rows][:, :, columns], rel=1e-9)
+        assert (slopes is not None) == derivatives
+        if derivatives:
+            assert slopes == pytest.approx(dH[:, :, rows][..., columns], rel=1e-8, abs=1e-10 * np.abs(dH).max())
+
+
+@pytest.mark.parametrize("tier", ["dense", "sparse"])
 @pytest.mark.parametrize(
     "key", ["4_lines_10_20_50_100", "5_lines_10_20_50_100_150", "8_lines_5_10_20_30_50_75_100_150"]
 )

@@ -153,31 +153,45 @@ class AffineSystem:
 
     def values(self, coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the entries of Z on the pattern, shape (nnz, n_lines); those of one line are contiguous."""
-        return self._combined(coefficients)
+        out = np.empty((coefficients.shape[1], len(self.indices)), dtype=np.complex128)
+        self._write(coefficients, out)
+        return out.T
 
     def real_values(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the entries of a sum of real `weights`, shape (n_terms,), times the terms, shape (nnz,)."""
-        out: NDArray[np.float64] = self._combined(np.asarray(weights, dtype=np.float64)[:, None])[:, 0]
+        """Return the entries on the pattern, shape (nnz,), of the terms' sum with real weights, shape (n_terms,)."""
+        out = np.empty(len(self.indices))
+        self.write(np.asarray(weights, dtype=np.float64), out)
         return out
 
-    def _combined(self, c: NDArray[Any]) -> NDArray[Any]:
-        """Return the sum of c_t A_t on the pattern, real or complex as c, shape (n_terms, n_lines), is."""
-        out = np.zeros((c.shape[1], len(self.indices)), dtype=c.dtype)
+    def write(self, weights: NDArray[Any], out: NDArray[Any]) -> None:
+        """Write the entries of the terms' sum into `out`, shape (nnz,).
+
+        Parameters
+        ----------
+        weights : ndarray, shape (n_terms,)
+            The coefficients of one line, or any real numbers.
+        out : ndarray of the same kind, shape (nnz,)
+            What held the entries of another line may hold these.
+        """
+        self._write(weights[:, None], out[None, :])
+
+    def _write(self, c: NDArray[Any], out: NDArray[Any]) -> None:
+        """Write the sum of c_t A_t for c of shape (n_terms, n_lines) into `out`, shape (n_lines, nnz)."""
+        out[...] = 0.0
         target = out[0] if len(out) == 1 else out
-        step = max(1, _CHUNK // c.shape[1])
-        for slots, at in self._families():
+        step = max(1, _CHUNK // len(out))
+        for slots, at in self._families(c):
             for first in range(0, len(slots), step):
                 chunk = slice(first, first + step)
                 # A full pattern has its entries in their places.
                 where = chunk if len(slots) == out.shape[1] else slots[chunk].astype(np.intp)
                 target[..., where] += _mixed([self.terms[t].data[chunk] for t in at], c[at])
-        return out.T
 
-    def _families(self) -> Iterator[tuple[NDArray[Any], list[int]]]:
-        """Yield the slots and positions of terms that share them."""
+    def _families(self, c: NDArray[Any]) -> Iterator[tuple[NDArray[Any], list[int]]]:
+        """Yield the slots and positions of terms that share them; those without a coefficient are left out."""
         members: dict[int, list[int]] = {}
-        for t, term in enumerate(self.terms):
-            members.setdefault(id(term.slots), []).append(t)
+        for t in np.flatnonzero(c.any(axis=1)).tolist():
+            members.setdefault(id(self.terms[t].slots), []).append(t)
         for at in members.values():
             yield self.terms[at[0]].slots, at
 

@@ -1,7 +1,7 @@
 """Fields: solving Z(omega) X = B at many lines, the one place where time is spent.
 
 Work is a line. Small models are solved in batches of lines without a loop over lines; larger ones by sparse
-factorisation, one a line. Fields are kept as arrays (N, n_lines, n_columns): a group's own rows are then contiguous.
+factorisation, one a line. Fields are arrays (N, n_lines, n_columns), in memory as the solve left them.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.partition import Partition
+from updyn.dynamics.partition import Partition, empty_matrix
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
 from updyn.linalg.factorise import SparseSolver
@@ -28,7 +27,7 @@ TIERS = ("dense", "sparse")
 DENSE_LIMIT = 500
 
 _HELD = "with the retained DOFs held "
-_BLOCK_BYTES = 192 * 2**20
+_BLOCK_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +67,8 @@ class LineSolver:
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""
         n = self.system.n
-        per_line = 16 * (
-            n * n + 2 * n * n_columns if self.tier == "dense" else len(self.system.indices) + n * n_columns
-        )
+        # One sparse matrix is held, whatever the number of lines.
+        per_line = 16 * (n * n + 2 * n * n_columns if self.tier == "dense" else n * n_columns)
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
     def solve(
@@ -90,26 +88,25 @@ class LineSolver:
         Returns
         -------
         ndarray of complex, shape (N, n_lines, r)
+            Motion of every DOF for each unit force, in m/N.
 
         Raises
         ------
         SolverError
             If Z is singular at a line; the message names it.
         """
-        values = self.system.values(coefficients)
         n, r = self.system.n, len(columns)
-        if self.tier == "dense":
-            B = np.zeros((n, r), dtype=np.complex128)
-            B[columns, np.arange(r)] = 1.0
-            X = _solve_dense(self._dense(values), np.broadcast_to(B, (len(freq), n, r)), freq)
-            return np.ascontiguousarray(X.transpose(1, 0, 2))
-        B = np.zeros((n, r), dtype=np.complex128)
+        B = np.zeros((n, r), dtype=np.complex128, order="F")
         B[columns, np.arange(r)] = 1.0
-        out = np.empty((n, len(freq), r), dtype=np.complex128)
-        whole = self._whole()
+        if self.tier == "dense":
+            Z = self._dense(self.system.values(coefficients))
+            return _solve_dense(Z, np.broadcast_to(B, (len(freq), n, r)), freq).transpose(1, 0, 2)
+        solver, Z = self._whole()
+        out = np.empty((len(freq), r, n), dtype=np.complex128)
         for i, f in enumerate(freq):
-            out[:, i] = whole.solve(self._sparse(values[:, i]), B, float(f))
-        return out
+            self.system.write(coefficients[:, i], Z.data)
+            out[i] = solver.solve(Z, B, float(f)).T
+        return out.transpose(2, 0, 1)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the motion at some DOFs from fields that `solve` returned.
@@ -154,32 +151,37 @@ class LineSolver:
         SolverError
             If Z_ss is singular at a line: a natural frequency of the structure with its retained DOFs held.
         """
-        values = self.system.values(coefficients)
         partition, solver = self._partitioned(retained)
         eliminated, n = partition.eliminated, len(retained)
-        T = np.zeros((self.system.n, len(freq), n), dtype=np.complex128)
-        T[retained, :, np.arange(n)] = 1.0
         if self.tier == "dense":
-            Z = self._dense(values)
+            Z = self._dense(self.system.values(coefficients))
+            T = np.zeros((len(freq), self.system.n, n), dtype=np.complex128)
+            T[:, retained] = np.eye(n)
             Znn = Z[:, retained[:, None], retained]
             if eliminated.size == 0:
-                return Znn, T
+                return Znn, T.transpose(1, 0, 2)
             Zsn = Z[:, eliminated[:, None], retained]
             W = _solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, _HELD)
-            T[eliminated] = -W.transpose(1, 0, 2)
-            return Znn - Zsn.transpose(0, 2, 1) @ W, T
+            T[:, eliminated] = -W
+            return Znn - Zsn.transpose(0, 2, 1) @ W, T.transpose(1, 0, 2)
+        T = np.zeros((len(freq), n, self.system.n), dtype=np.complex128)
+        T[:, :, retained] = np.eye(n)
         Z_red = np.empty((len(freq), n, n), dtype=np.complex128)
+        values = np.empty(len(self.system.indices), dtype=np.complex128)
         for i, f in enumerate(freq):
-            Z_red[i], block, Zss = partition.blocks(values[:, i])
+            self.system.write(coefficients[:, i], values)
+            Z_red[i], block, Zss = partition.blocks(values)
             if eliminated.size:
                 X = solver.solve(Zss, block, float(f), _HELD)
-                T[eliminated, i] = -X
+                T[i, :, eliminated] = -X
                 Z_red[i] -= block.T @ X
-        return Z_red, T
+        return Z_red, T.transpose(2, 0, 1)
 
-    def _whole(self) -> SparseSolver:
-        """Return the solver for all of Z; its analysis is kept."""
-        return cast(SparseSolver, self._kept.setdefault(b"", SparseSolver(self.backend)))
+    def _whole(self) -> tuple[SparseSolver, Any]:
+        """Return the solver for all of Z and a matrix to write its values into; both are kept."""
+        if b"" not in self._kept:
+            self._kept[b""] = SparseSolver(self.backend), empty_matrix(self.system.indptr, self.system.indices)
+        return cast("tuple[SparseSolver, Any]", self._kept[b""])
 
     def _partitioned(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
         """Return the blocks for some retained DOFs and the solver for Z_ss; both are kept."""
@@ -190,14 +192,11 @@ class LineSolver:
 
     def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         n = self.system.n
+        if len(values) == n * n:
+            return values.T.reshape(-1, n, n)
         Z = np.zeros((values.shape[1], n * n), dtype=np.complex128)
         Z[:, self.system.rows_of_entries() * n + self.system.indices] = values.T
         return Z.reshape(-1, n, n)
-
-    def _sparse(self, values: NDArray[np.complex128]) -> Any:
-        n = self.system.n
-        # Z is symmetric: the CSR arrays are those of CSC, which factorisations want.
-        return sp.csc_array((np.ascontiguousarray(values), self.system.indices, self.system.indptr), shape=(n, n))
 
 
 def line_blocks(n_lines: int, size: int) -> Iterator[slice]:

@@ -22,8 +22,12 @@ class Partition:
     ----------
     retained, eliminated : ndarray of int
         DOFs, n and s of them.
-    nn, sn, ss : sparse CSR of int
+    nn, sn : sparse CSR of int
         Position of each entry of the block among the values of Z.
+    ss : sparse CSC of complex
+        The block of the line that was asked for last: its pattern is checked once, its memory serves every line.
+    ss_places : ndarray of int
+        Position of each of its entries among the values of Z.
     """
 
     retained: NDArray[np.intp]
@@ -31,6 +35,7 @@ class Partition:
     nn: Any
     sn: Any
     ss: Any
+    ss_places: NDArray[Any]
 
     @classmethod
     def find(cls, system: AffineSystem, retained: NDArray[np.intp]) -> Partition:
@@ -39,16 +44,35 @@ class Partition:
         keep = np.zeros(n, dtype=np.bool_)
         keep[retained] = True
         eliminated = np.flatnonzero(~keep)
-        places = sp.csr_array((np.arange(len(system.indices)), system.indices, system.indptr), shape=(n, n))
+        counted = np.arange(len(system.indices), dtype=system.indptr.dtype)
+        places = sp.csr_array((counted, system.indices, system.indptr), shape=(n, n))
         ss = places[eliminated][:, eliminated]
         ss.sort_indices()
-        return cls(retained, eliminated, places[retained][:, retained], places[eliminated][:, retained], ss)
+        return cls(
+            retained,
+            eliminated,
+            places[retained][:, retained],
+            places[eliminated][:, retained],
+            empty_matrix(ss.indptr, ss.indices),
+            ss.data,
+        )
 
     def blocks(self, values: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
         """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
-        # Z is symmetric: the CSR arrays of a diagonal block are its CSC arrays, which factorisations want.
-        ss = sp.csc_array((values[self.ss.data], self.ss.indices, self.ss.indptr), shape=self.ss.shape)
-        return _filled(self.nn, values), _filled(self.sn, values), ss
+        np.take(values, self.ss_places, out=self.ss.data, mode="clip")
+        return _filled(self.nn, values), _filled(self.sn, values), self.ss
+
+
+def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
+    """Return a complex CSC array of a symmetric pattern, whose values are to be written.
+
+    Parameters
+    ----------
+    indptr, indices : ndarray of int
+        Of CSR; as the matrix is symmetric they are those of CSC, which factorisations want.
+    """
+    n = len(indptr) - 1
+    return sp.csc_array((np.zeros(len(indices), dtype=np.complex128), indices, indptr), shape=(n, n))
 
 
 def _filled(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
