@@ -99,6 +99,11 @@ class Journal:
             return
         self._places[key] = start + _LENGTH + _KEY, self._file.tell() - _SUM - start - _LENGTH - _KEY
 
+    def keep(self) -> None:
+        """Make sure that there is a file to resume from, even before the first evaluation."""
+        if self._file is None and not self._broken:
+            self._file = self._created()
+
     def close(self) -> None:
         """Bring the file to disk and close it."""
         if self._file is not None:
@@ -162,7 +167,7 @@ def fingerprint(problem: Problem, frf: FRF, options: Mapping[str, object]) -> di
     dict
     """
     system = problem.solver.system
-    model: list[object] = [system.indptr, system.indices, *system.dofs.labels]
+    model: list[object] = [system.indptr, system.indices, system.start.loss, *system.dofs.labels]
     for term in system.terms:
         model += [term.group, term.quantity, term.slots, term.data]
     data: list[object] = [frf.freq, frf.values, frf.quantity, str(frf.averages)]

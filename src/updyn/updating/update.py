@@ -138,6 +138,8 @@ def update(
         problem, fit = _fitted(whole, lines, strategy, noise_model, monitor)
         with monitor.stage("judge"):
             found = judge(problem, frf, split, fit, noise_model)
+        if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
+            session.memory.keep()
     fit = found.fit
     status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
