@@ -47,6 +47,12 @@ def plate(m: int = 22, *, held: bool = True, local: float = 0.0, damper: float =
     return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
 
 
+def built(system: AffineSystem, state: State, *about: object) -> Reduction:
+    reduction = Reduction(system, *about, "superlu")  # type: ignore[arg-type]
+    reduction.build(state)
+    return reduction
+
+
 def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: np.ndarray) -> float:
     exact, fast = LineSolver.choose(system, "sparse"), reduction.solver()
     c = system.coefficients(state, 2 * np.pi * freq)
@@ -76,7 +82,7 @@ UNSEEN = BAND[:-1:8] + 0.37 * (BAND[1] - BAND[0])
 def test_the_bound_holds_at_lines_that_were_not_looked_at(options: dict, sensors: np.ndarray, move: float) -> None:
     system = AffineSystem.compile(plate(**options))
     state = moved(system, move)
-    reduction = Reduction.build(system, state, sensors, FORCES[:1], (BAND[0], BAND[-1]), "superlu")
+    reduction = built(system, state, sensors, FORCES[:1], (BAND[0], BAND[-1]))
     certificate = reduction.certify(state, BAND, 1e-5)
     assert certificate.error <= 1e-5
     assert certificate.size < 0.6 * system.n
@@ -89,7 +95,7 @@ def test_the_bound_holds_at_lines_that_were_not_looked_at(options: dict, sensors
 
 def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured() -> None:
     system = AffineSystem.compile(plate())
-    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     there = moved(system, 0.2)
     before = true_error(system, there, reduction, BAND)
     checked = reduction.certify(there, BAND, 1e-5, enrich=False, count=40)
@@ -108,7 +114,7 @@ def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
     system = AffineSystem.compile(model)
     band = (np.sqrt(1.0) / (2 * np.pi), np.sqrt(9.0) / (2 * np.pi))  # both ends are natural frequencies
     dofs = np.arange(12)
-    reduction = Reduction.build(system, system.start, dofs, dofs[:1], band, "superlu")
+    reduction = built(system, system.start, dofs, dofs[:1], band)
     lines = np.linspace(*band, 9)
     reduction.certify(system.start, lines, 1e-6)
     assert true_error(system, system.start, reduction, lines) <= 1e-6
@@ -118,7 +124,7 @@ def test_derivatives_are_those_of_the_whole_model() -> None:
     model = plate(local=0.3)
     system = AffineSystem.compile(model)
     unknowns = Unknowns.find(system, updyn.parameters(model, stiffness="all", loss_factor=["quarter 4", "seams"]))
-    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     reduction.certify(system.start, BAND, 1e-8)
     fast, exact = reduction.solver(), LineSolver.choose(system, "sparse")
     for freq in np.split(UNSEEN, 4):
@@ -149,7 +155,7 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
 
 def test_compressing_keeps_the_answers() -> None:
     system = AffineSystem.compile(plate())
-    reduction = Reduction.build(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     reduction.certify(system.start, BAND, 1e-8)
     size = reduction.basis.size
     reduction.compress(system.start, BAND, 1e-5)
@@ -159,6 +165,6 @@ def test_compressing_keeps_the_answers() -> None:
 
 def test_the_condensed_stiffness_is_refused() -> None:
     system = AffineSystem.compile(plate(6))
-    reduction = Reduction.build(system, system.start, np.array([3]), np.array([3]), (5.0, 20.0), "superlu")
+    reduction = built(system, system.start, np.array([3]), np.array([3]), (5.0, 20.0))
     with pytest.raises(OptionError, match="tier 'sparse'"):
         reduction.solver().condense(np.ones((6, 1)) + 0j, np.array([3]), np.array([10.0]))

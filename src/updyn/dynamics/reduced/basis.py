@@ -81,12 +81,11 @@ class Basis:
         if W.shape[1] == 0:
             return
         W = np.ascontiguousarray(W)
-        own: Any = None
+        rows: Any = None
         for t, term in enumerate(self.system.terms):
-            if own is None or not same_rows(term.rows, self.system.terms[t - 1].rows):
-                own = _span(term.rows)
-                parts = [b[own] for b in self._blocks]
-                w = W[own]
+            if term.rows is not rows:  # stiffness and mass of a group share theirs
+                rows, own = term.rows, term.own
+                parts, w = [b[own] for b in self._blocks], W[own]
             product = term.local @ w
             cross = np.vstack([p.T @ product for p in parts]) if parts else np.zeros((0, W.shape[1]))
             corner = w.T @ product
@@ -107,15 +106,3 @@ class Basis:
 
     def __iter__(self) -> Iterator[_Real]:
         return iter(self._blocks)
-
-
-def same_rows(one: NDArray[np.intp], other: NDArray[np.intp]) -> bool:
-    """Whether two terms act on the same DOFs."""
-    return one is other or (len(one) == len(other) and bool(np.array_equal(one, other)))
-
-
-def _span(rows: NDArray[np.intp]) -> Any:
-    """Return rows as a slice where they are consecutive: a view costs no memory."""
-    if len(rows) and rows[-1] - rows[0] + 1 == len(rows):
-        return slice(int(rows[0]), int(rows[-1]) + 1)
-    return rows

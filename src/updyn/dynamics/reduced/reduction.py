@@ -20,6 +20,7 @@ a band that the shifts covered badly.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,6 +92,8 @@ class Reduction:
         Sparse factorisation.
     extra : ndarray of int
         DOFs that can be read besides, without a promise of accuracy.
+    poll : callable, optional
+        Called after every step that takes long; what it raises ends the work.
     """
 
     system: AffineSystem
@@ -99,6 +102,7 @@ class Reduction:
     band: tuple[float, float]
     backend: str
     extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    poll: Callable[[], object] = lambda: None
     basis: Basis = field(init=False)
     factorisations: int = field(default=0, init=False)
     _loaded: NDArray[np.intp] = field(init=False)
@@ -110,34 +114,27 @@ class Reduction:
         self._pairs = np.searchsorted(self._loaded, self.rows), np.searchsorted(self._loaded, self.columns)
         self._sparse = SparseSolver(self.backend, real=True)
 
-    @classmethod
-    def build(
-        cls,
-        system: AffineSystem,
-        state: State,
-        rows: NDArray[np.intp],
-        columns: NDArray[np.intp],
-        band: tuple[float, float],
-        backend: str,
-        extra: NDArray[np.intp] | None = None,
-    ) -> Reduction:
-        """Make the first basis, at a state of the model.
+    def build(self, state: State) -> None:
+        """Make a basis for one state of the model, from its beginning.
+
+        Parameters
+        ----------
+        state : State
+            The model.
 
         Raises
         ------
         SolverError
             If the model cannot be factorised at a shift.
         """
-        made = cls(system, rows, columns, band, backend, np.zeros(0, dtype=np.intp) if extra is None else extra)
-        diagonal = made._matrix(state, -made._top).diagonal()
-        made.basis = Basis(system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
-        low, high = (2.0 * np.pi * band[0]) ** 2, made._top
+        diagonal = self._matrix(state, -self._top).diagonal()
+        self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+        low, high = (2.0 * np.pi * self.band[0]) ** 2, self._top
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1))
-        below = {float(s): made._expand(state, float(s)) for s in points}
-        while len(below) < _MOST_SHIFTS and (gap := made._gap(state, below)) is not None:
+        below = {float(s): self._expand(state, float(s)) for s in points}
+        while len(below) < _MOST_SHIFTS and (gap := self._gap(state, below)) is not None:
             middle = 0.5 * (gap[0] + gap[1])
-            below[middle] = made._expand(state, middle)
-        return made
+            below[middle] = self._expand(state, middle)
 
     @property
     def _top(self) -> float:
@@ -154,6 +151,7 @@ class Reduction:
         damping = self._damping(state, np.sqrt(self._top))
         lost = None if damping is None else factorised.solve(damping @ X)
         self.basis.append(X.copy())
+        self.poll()
         if self._depth > 1:
             mass = self._combined(np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor)
             for _ in range(self._depth - 1):
@@ -222,9 +220,10 @@ class Reduction:
         return self._sparse.factorise(self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi)))
 
     # -- using ---------------------------------------------------------------------------------------------
-    def solver(self) -> ReducedSolver:
+    def solver(self, label: str = "reduced") -> ReducedSolver:
         """Return what solves in the basis as it is."""
-        return ReducedSolver.project(self.system, self.basis, np.union1d(self._loaded, self.extra), self.backend)
+        observed = np.union1d(self._loaded, self.extra)
+        return ReducedSolver.project(self.system, self.basis, observed, self.backend, label)
 
     def compress(self, state: State, freq: _Real, accuracy: float) -> None:
         """Keep only the motions that make up the answers at a state: proper orthogonal decomposition of its fields.
@@ -289,6 +288,7 @@ class Reduction:
             error = 0.0
             for f in chosen:
                 error = max(error, self._check(factorised, state, f, _MARGIN * accuracy if enrich else None))
+                self.poll()
                 if not enrich and error > accuracy:
                     break
             if self.basis.size == size:

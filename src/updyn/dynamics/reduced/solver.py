@@ -15,7 +15,8 @@ from updyn.errors import OptionError
 
 __all__ = ["ReducedSolver"]
 
-_BLOCK_BYTES = 192 * 2**20
+#: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
+_BLOCK_BYTES, _LINES = 192 * 2**20, 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +35,8 @@ class ReducedSolver:
         The projected matrices.
     backend : str
         Which backend made the basis.
+    label : str
+        Tells the reduced models of a run apart.
     """
 
     system: AffineSystem
@@ -41,11 +44,14 @@ class ReducedSolver:
     rows: NDArray[np.float64]
     stack: NDArray[np.float64]
     backend: str
+    label: str = "reduced"
 
     tier: ClassVar[str] = "reduced"
 
     @classmethod
-    def project(cls, system: AffineSystem, basis: Basis, observed: NDArray[np.intp], backend: str) -> ReducedSolver:
+    def project(
+        cls, system: AffineSystem, basis: Basis, observed: NDArray[np.intp], backend: str, label: str = "reduced"
+    ) -> ReducedSolver:
         """Return the solver in a basis as it is.
 
         Parameters
@@ -58,6 +64,8 @@ class ReducedSolver:
             DOFs that will be loaded or read, ascending.
         backend : str
             Which backend made the basis.
+        label : str
+            Tells the reduced models of a run apart.
         """
         r = basis.size
         rows, entries = np.arange(r), np.arange(r * r)
@@ -67,12 +75,12 @@ class ReducedSolver:
         )
         reduced = AffineSystem(terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs)
         stack = np.stack([A.ravel() for A in basis.terms])
-        return cls(reduced, observed, basis.at(observed), stack, backend)
+        return cls(reduced, observed, basis.at(observed), stack, backend, label)
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""
         r = self.system.n
-        return max(1, int(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns)))
+        return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
 
     def solve(
         self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
@@ -105,7 +113,7 @@ class ReducedSolver:
         Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
         loads = self._rows_of(columns).T
         q = solve_dense(Z, np.broadcast_to(loads, (len(freq), *loads.shape)), freq)
-        return np.ascontiguousarray(q.transpose(1, 0, 2))
+        return q.transpose(1, 0, 2)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the motion at some DOFs, shape (len(dofs), n_lines, k), from what `solve` returned."""
