@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.fields import LineSolver
+from updyn.dynamics.fields import FieldSolver
 
 if TYPE_CHECKING:
     from updyn.updating.parameters import Parameter
@@ -100,7 +100,7 @@ class Unknowns:
 
 
 def receptance(
-    solver: LineSolver,
+    solver: FieldSolver,
     unknowns: Unknowns,
     state: State,
     freq: NDArray[np.float64],
@@ -113,7 +113,7 @@ def receptance(
 
     Parameters
     ----------
-    solver : LineSolver
+    solver : FieldSolver
         The compiled model and how to solve it.
     unknowns : Unknowns
         With respect to what to differentiate.
@@ -151,7 +151,7 @@ def receptance(
 
 
 def condensed_product(
-    solver: LineSolver,
+    solver: FieldSolver,
     unknowns: Unknowns,
     state: State,
     freq: NDArray[np.float64],
@@ -164,7 +164,7 @@ def condensed_product(
 
     Parameters
     ----------
-    solver : LineSolver
+    solver : FieldSolver
         The compiled model and how to solve it.
     unknowns : Unknowns
         With respect to what to differentiate.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,55 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
 from updyn.linalg.factorise import SparseSolver
 
-__all__ = ["DENSE_LIMIT", "TIERS", "LineSolver", "line_blocks"]
+__all__ = ["DENSE_LIMIT", "EXACT_TIERS", "TIERS", "FieldSolver", "LineSolver", "line_blocks", "solve_dense"]
 
-TIERS = ("dense", "sparse")
+EXACT_TIERS = ("dense", "sparse")
+TIERS = (*EXACT_TIERS, "reduced")
 
 #: Models up to this many DOFs are solved dense, in batches of lines.
 DENSE_LIMIT = 500
 
 _HELD = "with the retained DOFs held "
 _BLOCK_BYTES = 64 * 2**20
+
+
+class FieldSolver(Protocol):
+    """What solves at lines, exactly (`LineSolver`) or inside a reduced model (`updyn.dynamics.reduced`)."""
+
+    @property
+    def system(self) -> AffineSystem:
+        """What is solved: the model, or its projection."""
+
+    @property
+    def tier(self) -> str:
+        """One of `TIERS`."""
+
+    @property
+    def backend(self) -> str:
+        """Sparse factorisation."""
+
+    @property
+    def label(self) -> str:
+        """Tells the solvers of a run apart."""
+
+    def block_size(self, n_columns: int) -> int:
+        """Return how many lines to take at a time."""
+
+    def solve(
+        self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Return fields, shape (N, n_lines, r), for unit forces on some DOFs."""
+
+    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+        """Return the motion at some DOFs from fields."""
+
+    def condense(
+        self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return Z_red and T, see `LineSolver.condense`."""
+
+    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return DOFs besides `seen` whose motion can be asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,9 +100,21 @@ class LineSolver:
         """
         if tier is None:
             tier = "dense" if system.n <= DENSE_LIMIT else "sparse"
-        elif tier not in TIERS:
-            raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}")
+        elif tier not in EXACT_TIERS:
+            raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}")
         return cls(system, tier, factorise.check_backend(backend))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LineSolver, (self.system, self.tier, self.backend)  # factorisations stay where they are
+
+    @property
+    def label(self) -> str:
+        """Tells the solvers of a run apart."""
+        return self.tier
+
+    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the DOFs besides `seen`."""
+        return np.setdiff1d(np.arange(self.system.n), seen)
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""
@@ -100,7 +152,7 @@ class LineSolver:
         B[columns, np.arange(r)] = 1.0
         if self.tier == "dense":
             Z = self._dense(self.system.values(coefficients))
-            return _solve_dense(Z, np.broadcast_to(B, (len(freq), n, r)), freq).transpose(1, 0, 2)
+            return solve_dense(Z, np.broadcast_to(B, (len(freq), n, r)), freq).transpose(1, 0, 2)
         solver, Z = self._whole()
         out = np.empty((len(freq), r, n), dtype=np.complex128)
         for i, f in enumerate(freq):
@@ -161,7 +213,7 @@ class LineSolver:
             if eliminated.size == 0:
                 return Znn, T.transpose(1, 0, 2)
             Zsn = Z[:, eliminated[:, None], retained]
-            W = _solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, _HELD)
+            W = solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, _HELD)
             T[:, eliminated] = -W
             return Znn - Zsn.transpose(0, 2, 1) @ W, T.transpose(1, 0, 2)
         T = np.zeros((len(freq), n, self.system.n), dtype=np.complex128)
@@ -205,9 +257,31 @@ def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
         yield slice(first, min(first + size, n_lines))
 
 
-def _solve_dense(
+def solve_dense(
     Z: NDArray[np.complex128], B: NDArray[np.complex128], freq: NDArray[np.float64], held: str = ""
 ) -> NDArray[np.complex128]:
+    """Solve Z X = B at a block of lines with dense matrices, and check that none is singular.
+
+    Parameters
+    ----------
+    Z : ndarray of complex, shape (n_lines, n, n)
+        Matrices.
+    B : ndarray of complex, shape (n_lines, n, r)
+        Right-hand sides.
+    freq : ndarray of float, shape (n_lines,)
+        In Hz, for messages.
+    held : str
+        Which DOFs are held, for messages.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_lines, n, r)
+
+    Raises
+    ------
+    SolverError
+        If a matrix is singular; the message names the line.
+    """
     try:
         X = np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
     except np.linalg.LinAlgError:

@@ -119,7 +119,7 @@ def _seen_at_lines(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np
 def _best_sensor(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[str, float] | None:
     """Return the best further sensor and the least relative change that it would see."""
     system = problem.solver.system
-    others = np.setdiff1d(np.arange(system.n), problem.rows)
+    others = problem.solver.others(problem.rows)
     # Each candidate takes one field of the whole model.
     count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * system.n)))
     others = others[:: max(1, -(-len(others) // count))]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -111,7 +111,7 @@ class Problem:
 
     Attributes
     ----------
-    solver : LineSolver
+    solver : FieldSolver
         The compiled model and how it is solved.
     unknowns : Unknowns
         Where the unknowns act.
@@ -127,7 +127,7 @@ class Problem:
         Where the lines are solved, and what is remembered of them. A copy sent to another process has a plain one.
     """
 
-    solver: LineSolver
+    solver: FieldSolver
     unknowns: Unknowns
     coordinates: Coordinates
     frf: FRF
@@ -138,9 +138,8 @@ class Problem:
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A fresh copy of the solver: factorisations stay where they are.
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return Problem, (replace(self.solver), *about)
+        return Problem, (self.solver, *about)
 
     @classmethod
     def build(
@@ -214,7 +213,7 @@ class Problem:
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
         # Sparse: as measured on three-dimensional solids of 10k to 300k DOFs.
-        solve = 8.0 / 3.0 * n**3 + 8.0 * n**2 * columns if self.solver.tier == "dense" else 50.0 * n**1.75
+        solve = 8.0 / 3.0 * n**3 + 8.0 * n**2 * columns if self.solver.tier != "sparse" else 50.0 * n**1.75
         return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
 
     @property
@@ -237,7 +236,7 @@ class Problem:
         """
         n, n_values = self.solver.system.n, self.sign.size
         n_columns = len(self.rows) + len(self.columns) if n_columns is None else n_columns
-        stored = n * n if self.solver.tier == "dense" else len(self.solver.system.indices)
+        stored = n * n if self.solver.tier != "sparse" else len(self.solver.system.indices)
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
@@ -266,7 +265,7 @@ class Problem:
         """Return what an evaluation at x follows from, within a run."""
         if not self._digest:
             frf = self.frf
-            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity, self.solver.tier)
+            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity, self.solver.label)
             self._digest.append(digest(parts))
         return [kind, self._digest[0], x, *about]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, Term
-from updyn.dynamics.fields import _solve_dense as solve_dense
+from updyn.dynamics.fields import solve_dense
 from updyn.dynamics.reduced.basis import Basis
 from updyn.errors import OptionError
 
