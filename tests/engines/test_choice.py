@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+import subprocess
+import sys
+
 import pytest
+from distributed import Client
 
 from updyn.engines import Engine, Serial, choose_engine
-from updyn.errors import OptionError
+from updyn.engines.cluster import Cluster
+from updyn.engines.processes import Processes
+from updyn.errors import EngineError, OptionError
 
 
 def test_none_is_this_process():
@@ -22,5 +29,50 @@ def test_an_engine_is_itself():
 
 @pytest.mark.parametrize("given", ["two", 2.0, Serial, [], True])
 def test_anything_else_is_refused_by_name(given):
-    with pytest.raises(OptionError, match=r"^engine is .* \((str|float|type|list|bool)\); expected None.* or an engine$"):
+    expected = "None, a number of processes from 1 up, a dask.distributed Client or an engine"
+    with pytest.raises(OptionError, match=rf"^engine is .* \((str|float|type|list|bool)\); expected {expected}$"):
         choose_engine(given)
+
+
+def test_a_number_is_so_many_processes():
+    assert isinstance(choose_engine(1), Serial)
+    engine = choose_engine(3)
+    assert isinstance(engine, Processes)
+    assert (engine.workers, engine.name) == (3, "3 processes")
+
+
+@pytest.mark.parametrize("given", [0, -1])
+def test_a_number_below_one_is_refused(given):
+    with pytest.raises(OptionError, match=rf"^engine is {given}; expected a number of processes from 1 up$"):
+        choose_engine(given)
+
+
+def test_a_client_is_its_cluster(client):
+    engine = choose_engine(client)
+    assert isinstance(engine, Cluster)
+    assert (engine.workers, engine.name) == (2, "dask, 2 workers")
+    engine.close()
+    assert client.status == "running"
+
+
+def test_a_cluster_with_another_version_is_refused(client, monkeypatch):
+    monkeypatch.setattr("updyn.engines.cluster.__version__", "9.9")
+    with pytest.raises(
+        EngineError, match=r"^updyn is 9\.9 here and \d+\.\d+\.\d+ on tcp://.*; install the same on all$"
+    ):
+        choose_engine(client)
+
+
+def test_a_client_of_an_asynchronous_program_is_refused(dask_processes):
+    async def choose() -> None:
+        async with Client(dask_processes.address, asynchronous=True) as client:
+            with pytest.raises(OptionError, match="asynchronous=False"):
+                choose_engine(client)
+
+    asyncio.run(choose())
+
+
+def test_what_an_engine_needs_is_loaded_with_it():
+    code = "import sys, updyn.engines as e; e.choose_engine(None); e.choose_engine(2)"
+    code += "; assert not {'joblib', 'dask', 'distributed'} & set(sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0

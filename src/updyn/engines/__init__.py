@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["KINDS", "Engine", "Serial", "choose_engine"]
 
 #: Modules of the engines that are made from something, in the order in which they are asked.
-KINDS: tuple[str, ...] = ()
+KINDS = ("updyn.engines.processes", "updyn.engines.cluster")
 
 
 def choose_engine(engine: int | distributed.Client | Engine | None) -> Engine:
