@@ -69,8 +69,8 @@ class Method(Protocol):
     def tolerance(self) -> float:
         """Relative step at which it has converged."""
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
-        """Fit the unknowns."""
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: _Vector | None = None) -> Fit:
+        """Fit the unknowns, from their start or, without a search, from x."""
 
 
 def descend(

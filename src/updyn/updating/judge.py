@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.correlation import correlate
+from updyn.dynamics.fields import FieldSolver
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.cure import advise
@@ -60,7 +61,9 @@ class Judgement:
     correlation: Mapping[str, Any] = field(default_factory=dict)
 
 
-def judge(problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel) -> Judgement:
+def judge(
+    problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel, first: FieldSolver | None = None
+) -> Judgement:
     """Judge a fit.
 
     Parameters
@@ -75,6 +78,8 @@ def judge(problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel)
         How it ended.
     noise : NoiseModel
         How uncertain the data are.
+    first : FieldSolver, optional
+        What solves at the start of the unknowns, where it is not the problem's own.
 
     Returns
     -------
@@ -99,7 +104,7 @@ def judge(problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel)
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
         misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
         advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
-    correlation = unless_stopped(lambda: _correlation(problem, fit.x, split, frf), _no_figures(split))
+    correlation = unless_stopped(lambda: _correlation(problem, fit.x, split, frf, first), _no_figures(split))
     if cut_short:
         fit = replace(fit, reason="stopped")
     return Judgement(fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation)
@@ -157,13 +162,16 @@ def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
     return {n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s}
 
 
-def _correlation(problem: Problem, x: NDArray[np.float64], split: Split, frf: FRF) -> dict[str, Any]:
+def _correlation(
+    problem: Problem, x: NDArray[np.float64], split: Split, frf: FRF, first: FieldSolver | None
+) -> dict[str, Any]:
     whole = problem.with_data(frf)
+    untouched = whole if first is None else replace(whole, solver=first)
     start = problem.coordinates.to_x(problem.coordinates.parameters.start)
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has none.
     end = np.where(problem.unknowns.is_loss, np.maximum(x, 0.0), x)
     parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
-    scored = {when: _scores(whole, at, parts) for when, at in (("before", start), ("after", end))}
+    scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
     out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
     if split.held is not None:
         out["validation"] = {when: scored[when].get("held", {}) for when in scored}

@@ -173,6 +173,17 @@ class Session:
             if close is not None:
                 close()
 
+    def check(self) -> None:
+        """Ask whether to stop, where no block of lines ends.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        if self._asked():
+            raise Stopped
+
     def _asked(self) -> bool:
         if self.wants_stop is not None and self.wants_stop():
             self.stopped = True

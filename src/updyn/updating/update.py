@@ -29,6 +29,7 @@ from updyn.updating.monitor import Monitor, Progress
 from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
+from updyn.updating.reducing import ACCURACY, Reducing, is_reduced
 from updyn.updating.result import Identifiability, UpdateResult
 from updyn.updating.session import Recent, Session, Stopped
 from updyn.updating.split import split_data
@@ -54,6 +55,7 @@ def update(
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,
+    accuracy: float = ACCURACY,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     **options: Any,
@@ -86,10 +88,13 @@ def update(
         Responses, or a band in Hz, held out of the fit and scored afterwards.
     title : str
         For the record.
-    tier : {"dense", "sparse"}, optional
-        How the model is solved; by default chosen by size.
+    tier : {"dense", "sparse", "reduced"}, optional
+        How the model is solved; by default chosen by size. ``"reduced"`` (above 20,000 DOFs) fits inside a reduced
+        model whose error is bounded where the fit ends.
     backend : str, optional
         Sparse factorisation.
+    accuracy : float
+        Of the reduced tier: the largest error of a receptance, as a share of the largest of its line.
     checkpoint : path, optional
         File that receives every evaluation as it is made (read `resume`). It stays; remove it once the result is safe.
     resume : bool
@@ -119,25 +124,28 @@ def update(
     noise_model = choose_noise(noise, split.fitted)
     with ExitStack() as ending:
         session = Session(_engine(engine, ending), Recent())
-        whole = Problem.build(model, split.fitted, parameters, tier=tier, backend=backend, session=session)
+        reducing = is_reduced(tier, model.n_dofs, len(frf.freq), method)
+        exact = "sparse" if reducing else tier
+        whole = Problem.build(model, split.fitted, parameters, tier=exact, backend=backend, session=session)
+        reduced = Reducing(whole.with_data(frf), accuracy) if reducing else None
         options_used = {
             **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
             "lines": lines if isinstance(lines, str) or lines is None else "list",
-            "tier": whole.solver.tier,
+            "tier": "reduced" if reducing else whole.solver.tier,
             "backend": whole.solver.backend if whole.solver.tier == "sparse" else "lapack",
         }
         if checkpoint is not None:
             decisive = {k: v for k, v in options_used.items() if k != "max_iterations"}
             listed = lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
-            decisive |= {"method": method, "lines": listed, "noise": noise, "validation": held}
+            decisive |= {"method": method, "lines": listed, "noise": noise, "validation": held, "accuracy": accuracy}
             session.memory = Journal(Path(checkpoint), fingerprint(whole, frf, decisive), resume=resume)
             ending.callback(session.memory.close)
         elif resume:
             raise OptionError("resume: name the checkpoint to go on from")
         monitor = Monitor(whole, callback)
-        problem, fit = _fitted(whole, lines, strategy, noise_model, monitor)
+        problem, fit = _fitted(whole, lines, strategy, noise_model, monitor, reduced)
         with monitor.stage("judge"):
-            found = judge(problem, frf, split, fit, noise_model)
+            found = judge(problem, frf, split, fit, noise_model, None if reduced is None else reduced.first)
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
             session.memory.keep()
     fit = found.fit
@@ -150,7 +158,7 @@ def update(
         message=message,
         remedy=remedy,
         method=method,
-        options=options_used | {"engine": session.engine.name},
+        options=options_used | {"engine": session.engine.name} | (reduced.record if reduced else {}),
         start=model,
         model=after,
         frf=frf,
@@ -220,15 +228,25 @@ def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
 
 
 def _fitted(
-    whole: Problem, lines: str | ArrayLike | None, strategy: Method, noise: NoiseModel, monitor: Monitor
+    whole: Problem,
+    lines: str | ArrayLike | None,
+    strategy: Method,
+    noise: NoiseModel,
+    monitor: Monitor,
+    reduced: Reducing | None,
 ) -> tuple[Problem, Fit]:
     """Choose the lines and fit; return the problem on these lines, too."""
     x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
     try:
         with monitor.stage("start"):
+            if reduced is not None:
+                reduced.begin()
+                problem = whole = reduced.inside(whole)
             problem = monitor.problem = _on_lines(whole, lines)
             problem.responses(x)  # a start that cannot be solved is the user's to know
         try:
+            if reduced is not None:
+                return reduced.fit(problem, strategy, noise, monitor)
             return problem, strategy.fit(problem, noise, monitor)
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))

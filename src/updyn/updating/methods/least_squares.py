@@ -40,10 +40,11 @@ class LogMethod:
     starts: int = 8
     seed: int = 0
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
         """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        if self.starts:
+        searched = self.starts > 0 and x is None
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
+        if searched:
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):
@@ -72,9 +73,9 @@ class OutputMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
         """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
         weight = np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape)
         with monitor.stage("output-error"):
             return _descend(problem, OutputError(weight), x, monitor, TrustRegion(self.max_iterations, self.tolerance))

@@ -49,7 +49,7 @@ class MaximumLikelihood:
     starts: int = 8
     seed: int = 0
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor) -> Fit:
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
         """Fit the unknowns.
 
         Parameters
@@ -60,13 +60,16 @@ class MaximumLikelihood:
             How uncertain the data are.
         monitor : Monitor
             Who watches.
+        x : ndarray of float, shape (n,), optional
+            Where to go on from, without a search.
 
         Returns
         -------
         Fit
         """
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        if self.starts:
+        searched = self.starts > 0 and x is None
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
+        if searched:
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):

@@ -1,0 +1,93 @@
+"""Updating inside a reduced model gives what the whole model gives, far from the start, with strong local damping."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import updyn
+from updyn.errors import OptionError
+from updyn.updating.reducing import is_reduced
+
+M = 16
+BAND = np.linspace(12.0, 90.0, 60)
+SENSORS = ["250:Z", "133:Z", "70:Z", "201:Z", "9:-Z"]
+
+
+def plate() -> updyn.Model:
+    """A square of 256 masses on springs held along one side: two halves, a lossy seam between them, the support."""
+    n = M * M
+    node = np.arange(n).reshape(M, M)
+    half = np.repeat(np.arange(M) >= M // 2, M)
+    i = np.r_[node[:-1].ravel(), node[:, :-1].ravel()]
+    j = np.r_[node[1:].ravel(), node[:, 1:].ravel()]
+
+    def group(own: np.ndarray, mass: np.ndarray | None, loss: float) -> updyn.Group:
+        k = int(own.sum())
+        place = (np.tile(np.arange(k), 2), np.r_[i[own], j[own]])
+        ends = sp.csr_array((np.r_[np.ones(k), -np.ones(k)], place), shape=(k, n))
+        return updyn.Group(1e6 * ends.T @ ends, None if mass is None else sp.diags_array(1.0 * mass), loss_factor=loss)
+
+    groups = {
+        "left": group(~half[i] & ~half[j], ~half, 0.01),
+        "right": group(half[i] & half[j], half, 0.02),
+        "seam": group(half[i] != half[j], None, 0.3),
+        "support": updyn.Group(sp.diags_array(np.where(np.arange(n) < M, 1e6, 0.0)), loss_factor=0.01),
+    }
+    return updyn.Model.from_groups(groups, [f"{d + 1}:Z" for d in range(n)])
+
+
+def measured(model: updyn.Model, noise: float) -> updyn.FRF:
+    change = {"left": 1.3, "right": 0.8, "seam": 0.7, "support": 1.2}
+    truth = model.scaled(
+        {g: {"stiffness": k, "loss_factor": model.group(g).loss_factor * 1.5} for g, k in change.items()}
+    )
+    frf = updyn.response(truth, BAND, SENSORS, SENSORS[:1])
+    rng = np.random.default_rng(0)
+    draw = rng.standard_normal((2, *frf.values.shape))
+    return updyn.FRF(BAND, frf.values * (1 + noise * (draw[0] + 1j * draw[1])), SENSORS, SENSORS[:1], "receptance")
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
+def test_the_same_answer_as_the_whole_model(method: str) -> None:
+    model = plate()
+    frf = measured(model, 0.01)
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    whole = updyn.update(model, frf, unknowns, method, tier="sparse", backend="superlu", starts=0)
+    fast = updyn.update(model, frf, unknowns, method, tier="reduced", backend="superlu", starts=0)
+    assert (fast.status, whole.status) == ("converged", "converged")
+    assert fast.options["tier"] == "reduced"
+    assert fast.options["basis"] < model.n_dofs
+    assert fast.options["error"] <= fast.options["accuracy"] == 1e-5
+    for name in unknowns.names:
+        assert abs(fast.values[name] - whole.values[name]) < 1e-2 * whole.std[name]
+        assert fast.std[name] == pytest.approx(whole.std[name], rel=1e-3)
+    # The figures of the start are those of the reduced model of the start.
+    for when in ("before", "after"):
+        for key, value in whole.correlation[when].items():
+            assert fast.correlation[when][key] == pytest.approx(value, rel=1e-3, abs=1e-4)
+
+
+def test_stopped_while_the_reduced_model_is_made() -> None:
+    model = plate()
+    frf = measured(model, 0.01)
+    unknowns = updyn.parameters(model, stiffness="all")
+    result = updyn.update(model, frf, unknowns, tier="reduced", callback=lambda progress: progress.stage == "start")
+    assert result.status == "stopped"
+    assert list(result.values.values()) == [1.0] * 4
+
+
+def test_which_models_are_reduced() -> None:
+    assert is_reduced(None, 150_000, 200)
+    assert not is_reduced(None, 150_000, 10)
+    assert not is_reduced(None, 3_000, 200)
+    assert not is_reduced("sparse", 150_000, 200)
+    assert not is_reduced(None, 150_000, 200, "equation-error")
+    assert is_reduced("reduced", 30, 2, "log")
+    with pytest.raises(OptionError, match="condensed equation error needs"):
+        is_reduced("reduced", 150_000, 200, "equation-error")
+    with pytest.raises(OptionError, match="accuracy = 2"):
+        updyn.update(
+            plate(), measured(plate(), 0.0), updyn.parameters(plate(), stiffness="all"), tier="reduced", accuracy=2.0
+        )
