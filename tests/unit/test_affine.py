@@ -97,22 +97,26 @@ def test_term_times_a_field_is_the_matrix_product(n):
 
 
 @pytest.mark.parametrize("n_lines", [1, 3])
-@pytest.mark.parametrize("chunk", [2, 8192])
-def test_full_matrices_of_one_pattern_are_mixed_together(n_lines, chunk, monkeypatch):
-    """Two groups that fill the whole pattern, one that does not; sums in pieces and at once."""
+@pytest.mark.parametrize(("chunk", "beside"), [(2, 0), (8192, 0), (8192, 100)])
+def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
+    """Two groups that fill the whole pattern, whose entries are mixed together, and one that does not."""
     monkeypatch.setattr(affine, "_CHUNK", chunk)
+    monkeypatch.setattr(affine, "_BESIDE", beside)
     rng = np.random.default_rng(2)
     A, B, C = (X @ X.T for X in rng.standard_normal((3, 4, 4)))
     groups = {"a": updyn.Group(A, B, 0.1), "b": updyn.Group(C), "c": updyn.Group(np.diag([1.0, 0, 2.0, 0]))}
     full = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 5)])
     system, omega = AffineSystem.compile(full), np.array([0.5, 2.0, 7.0])[:n_lines]
+    assert (system.beside is not None) == (beside > 0)
     Z = dense(system, system.values(system.coefficients(system.start, omega)))
     for z, w in zip(Z, omega, strict=True):
         assert z == pytest.approx(by_hand(full, w), rel=1e-14, abs=1e-14)
 
 
-def test_real_sums_stay_real(model):
+@pytest.mark.parametrize("beside", [0, 100])
+def test_real_sums_stay_real(model, beside, monkeypatch):
     """K - 4 M with weights on the terms, as `terms` lists them."""
+    monkeypatch.setattr(affine, "_BESIDE", beside)
     system = AffineSystem.compile(model)
     values = system.real_values(np.array([1.0, -4.0, 1.0, -4.0, 0.0, 1.0]))
     assert values.dtype == np.float64
