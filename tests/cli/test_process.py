@@ -87,35 +87,72 @@ def long_job(chain_folder: Path) -> Path:
 def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
-    assert "iteration 0" in process.stderr.readline()
+    assert any("iteration 0" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert "Stopping after this step" in err
+    assert "Stopping after these lines" in err
+    assert "To go on from here: updyn run JOB.toml --resume" in out
     assert out.startswith("job: stopped after ")
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "stopped"
     assert updyn.read_result(long_job.parent / "job" / "run.nc").status == "stopped"
 
-    going_on = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000\ntolerance = 0.0", "")
-    long_job.write_text(going_on, encoding="utf-8")
-    assert main(["run", str(long_job), "--resume"]) == 0
-    result = updyn.read_result(long_job.parent / "job" / "run.nc")
-    assert result.parameters[0].start == found["parameters"][0]["value"]
+    few = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000", "max_iterations = 4")
+    long_job.write_text(few, encoding="utf-8")
+    assert main(["run", str(long_job), "--resume"]) == 3
+    assert main(["run", str(long_job), "--out", str(long_job.parent / "fresh")]) == 3
+    resumed, fresh = (updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh"))
+    assert resumed.status == "max-iterations"
+    assert (resumed.values, resumed.history) == (fresh.values, fresh.history)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT to a child is another thing on Windows")
-def test_a_second_ctrl_c_leaves_at_once_and_writes_nothing(long_job: Path) -> None:
+def test_a_second_ctrl_c_leaves_at_once_and_writes_no_results(long_job: Path) -> None:
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
-    assert "iteration 0" in process.stderr.readline()
+    assert any("iteration 0" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
-    assert any("Stopping after this step" in line for line in process.stderr)
+    assert any("Stopping after these lines" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert out == ""
     assert "no results were written" in err
     assert "Traceback" not in err
-    assert not (long_job.parent / "job").exists()
+    assert [p.name for p in (long_job.parent / "job").iterdir()] == ["run.journal"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL on Windows")
+def test_a_killed_run_is_resumed_to_the_result_of_one_that_was_not(long_job: Path) -> None:
+    job = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000", "max_iterations = 12")
+    long_job.write_text(job, encoding="utf-8")
+    process = updyn_process("run", str(long_job))
+    assert process.stderr is not None
+    assert any("iteration 0" in line for line in process.stderr)
+    process.kill()
+    process.communicate(timeout=120)
+    assert [p.name for p in (long_job.parent / "job").iterdir()] == ["run.journal"]
+    for more in (["--resume"], ["--out", str(long_job.parent / "fresh")]):
+        process = updyn_process("run", str(long_job), *more)
+        _, err = process.communicate(timeout=120)
+        assert process.returncode == 3, err
+    resumed, fresh = (updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh"))
+    assert (resumed.values, resumed.std, resumed.history) == (fresh.values, fresh.std, fresh.history)
+    assert resumed.correlation == fresh.correlation
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT to a group is another thing on Windows")
+def test_ctrl_c_reaches_workers_too_and_stops_them_in_order(long_job: Path) -> None:
+    """A terminal sends Ctrl-C to every process of the job."""
+    process = updyn_process("run", str(long_job), "--workers", "2", start_new_session=True)
+    assert process.stderr is not None
+    assert any("iteration 0" in line for line in process.stderr)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert out.startswith("job: stopped after ")
+    found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
+    assert found["status"] == "stopped"

@@ -22,6 +22,7 @@ from updyn.errors import InputError, UpdynError, UpdynWarning
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from updyn.engines import Engine
     from updyn.job import Job, Prepared
     from updyn.updating.result import UpdateResult
 
@@ -71,10 +72,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 # -- commands ----------------------------------------------------------------------------------------------
 @app.command
-def run(job: Path, /, *, out: Path | None = None, resume: Annotated[bool, Parameter(negative=())] = False) -> int:
+def run(
+    job: Path,
+    /,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    resume: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
 
-    Ctrl-C ends the run after its current step and writes the results so far.
+    Ctrl-C ends the run after the lines that are being solved and writes the results so far.
 
     Parameters
     ----------
@@ -82,12 +91,19 @@ def run(job: Path, /, *, out: Path | None = None, resume: Annotated[bool, Parame
         The job file (TOML).
     out
         Folder for the results; by default the job's name without its suffix, beside it.
+    workers
+        Processes on this machine to spread the work over; the result does not depend on it.
+    cluster
+        Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its workers instead.
     resume
-        Start where the earlier run in that folder ended.
+        Go on with the run in that folder that was stopped or interrupted, with the same result as if it had not been.
     """
+    from updyn.cli.engine import engine
     from updyn.job import load_job
 
-    return _exit_code(_run(load_job(job), out, resume=resume))
+    loaded = load_job(job)
+    with engine(workers, cluster) as chosen:
+        return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 
 @app.command
@@ -254,7 +270,7 @@ def correlate(job: Path, /) -> int:
 
 
 # -- what they share ---------------------------------------------------------------------------------------
-def _run(job: Job, out: Path | None, *, resume: bool = False) -> UpdateResult:
+def _run(job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False) -> UpdateResult:
     from updyn.cli.progress import watch
     from updyn.job import check_out, default_out, prepare, run_job
     from updyn.report import write_report
@@ -262,12 +278,13 @@ def _run(job: Job, out: Path | None, *, resume: bool = False) -> UpdateResult:
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
     with watch(_stderr()) as watching:
-        result = run_job(job, folder, watching, report=write_report, prepared=ready, resume=resume)
+        result = run_job(job, folder, watching, report=write_report, prepared=ready, engine=engine, resume=resume)
     _say(result.summary())
     first = "report.html" if job.output.report else "result.json"
     _say(f"\nResults in {folder}: {folder / first}")
-    if result.status == "stopped":
-        _say("To go on from here: updyn run JOB.toml --resume (with the same --out)")
+    if result.status in ("stopped", "max-iterations"):
+        more = "" if result.status == "stopped" else ", with more max_iterations"
+        _say(f"To go on from here{more}: updyn run JOB.toml --resume (with the same --out)")
     return result
 
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Watch", "watch"]
 
-_STOPPING = "\nStopping after this step; the results so far will be written. Ctrl-C again to leave at once.\n"
-_EVERY_S = 1.0  # plain lines of one stage, not closer than this
+_STOPPING = "\nStopping after these lines; the results so far will be written. Ctrl-C again to leave at once.\n"
+_EVERY_S, _WITHIN_S = 1.0, 10.0  # plain lines of one stage, not closer than this: between steps, and within one
 
 
 class Watch:
@@ -34,23 +34,28 @@ class Watch:
     def __init__(self, console: Console) -> None:
         self.console = console
         self.stopping = False
-        self._shown = "", 0.0  # stage and time of the last plain line
+        self._shown = "", -1, 0.0  # stage, step and time of the last plain line
         self._live: Any = None
         self._task: Any = None
 
     def __call__(self, progress: Progress) -> bool:
-        """Show one step; return whether to stop."""
-        text = f"{progress.stage}  iteration {progress.iteration}  cost {progress.cost:.6g}"
+        """Show a step, or how far the next one is; return whether to stop."""
+        step = progress.iteration if progress.cost == progress.cost else -1  # nan: none so far
+        text = f"{progress.stage}  iteration {step}  cost {progress.cost:.6g}" if step >= 0 else progress.stage
         solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
         if self._live is not None:
             self._live.update(self._task, description=text, solved=solved)
-        elif progress.stage != self._shown[0] or time.monotonic() - self._shown[1] >= _EVERY_S:
-            self._shown = progress.stage, time.monotonic()
+            return self.stopping
+        stage, shown, when = self._shown
+        pause = time.monotonic() - when
+        first = progress.stage != stage or shown < 0 <= step
+        if first or pause >= (_EVERY_S if step != shown else _WITHIN_S):
+            self._shown = progress.stage, step, time.monotonic()
             self.console.print(f"{text}  {solved}", markup=False, highlight=False, soft_wrap=True)
         return self.stopping
 
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:
-        """Ask the run to end after its current step; a second time, end at once."""
+        """Ask the run to end after the lines under way; a second time, end at once."""
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = True

@@ -1,64 +1,59 @@
-"""Going on from where an earlier run of the same job ended."""
+"""Going on with a run that was interrupted: its journal, beside its results."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
+from updyn.errors import InputError, JobError
+from updyn.job.schema import Job
 
-from updyn.errors import JobError
-from updyn.job.prepare import Prepared
-from updyn.updating.parameters import ParameterSet
+__all__ = ["JOURNAL", "journal_of"]
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-__all__ = ["resumed"]
+#: Holds every evaluation of a run that has not finished; see `updyn.updating.journal`.
+JOURNAL = "run.journal"
 
 
-def resumed(prepared: Prepared, out: Path) -> tuple[Prepared, NDArray[np.float64]]:
-    """Return a job that starts where the run in `out` ended.
+@contextmanager
+def journal_of(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
+    """Give the journal of a run; a run that is refused leaves none, one that breaks down does.
 
     Parameters
     ----------
-    prepared : Prepared
+    job : Job
         The job.
     out : Path
-        Folder of the earlier run.
+        Folder of the run.
+    resume : bool
+        Whether there has to be one to go on with.
 
-    Returns
-    -------
-    prepared : Prepared
-        The same with its unknowns starting at the values of ``run.nc``.
-    lines : ndarray of float
-        Lines of the earlier run, in Hz: a choice made at the first start would turn out otherwise at the new one.
+    Yields
+    ------
+    Path
+        The file; it need not exist otherwise.
 
     Raises
     ------
     JobError
-        If there is no earlier run there, it was of another problem, or the job has priors, which are about the start.
+        If there is nothing to go on with.
     """
-    from updyn.io import read_result
+    journal = out / JOURNAL
+    there = journal.is_file()
+    if resume and not there:
+        raise JobError(_nothing(out), job.path)
+    try:
+        yield journal
+    except InputError:
+        if not there:
+            journal.unlink(missing_ok=True)
+        raise
 
-    job, record = prepared.job, out / "run.nc"
-    if not record.is_file():
-        raise JobError(f"nothing to resume: {str(record)!r} does not exist", job.path)
-    for number, given in enumerate(job.parameter):
-        if given.prior_std is not None:
-            raise job.error(
-                "a prior is about the start; a run with priors cannot be resumed", "parameter", number, "prior_std"
-            )
-    earlier = read_result(record)
-    then, now = (set(p.names) for p in (earlier.parameters, prepared.parameters))
-    if then != now:
-        odd = ", ".join(sorted(then ^ now)[:6])
-        raise JobError(f"{str(record)!r} is of another job: the unknowns differ ({odd})", job.path)
-    absent = np.setdiff1d(earlier.lines, prepared.fitted.freq)
-    if absent.size:
-        raise JobError(
-            f"{str(record)!r} is of another job: it fitted {absent[0]:g} Hz, which is not fitted now", job.path
-        )
-    items = [replace(p, start=float(np.clip(earlier.values[p.name], p.lower, p.upper))) for p in prepared.parameters]
-    return replace(prepared, parameters=ParameterSet(tuple(items))), earlier.lines
+
+def _nothing(out: Path) -> str:
+    try:
+        status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return f"nothing to resume: {str(out / JOURNAL)!r} does not exist"
+    return f"nothing to resume: the run in {str(out)!r} has ended ({status}) and needs no journal; leave out --resume"

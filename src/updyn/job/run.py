@@ -7,21 +7,27 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import MARK, resolved_job
-from updyn.job.resume import resumed
+from updyn.job.resume import journal_of
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
+    from distributed import Client
+
+    from updyn.engines import Engine
     from updyn.updating.monitor import Progress
     from updyn.updating.result import Identifiability, UpdateResult
 
 __all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "run_job"]
+
+#: A run that ended so can go on.
+_UNFINISHED = ("stopped", "max-iterations")
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
@@ -90,6 +96,7 @@ def run_job(
     *,
     report: Callable[[UpdateResult, Path], object] | None = None,
     prepared: Prepared | None = None,
+    engine: int | Client | Engine | None = None,
     resume: bool = False,
 ) -> UpdateResult:
     """Run a job and write its folder.
@@ -102,25 +109,29 @@ def run_job(
         The folder; by default the job's stem, beside it. What an earlier run wrote there is replaced, file by file,
         only when this run has finished.
     callback : callable, optional
-        Called with a `Progress` after every step; returning True stops the run.
+        Called with a `Progress` after every step and between blocks of lines; returning True stops the run.
     report : callable, optional
         Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result does not depend on
         how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
+    engine : None, int, dask.distributed Client or Engine
+        Where the work is done, as for `updyn.update`.
     resume : bool
-        Start where the earlier run in `out` ended.
+        Go on with the run in `out` that was stopped or interrupted, or ended at the largest number of steps: to the
+        same answer as if it had not been.
 
     Returns
     -------
     UpdateResult
         Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs again
-        from there) and, unless the job says not to, what `report` makes: ``report.html``.
+        from there) and, unless the job says not to, what `report` makes: ``report.html``. While it runs, and until it
+        has finished, ``run.journal`` is there, too, which `resume` needs.
 
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used; nothing is written then.
+        If the job, a file or the output folder cannot be used, or there is nothing to resume; nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
 
@@ -131,19 +142,18 @@ def run_job(
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
-    lines = _lines(job)
-    if resume:
-        ready, earlier = resumed(ready, out)
-        lines = earlier.tolist()
-    with _folder(out) as temporary:
-        result = _update(ready, lines, callback)
-        _write(result, job, out, temporary)
-        _report(result, job, temporary / "report.html", report)
-        for name in OUTPUTS:
-            if (temporary / name).exists():
-                (temporary / name).replace(out / name)
-            else:  # of an earlier run: it would pass for a part of this one
-                (out / name).unlink(missing_ok=True)
+    with _folder(out), journal_of(job, out, resume=resume) as journal:
+        result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+        with _unfinished(out) as temporary:
+            _write(result, job, out, temporary)
+            _report(result, job, temporary / "report.html", report)
+            for name in OUTPUTS:
+                if (temporary / name).exists():
+                    (temporary / name).replace(out / name)
+                else:  # of an earlier run: it would pass for a part of this one
+                    (out / name).unlink(missing_ok=True)
+        if result.status not in _UNFINISHED:
+            journal.unlink(missing_ok=True)
     return result
 
 
@@ -173,9 +183,8 @@ def job_identifiability(prepared: Prepared) -> Identifiability:
         return identifiability(prepared.model, prepared.fitted, prepared.parameters, _lines(job), method.noise)
 
 
-def _update(
-    ready: Prepared, lines: str | list[float] | None, callback: Callable[[Progress], bool | None] | None
-) -> UpdateResult:
+def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any) -> UpdateResult:
+    """Run the update; `running` says how, not what."""
     from updyn.updating.update import update
 
     job, method = ready.job, ready.job.method
@@ -189,11 +198,12 @@ def _update(
             ready.frf,
             ready.parameters,
             method=method.name,
-            lines=lines,
+            lines=_lines(job),
             noise=method.noise,
             callback=callback,
             validation=method.validation,
             title=job.title or job.path.stem,
+            **running,
             **options,
         )
 
@@ -212,19 +222,28 @@ def _method_errors(job: Job) -> Iterator[None]:
 
 
 @contextmanager
-def _folder(out: Path) -> Iterator[Path]:
-    """Make `out` and a temporary folder in it; leave no trace of either when the block raises."""
+def _folder(out: Path) -> Iterator[None]:
+    """Make `out`; take what was made for it away again when the block raises and has left nothing in it."""
     made = [p for p in (out, *out.absolute().parents) if not p.exists()]
     out.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
     finished = False
     try:
-        yield temporary
+        yield
         finished = True
     finally:
+        with suppress(OSError):  # not empty: the journal of a run that broke down
+            for folder in [] if finished else made:
+                folder.rmdir()
+
+
+@contextmanager
+def _unfinished(out: Path) -> Iterator[Path]:
+    """Make a temporary folder in `out`."""
+    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
+    try:
+        yield temporary
+    finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        for folder in [] if finished else made:
-            folder.rmdir()
 
 
 def _write(result: UpdateResult, job: Job, out: Path, folder: Path) -> None:

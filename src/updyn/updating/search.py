@@ -130,7 +130,9 @@ class Search:
         with closing(session.map(attempt, problem, items, spread=True)) as results:
             for x, k in zip(points, known, strict=True):
                 if not k:
-                    session.remember(next(results))
+                    found = next(results)
+                    session.lines_solved += len(found) * len(problem.frf.freq)
+                    session.remember(found)
                 yield x
 
     def _points(self, problem: Problem) -> Iterator[_Vector]:

@@ -1,0 +1,60 @@
+"""Where a run's work is done: from the options of the command line to an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from updyn.errors import OptionError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from updyn.engines import Engine
+
+__all__ = ["engine"]
+
+_PATIENCE_S = 10
+
+
+@contextmanager
+def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
+    """Give the engine that is asked for, and close it.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes.
+    cluster : str, optional
+        Address of a Dask scheduler.
+
+    Raises
+    ------
+    OptionError
+        If both are given, the number is not one of processes, or no scheduler answers.
+    """
+    from updyn.engines import choose_engine
+
+    if workers is not None and cluster is not None:
+        raise OptionError("--workers and --cluster exclude each other: the work is done here or there")
+    if workers is not None and workers < 1:
+        raise OptionError(f"--workers {workers}: expected a number of processes from 1 up")
+    with ExitStack() as ending:
+        made = choose_engine(workers if cluster is None else ending.enter_context(_client(cluster)))
+        ending.callback(made.close)
+        yield made
+
+
+def _client(address: str) -> Client:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise OptionError("--cluster needs dask.distributed: pip install 'updyn[cluster]'") from error
+    try:
+        return Client(address, timeout=_PATIENCE_S)
+    except (OSError, ValueError) as error:  # TimeoutError is one of these
+        raise OptionError(
+            f"--cluster {address!r}: no scheduler answers ({' '.join(str(error).split())}); `dask scheduler` starts "
+            "one and says its address"
+        ) from error

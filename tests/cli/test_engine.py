@@ -1,0 +1,78 @@
+"""Where the work is done, as the command line is told."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import updyn
+from updyn.cli import main
+from updyn.cli.engine import engine
+from updyn.errors import OptionError
+
+JOB = """\
+[model]
+file = "chain.h5"
+[test]
+file = "chain.npz"
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+[output]
+report = false
+"""
+
+
+@pytest.fixture
+def job(chain_folder: Path) -> Path:
+    path = chain_folder / "job.toml"
+    path.write_text(JOB, encoding="utf-8")
+    return path
+
+
+def test_workers_change_nothing_but_where(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(job)]) == 0
+    assert main(["run", str(job), "--workers", "2", "--out", str(job.parent / "two")]) == 0
+    one, two = (updyn.read_result(job.parent / name / "run.nc") for name in ("job", "two"))
+    assert (one.options["engine"], two.options["engine"]) == ("serial", "2 processes")
+    assert two.values == pytest.approx(one.values, rel=1e-12)
+    assert [h.stage for h in two.history] == [h.stage for h in one.history]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--workers", "0"], "--workers 0: expected a number of processes from 1 up"),
+        (["--workers", "two"], 'unable to convert "two" into int'),
+        (["--workers", "2", "--cluster", "tcp://127.0.0.1:1"], "--workers and --cluster exclude each other"),
+        (["--cluster", "nonsense://x"], "--cluster 'nonsense://x': no scheduler answers"),
+    ],
+)
+def test_refusals(job: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(job), *options]) == 2
+    shown = capsys.readouterr()
+    assert message in shown.err.replace("\n", " ")
+    assert shown.out == ""
+    assert not (job.parent / "job").exists()
+
+
+def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("updyn.cli.engine._PATIENCE_S", 0.2)
+    message = r"no scheduler answers .*`dask scheduler` starts"
+    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+        pass
+
+
+def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = r"pip install 'updyn\[cluster\]'"
+    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+        pass
+
+
+def test_serial_by_default() -> None:
+    with engine(None, None) as made:
+        assert made.workers == 1
