@@ -119,7 +119,7 @@ def main() -> None:
     add("--n-unknowns", type=int, default=60)
     add("--peers", nargs="+", choices=[*PEERS, "none"], default=list(PEERS))
     add("--dense-dofs", type=int, default=1008, help="textbook, sdynpy: size")
-    add("--dense-lines", type=int, default=5)
+    add("--dense-lines", type=int, default=10)
     add("--sparse", nargs="+", choices=list(models.SOLIDS), default=["10k", "50k"], help="differences: solids")
     add("--sparse-lines", type=int, default=1, help="differences: the cost is proportional")
     add("--unknowns", nargs="+", type=int, default=[10, 30, 60], help="differences: how many")
