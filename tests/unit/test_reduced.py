@@ -1,4 +1,4 @@
-"""The reduced tier against direct solves: the bound holds, on models of every kind, at lines that did not make it."""
+"""The reduced tier against direct solves: the error stated holds, on models of every kind, at lines not looked at."""
 
 from __future__ import annotations
 
@@ -79,7 +79,9 @@ UNSEEN = BAND[:-1:8] + 0.37 * (BAND[1] - BAND[0])
 )
 @pytest.mark.parametrize("sensors", [SENSORS, SENSORS[:1]], ids=["8-sensors", "1-sensor"])
 @pytest.mark.parametrize("move", [0.0, 0.3])
-def test_the_bound_holds_at_lines_that_were_not_looked_at(options: dict, sensors: np.ndarray, move: float) -> None:
+def test_the_error_stated_holds_at_lines_that_were_not_looked_at(
+    options: dict, sensors: np.ndarray, move: float
+) -> None:
     system = AffineSystem.compile(plate(**options))
     state = moved(system, move)
     reduction = built(system, state, sensors, FORCES[:1], (BAND[0], BAND[-1]))
@@ -88,9 +90,9 @@ def test_the_bound_holds_at_lines_that_were_not_looked_at(options: dict, sensors
     assert certificate.size < 0.6 * system.n
     assert true_error(system, state, reduction, UNSEEN) <= 1e-5
     looked = np.array(certificate.lines)
-    # The bound is one, and not a wild one.
+    # Never too small, and not wildly too large.
     assert true_error(system, state, reduction, looked) <= certificate.error
-    assert certificate.error <= 30 * max(true_error(system, state, reduction, looked), 1e-8)
+    assert certificate.error <= 60 * max(true_error(system, state, reduction, looked), 1e-8)
 
 
 def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured() -> None:

@@ -63,6 +63,10 @@ class Basis:
             first += block.shape[1]
         return out
 
+    def projected(self, F: _Real) -> _Real:
+        """Return V^T F for forces F, shape (N, k), as (r, k)."""
+        return np.vstack([b.T @ F for b in self._blocks])
+
     def append(self, X: _Real) -> None:
         """Add what is new in the columns of X, shape (N, k); X is overwritten."""
         scale = self.weight[:, None]
