@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 import pytest
@@ -296,3 +297,26 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
         assert not np.isnan(found.covariance).any()
         best = min((h.cost for h in found.history if h.accepted), default=np.inf)
         assert best <= found.history[0].cost if found.history else True
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
+def test_a_long_run_stopped_in_its_search_says_what_is_known_by_then(chain12, data, unknowns, monkeypatch, method):
+    """Standard deviations come from the log error at the best point so far, without another line solved."""
+    full = updyn.update(chain12, data, unknowns, method=method)
+    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    steps = list(takewhile(lambda h: h.stage == "search", full.history))
+    last = max(h.number for h in steps if h.accepted and min(h.values.values()) >= 0.0)
+    found = updyn.update(chain12, data, unknowns, method=method, callback=lambda p: p.iteration >= last)
+    assert found.status == "stopped"
+    for name, std in full.std.items():
+        assert found.std[name] == pytest.approx(std, rel=0.5)
+
+
+def test_a_long_run_stopped_before_anything_is_known_says_so(chain12, data, unknowns, in_blocks, monkeypatch):
+    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    found = updyn.update(chain12, data, unknowns, callback=lambda p: True)
+    assert found.status == "stopped"
+    assert "What the data determine is not known" in found.message
+    assert list(found.values.values()) == list(unknowns.start)
+    assert set(found.std.values()) == {np.inf}
+    assert found.history == ()

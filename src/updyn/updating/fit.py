@@ -14,11 +14,20 @@ from updyn.updating.identifiability import open_directions
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import ASSUMED, NoiseModel
 from updyn.updating.problem import Problem
-from updyn.updating.residuals import Residual, with_prior
+from updyn.updating.residuals import LogError, Residual, is_solved, with_prior
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["Fit", "Method", "correlation_length", "descend", "descend_to_scale", "known_length", "spread_of"]
+__all__ = [
+    "Fit",
+    "Method",
+    "correlation_length",
+    "descend",
+    "descend_to_scale",
+    "known_length",
+    "spread_of",
+    "stopped_at",
+]
 
 _Vector = NDArray[np.float64]
 
@@ -185,6 +194,25 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
     return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
+
+
+def stopped_at(problem: Problem, x: _Vector) -> Fit:
+    """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the log error was evaluated on.
+    x : ndarray of float, shape (n,)
+        The best point so far.
+    """
+    residual = LogError()
+    local = residual.local(problem, x) if is_solved(residual, problem, x) else None
+    if local is None or local.cost == 0.0:
+        return Fit.blind(x, "stopped")
+    sigma = spread_of(local, problem.frf.values.size, problem.n)
+    record = {"kind": "spread of the log error", "relative": float(np.sqrt(2.0) * sigma), "chi_square": 1.0}
+    return Fit(x, "stopped", local.R / sigma, record | {"inflation": 1.0})
 
 
 def known_length(

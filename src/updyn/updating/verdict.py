@@ -45,7 +45,10 @@ def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit:
         remedy = "Start closer, or use the trust-region solver with bounds."
         return "failed", f"The fit broke down. {fit.note}".strip(), remedy
     if fit.reason == "stopped":
-        return "stopped", "Stopped before it had converged; the values are those of the last step.", "Run it again."
+        message = "Stopped before it had converged and been judged; the values are those of the best step so far."
+        if not fit.R.any():
+            message += " What the data determine is not known."
+        return "stopped", message, "Run it again; with a checkpoint it goes on from here."
     if fit.reason == "max-iterations":
         message = "The largest number of steps was reached before convergence."
         if analysis.report.complete:

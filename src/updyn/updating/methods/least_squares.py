@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit import Fit, descend_to_scale, known_length, spread_of
+from updyn.updating.fit import Fit, descend_to_scale, known_length, spread_of, stopped_at
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.problem import Problem
@@ -44,15 +44,18 @@ class LogMethod:
         """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
         searched = self.starts > 0 and x is None
         x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
+        rough = problem.thinned(SEARCH_LINES)
         if searched:
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
-            rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
                 if not monitor.stopped:
                     x = search.escape(rough, x, monitor)
         with monitor.stage("log"):
-            return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+            try:
+                return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+            except Stopped:
+                return stopped_at(rough, x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +80,16 @@ class OutputMethod:
         """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
         weight = np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape)
+        settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("output-error"):
-            return _descend(problem, OutputError(weight), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+            try:
+                return _descend(problem, OutputError(weight), x, monitor, settings)
+            except Stopped:
+                return Fit.blind(x, "stopped")
 
 
 def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
-    try:
-        outcome = descend_to_scale(problem, residual, x, monitor, settings)
-    except Stopped:
-        return Fit.blind(x, "stopped")
+    outcome = descend_to_scale(problem, residual, x, monitor, settings)
     try:
         local = residual.local(problem, outcome.x)
     except Stopped:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit import Fit, descend, known_length
+from updyn.updating.fit import Fit, descend, known_length, stopped_at
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
@@ -69,9 +69,9 @@ class MaximumLikelihood:
         """
         searched = self.starts > 0 and x is None
         x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
+        rough = problem.thinned(SEARCH_LINES)
         if searched:
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
-            rough = problem.thinned(SEARCH_LINES)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
             with monitor.stage("log", rough):
@@ -85,7 +85,7 @@ class MaximumLikelihood:
         with monitor.stage("maximum-likelihood"):
             x, reason, weighted = self._weighted(problem, noise, x, monitor)
             try:
-                return Fit.blind(x, reason) if weighted is None else self._judge(problem, x, *weighted, reason)
+                return stopped_at(rough, x) if weighted is None else self._judge(problem, x, *weighted, reason)
             except Stopped:
                 return Fit.blind(x, "stopped")
 
