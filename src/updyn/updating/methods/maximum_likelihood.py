@@ -84,10 +84,10 @@ class MaximumLikelihood:
                     x = search.escape(rough, x, monitor)
         with monitor.stage("maximum-likelihood"):
             x, reason, weighted = self._weighted(problem, noise, x, monitor)
-            try:
-                return stopped_at(rough, x) if weighted is None else self._judge(problem, x, *weighted, reason)
-            except Stopped:
-                return Fit.blind(x, "stopped")
+            if weighted is not None:
+                with suppress(Stopped):
+                    return self._judge(problem, x, *weighted, reason)
+            return stopped_at(rough, x)
 
     def _weighted(
         self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor
