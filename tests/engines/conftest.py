@@ -33,7 +33,8 @@ class DaskProcesses:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         about = folder / "scheduler.json"
-        where = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"]
+        # Timeouts: none is left behind where the tests are killed.
+        where = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0", "--idle-timeout", "300"]
         self.scheduler = self._start("scheduler", *where, "--scheduler-file", str(about))
         self.address = ""
         self.workers: list[subprocess.Popen[bytes]] = []
@@ -52,7 +53,8 @@ class DaskProcesses:
             return subprocess.Popen([DASK, *command], env=env, cwd=self.folder, stdout=log, stderr=log)
 
     def start_worker(self) -> None:
-        self.workers.append(self._start("worker", self.address, "--nthreads", "1", "--no-nanny"))
+        options = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]
+        self.workers.append(self._start("worker", self.address, *options))
 
     def kill_worker(self) -> None:
         self.end(self.workers.pop(0))

@@ -57,6 +57,10 @@ def behind_gate(shared: Shared, item: int) -> tuple[int, int]:
     return item, 7 * item
 
 
+def fail_before_gate(shared: Shared, item: int) -> tuple[int, int]:
+    return behind_gate(shared, item) if item else (fail_at_3(shared, 3), 0)
+
+
 def end_process() -> None:
     os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
 

@@ -75,6 +75,21 @@ def test_stopping_early_calls_the_rest_off(engine, shared):
     assert len(list(shared.folder.glob("started-*"))) <= most
 
 
+def test_an_error_calls_the_rest_off_while_it_is_still_looked_at(client, shared):
+    results = cluster.engine_for(client).map(work.fail_before_gate, shared, range(9))
+    with pytest.raises(SolverError) as caught:
+        next(results)
+    wait_until(lambda: not any(client.processing().values()))
+    (shared.folder / "gate").touch()
+    assert caught.traceback
+
+
+def test_every_dask_worker_has_what_is_shared_before_it_is_used(client, shared):
+    engine = cluster.engine_for(client)
+    held = client.who_has(engine._handle(shared))
+    assert [len(workers) for workers in held.values()] == [2]
+
+
 def test_an_engine_can_be_used_after_it_was_closed(engine, shared):
     engine.close()
     assert list(engine.map(work.fail_at_3, shared, [1, 2])) == [1, 2]
@@ -134,5 +149,8 @@ def test_no_worker_and_then_no_scheduler(dask_processes, shared, monkeypatch, tm
             processes.end(processes.scheduler)
             with pytest.raises(EngineError, match=f"connection to the scheduler {processes.address} is lost"):
                 next(results)
+            for known in (shared, [1]):
+                with pytest.raises(EngineError, match="is lost"):
+                    list(engine.map(work.fail_at_3, known, [1]))
     finally:
         processes.close()

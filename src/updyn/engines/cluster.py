@@ -84,6 +84,7 @@ class Cluster(Remote):
     def _send(self, shared: Any) -> Future:
         # To all workers, bound to none: where one dies, any other can do its work. In a list, lest a list be taken
         # apart; without a hash, which would read every byte.
+        self._check_connection()
         try:
             (future,) = self._client.scatter([shared], broadcast=True, hash=False, timeout=PATIENCE)
         except OSError as error:  # a worker went while it was sent something; TimeoutError is one of these
@@ -91,8 +92,7 @@ class Cluster(Remote):
         return future
 
     def _submit(self, function: Callable[..., Any], handle: Future, item: Any) -> Future:
-        if self._client.status != "running":
-            raise self._lost(None)
+        self._check_connection()
         name = f"{function.__name__}-{uuid.uuid4().hex}"
         # The item inside the function: as an argument, Dask would look into it for tasks.
         return self._client.submit(partial(_work, function, item), handle, key=name, pure=False)
@@ -125,7 +125,11 @@ class Cluster(Remote):
             call.release()
 
     # ------------------------------------------------------------------------------------------------------
-    def _lost(self, error: BaseException | None) -> LostError:
+    def _check_connection(self) -> None:
+        if self._client.status != "running":
+            raise self._lost(ConnectionError("the scheduler was out of reach"))
+
+    def _lost(self, error: BaseException) -> LostError:
         """Wait until there are a scheduler and a worker again, and forget what no worker has any more."""
         until = time.monotonic() + PATIENCE
         while self._client.status == "connecting" and time.monotonic() < until:
