@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import updyn
 from updyn.errors import OptionError
+from updyn.updating.monitor import Progress
 from updyn.updating.reducing import is_reduced
 
 M = 16
@@ -91,3 +94,32 @@ def test_which_models_are_reduced() -> None:
         updyn.update(
             plate(), measured(plate(), 0.0), updyn.parameters(plate(), stiffness="all"), tier="reduced", accuracy=2.0
         )
+
+
+def test_a_stop_while_the_model_is_proved_keeps_the_values() -> None:
+    model = plate()
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    options = {"tier": "reduced", "backend": "superlu", "starts": 0}
+    full = updyn.update(model, measured(model, 0.01), unknowns, **options)
+
+    def fitted(progress: Progress) -> bool:
+        return progress.stage == "reduce"
+
+    found = updyn.update(model, measured(model, 0.01), unknowns, callback=fitted, **options)
+    assert found.status == "stopped"
+    assert found.values == pytest.approx(full.values, rel=0.01)
+
+
+def test_a_reduced_run_goes_on_to_the_same_answer(tmp_path: Path) -> None:
+    model = plate()
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    options = {"tier": "reduced", "backend": "superlu", "checkpoint": tmp_path / "run.journal"}
+    frf = measured(model, 0.01)
+    full = updyn.update(model, frf, unknowns, **options)
+    whole = options["checkpoint"].read_bytes()
+    for share in (0.3, 0.8):
+        options["checkpoint"].write_bytes(whole[: int(share * len(whole))])
+        found = updyn.update(model, frf, unknowns, resume=True, **options)
+        assert (found.status, found.values, found.std, found.history) == (
+            full.status, full.values, full.std, full.history,
+        )  # fmt: skip

@@ -19,11 +19,9 @@ from updyn.updating.fit import Fit, Method
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
+from updyn.updating.session import Stopped
 
-__all__ = ["ACCURACY", "Reducing", "is_reduced"]
-
-#: Wanted accuracy where none is given: the error of a receptance as a share of the largest of its line.
-ACCURACY = 1e-5
+__all__ = ["Reducing", "is_reduced"]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
@@ -89,8 +87,6 @@ class Reducing:
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        if not 1e-10 <= self.accuracy <= 0.1:
-            raise OptionError(f"accuracy = {self.accuracy!r}: expected a share of the peak between 1e-10 and 0.1")
         problem, freq = self.exact, self.exact.frf.freq
         others = problem.solver.others(np.union1d(problem.rows, problem.columns))
         self._reduction = Reduction(
@@ -99,6 +95,7 @@ class Reducing:
             problem.columns,
             (float(freq[0]), float(freq[-1])),
             problem.solver.backend,
+            self.accuracy,
             others[:: max(1, -(-len(others) // _ELSEWHERE))],
             problem.session.check,
         )
@@ -141,12 +138,16 @@ class Reducing:
         for last in (*[False] * _ROUNDS, True):
             if fit.reason in ("stopped", "failed"):
                 break
-            with monitor.stage("reduce"):
-                self._check(fit.x)
-                if self.proved or last or fit.reason == "max-iterations":
-                    break
-                self._make(fit.x)
-                problem = self.inside(problem)
+            try:
+                with monitor.stage("reduce"):
+                    self._check(fit.x)
+                    if self.proved or last or fit.reason == "max-iterations":
+                        break
+                    self._make(fit.x)
+            except Stopped:  # the values are kept, without their proof
+                fit = replace(fit, reason="stopped")
+                break
+            problem = self.inside(problem)
             fit = strategy.fit(problem, noise, monitor, fit.x)
         found = self.certificate
         if found is not None and not self.proved and fit.reason not in ("stopped", "failed"):
@@ -178,10 +179,10 @@ class Reducing:
         self._made += 1
         self._reduction.build(state)
         if self._reduction.basis.size > _LARGE:
-            self._reduction.compress(state, freq, self.accuracy)
-        self.certificate = self._reduction.certify(state, freq, self.accuracy)
+            self._reduction.compress(state, freq)
+        self.certificate = self._reduction.certify(state, freq)
         self._solver = self._reduction.solver(f"reduced {self._made}")
 
     def _check(self, x: NDArray[np.float64]) -> None:
-        found = self._reduction.certify(self.exact.state(x), self.exact.frf.freq, self.accuracy, enrich=False)
+        found = self._reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=False)
         self.certificate, self.proved = found, found.error <= self.accuracy
