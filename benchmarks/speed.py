@@ -56,7 +56,8 @@ def prepared(case: Case, tier: str, backend: str | None) -> Problem:
     """The problem in a tier; a reduced one is built and proved at the start."""
     if tier != "reduced":
         return case.problem(tier, backend)
-    from updyn.updating.reducing import ACCURACY, Reducing
+    from updyn.dynamics.fields import ACCURACY
+    from updyn.updating.reducing import Reducing
 
     exact = case.problem("sparse", backend)
     reducing = Reducing(exact, ACCURACY)

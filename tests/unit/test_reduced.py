@@ -47,8 +47,8 @@ def plate(m: int = 22, *, held: bool = True, local: float = 0.0, damper: float =
     return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
 
 
-def built(system: AffineSystem, state: State, *about: object) -> Reduction:
-    reduction = Reduction(system, *about, "superlu")  # type: ignore[arg-type]
+def built(system: AffineSystem, state: State, *about: object, accuracy: float = 1e-5) -> Reduction:
+    reduction = Reduction(system, *about, "superlu", accuracy)  # type: ignore[arg-type]
     reduction.build(state)
     return reduction
 
@@ -85,7 +85,7 @@ def test_the_error_stated_holds_at_lines_that_were_not_looked_at(
     system = AffineSystem.compile(plate(**options))
     state = moved(system, move)
     reduction = built(system, state, sensors, FORCES[:1], (BAND[0], BAND[-1]))
-    certificate = reduction.certify(state, BAND, 1e-5)
+    certificate = reduction.certify(state, BAND)
     assert certificate.error <= 1e-5
     assert certificate.size < 0.6 * system.n
     assert true_error(system, state, reduction, UNSEEN) <= 1e-5
@@ -100,11 +100,11 @@ def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured(
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     there = moved(system, 0.2)
     before = true_error(system, there, reduction, BAND)
-    checked = reduction.certify(there, BAND, 1e-5, enrich=False, count=40)
+    checked = reduction.certify(there, BAND, enrich=False, count=40)
     assert before > 1e-4
     assert checked.error > 1e-5
     size = checked.size
-    assert reduction.certify(there, BAND, 1e-5).size > size
+    assert reduction.certify(there, BAND).size > size
     assert true_error(system, there, reduction, UNSEEN) <= 1e-5
 
 
@@ -116,9 +116,9 @@ def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
     system = AffineSystem.compile(model)
     band = (np.sqrt(1.0) / (2 * np.pi), np.sqrt(9.0) / (2 * np.pi))  # both ends are natural frequencies
     dofs = np.arange(12)
-    reduction = built(system, system.start, dofs, dofs[:1], band)
+    reduction = built(system, system.start, dofs, dofs[:1], band, accuracy=1e-6)
     lines = np.linspace(*band, 9)
-    reduction.certify(system.start, lines, 1e-6)
+    reduction.certify(system.start, lines)
     assert true_error(system, system.start, reduction, lines) <= 1e-6
 
 
@@ -126,8 +126,8 @@ def test_derivatives_are_those_of_the_whole_model() -> None:
     model = plate(local=0.3)
     system = AffineSystem.compile(model)
     unknowns = Unknowns.find(system, updyn.parameters(model, stiffness="all", loss_factor=["quarter 4", "seams"]))
-    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    reduction.certify(system.start, BAND, 1e-8)
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-8)
+    reduction.certify(system.start, BAND)
     fast, exact = reduction.solver(), LineSolver.choose(system, "sparse")
     for freq in np.split(UNSEEN, 4):
         H, dH = sensitivity.receptance(exact, unknowns, system.start, freq, SENSORS, FORCES)
@@ -157,10 +157,11 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
 
 def test_compressing_keeps_the_answers() -> None:
     system = AffineSystem.compile(plate())
-    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    reduction.certify(system.start, BAND, 1e-8)
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-8)
+    reduction.certify(system.start, BAND)
     size = reduction.basis.size
-    reduction.compress(system.start, BAND, 1e-5)
+    reduction.accuracy = 1e-5
+    reduction.compress(system.start, BAND)
     assert reduction.basis.size < size
     assert true_error(system, system.start, reduction, BAND) <= 1e-5
 
@@ -170,3 +171,18 @@ def test_the_condensed_stiffness_is_refused() -> None:
     reduction = built(system, system.start, np.array([3]), np.array([3]), (5.0, 20.0))
     with pytest.raises(OptionError, match="tier 'sparse'"):
         reduction.solver().condense(np.ones((6, 1)) + 0j, np.array([3]), np.array([10.0]))
+
+
+def test_response_by_a_reduced_model_says_how_good_it_is() -> None:
+    model = plate(local=0.5)
+    sensors = [str(model.dofs[int(i)]) for i in SENSORS]
+    exact = updyn.response(model, BAND, sensors, sensors[1:3], "accelerance")
+    fast = updyn.response(model, BAND, sensors, sensors[1:3], "accelerance", tier="reduced", accuracy=1e-6)
+    peak = np.abs(exact.values).max(axis=(1, 2), keepdims=True)
+    assert (np.abs(fast.values - exact.values) <= 1e-6 * peak).all()
+    assert "reduced to" in fast.source
+    # More references than responses: the forces stand at the responses.
+    swapped = updyn.response(model, BAND, sensors[1:3], sensors, "accelerance", tier="reduced", accuracy=1e-6)
+    np.testing.assert_allclose(swapped.values.transpose(0, 2, 1), exact.values, rtol=0, atol=1e-6 * peak.max())
+    with pytest.raises(OptionError, match="accuracy = 0"):
+        updyn.response(model, BAND, sensors, sensors[:1], tier="reduced", accuracy=0)

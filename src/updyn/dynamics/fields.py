@@ -19,10 +19,13 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
 from updyn.linalg.factorise import SparseSolver
 
-__all__ = ["DENSE_LIMIT", "EXACT_TIERS", "TIERS", "FieldSolver", "LineSolver", "line_blocks", "solve_dense"]
+__all__ = ["ACCURACY", "DENSE_LIMIT", "EXACT_TIERS", "TIERS", "FieldSolver", "LineSolver", "line_blocks", "solve_dense"]
 
 EXACT_TIERS = ("dense", "sparse")
 TIERS = (*EXACT_TIERS, "reduced")
+
+#: Of a reduced model where none is asked for: the error of a receptance as a share of the largest of its line.
+ACCURACY = 1e-5
 
 #: Models up to this many DOFs are solved dense, in batches of lines.
 DENSE_LIMIT = 500

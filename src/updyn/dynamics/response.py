@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, line_blocks
+from updyn.errors import SolverError
 from updyn.frf import FRF, QUANTITIES, check_lines, check_quantity
+from updyn.linalg.factorise import check_backend
 from updyn.model import Model
 
 __all__ = ["response"]
@@ -25,8 +27,12 @@ def response(
     *,
     tier: str | None = None,
     backend: str | None = None,
+    accuracy: float = ACCURACY,
 ) -> FRF:
     """Compute frequency response functions, exactly: one factorisation of the full model a line.
+
+    With ``tier="reduced"`` they come from a reduced model instead, proved to the accuracy asked for; a few real
+    factorisations then serve any number of lines.
 
     Parameters
     ----------
@@ -38,10 +44,12 @@ def response(
         Signed DOFs of sensors and forces.
     quantity : {"receptance", "mobility", "accelerance"}
         Motion over force.
-    tier : {"dense", "sparse"}, optional
-        How to solve; by default chosen by size.
+    tier : {"dense", "sparse", "reduced"}, optional
+        How to solve; by default exactly, chosen by size.
     backend : str, optional
         Sparse factorisation.
+    accuracy : float
+        Of the reduced tier: the largest error as a share of the largest receptance of its line.
 
     Returns
     -------
@@ -54,8 +62,10 @@ def response(
         If a line is not finite, negative or out of order.
     DofError
         If a DOF is not in the model.
+    OptionError
+        If the tier, the backend or the accuracy cannot be used.
     SolverError
-        If the dynamic stiffness is singular at a line.
+        If the dynamic stiffness is singular at a line, or a reduced model of that accuracy was not found.
 
     Notes
     -----
@@ -65,7 +75,9 @@ def response(
     rows, columns = DofSet(responses), DofSet(references)
     at_rows, at_columns = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
     lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
-    solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
+    solver, source = _solver(
+        AffineSystem.compile(model), at_rows.index, at_columns.index, lines, tier, backend, accuracy
+    )
     # Symmetry: forces may be put on whichever side has fewer DOFs.
     swap = len(rows) < len(columns)
     loaded, read = (at_rows, at_columns) if swap else (at_columns, at_rows)
@@ -77,4 +89,29 @@ def response(
         values[block] = X.transpose(0, 2, 1) if swap else X
     values *= at_rows.sign[:, None] * at_columns.sign[None, :]
     values *= ((1j * omega) ** QUANTITIES[quantity])[:, None, None]
-    return FRF(lines, values, rows, columns, quantity, geometry=model.geometry, source="model")
+    return FRF(lines, values, rows, columns, quantity, geometry=model.geometry, source=source)
+
+
+def _solver(
+    system: AffineSystem,
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    lines: NDArray[np.float64],
+    tier: str | None,
+    backend: str | None,
+    accuracy: float,
+) -> tuple[FieldSolver, str]:
+    """Return what solves, and how the FRF says where it is from."""
+    if tier != "reduced":
+        return LineSolver.choose(system, tier, backend), "model"
+    from updyn.dynamics.reduced.reduction import Reduction
+
+    reduction = Reduction(system, rows, columns, (float(lines[0]), float(lines[-1])), check_backend(backend), accuracy)
+    reduction.build(system.start)
+    found = reduction.certify(system.start, lines)
+    if found.error > accuracy:
+        raise SolverError(
+            f"tier 'reduced': {found.size} motions reach an error of {found.error:.1g} of the largest receptance of a "
+            f"line, not {accuracy:g}; use tier 'sparse', or a larger accuracy="
+        )
+    return reduction.solver(), f"model, reduced to {found.size} motions, error at most {found.error:.1g}"

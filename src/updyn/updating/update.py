@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from updyn import __version__
 from updyn.dofs import Dof
+from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.frf import FRF
@@ -29,7 +30,7 @@ from updyn.updating.monitor import Monitor, Progress
 from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
-from updyn.updating.reducing import ACCURACY, Reducing, is_reduced
+from updyn.updating.reducing import Reducing, is_reduced
 from updyn.updating.result import Identifiability, UpdateResult
 from updyn.updating.session import Recent, Session, Stopped
 from updyn.updating.split import split_data

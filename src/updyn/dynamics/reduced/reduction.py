@@ -32,11 +32,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.fields import line_blocks
+from updyn.dynamics.fields import ACCURACY, line_blocks
 from updyn.dynamics.reduced.basis import Basis
 from updyn.dynamics.reduced.residual import Channels, LineResidual
 from updyn.dynamics.reduced.solver import ReducedSolver
-from updyn.errors import SolverError
+from updyn.errors import OptionError, SolverError
 from updyn.linalg.factorise import Factorised, SparseSolver
 
 __all__ = ["SAFETY", "Certificate", "Reduction"]
@@ -94,6 +94,8 @@ class Reduction:
         Lowest and highest line in Hz.
     backend : str
         Sparse factorisation.
+    accuracy : float
+        Wanted: the error of a receptance as a share of the largest of its line.
     extra : ndarray of int
         DOFs that can be read besides, without a promise of accuracy.
     poll : callable, optional
@@ -105,6 +107,7 @@ class Reduction:
     columns: NDArray[np.intp]
     band: tuple[float, float]
     backend: str
+    accuracy: float = ACCURACY
     extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     poll: Callable[[], object] = lambda: None
     basis: Basis = field(init=False)
@@ -113,6 +116,10 @@ class Reduction:
     _sparse: SparseSolver = field(init=False)
 
     def __post_init__(self) -> None:
+        if not 1e-10 <= self.accuracy <= 0.1:
+            raise OptionError(
+                f"accuracy = {self.accuracy!r}: expected a share of the largest receptance between 1e-10 and 0.1"
+            )
         self._channels = Channels(self.rows, self.columns, self.system.dofs)
         self._sparse = SparseSolver(self.backend, real=True)
 
@@ -231,8 +238,10 @@ class Reduction:
         observed = np.union1d(self._loaded, self.extra)
         return ReducedSolver.project(self.system, self.basis, observed, self.backend, label)
 
-    def compress(self, state: State, freq: _Real, accuracy: float) -> None:
+    def compress(self, state: State, freq: _Real) -> None:
         """Keep only the motions that make up the answers at a state: proper orthogonal decomposition of its fields.
+
+        What is dropped changes the receptance by far less than the accuracy wanted.
 
         Parameters
         ----------
@@ -240,8 +249,6 @@ class Reduction:
             The model.
         freq : ndarray of float, shape (n_f,)
             All lines that matter, in Hz.
-        accuracy : float
-            Wanted; what is dropped changes the receptance by far less.
         """
         solver, r = self.solver(), self.basis.size
         gram = np.zeros((r, r))
@@ -253,13 +260,11 @@ class Reduction:
         C = np.linalg.cholesky(self.basis.combined(self._weights(state, -self._top)))
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
         # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
-        dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), 0.01 * accuracy)
+        dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), 0.01 * self.accuracy)
         self.basis.rotate(scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T"))
 
     # -- proving -------------------------------------------------------------------------------------------
-    def certify(
-        self, state: State, freq: _Real, accuracy: float, *, enrich: bool = True, count: int = 12
-    ) -> Certificate:
+    def certify(self, state: State, freq: _Real, *, enrich: bool = True, count: int = 12) -> Certificate:
         """Find the error at a state, and enrich the basis until it is small enough.
 
         Every pass checks other lines than the one before, the strongest among them. The last one adds nothing: it is a
@@ -271,8 +276,6 @@ class Reduction:
             The model.
         freq : ndarray of float, shape (n_f,)
             All lines that matter, in Hz.
-        accuracy : float
-            Wanted: the error as a share of the largest receptance of a line.
         enrich : bool
             False: only check, and stop at the first line where the error is too large.
         count : int
@@ -281,7 +284,7 @@ class Reduction:
         Returns
         -------
         Certificate
-            Its error exceeds `accuracy` where enriching did not help enough.
+            Its error exceeds the accuracy wanted where enriching did not help enough.
 
         Raises
         ------
@@ -294,9 +297,9 @@ class Reduction:
             size, chosen = self.basis.size, _some_lines(freq, level, count, number)
             error = 0.0
             for f in chosen:
-                error = max(error, self._check(factorised, state, f, _MARGIN * accuracy if enrich else None))
+                error = max(error, self._check(factorised, state, f, enrich))
                 self.poll()
-                if not enrich and error > accuracy:
+                if not enrich and error > self.accuracy:
                     break
             if self.basis.size == size:
                 break
@@ -311,7 +314,7 @@ class Reduction:
             out.append(solver.at(solver.solve(c, self.columns, freq[block]), self.rows))
         return np.concatenate(out, axis=1).transpose(1, 0, 2)
 
-    def _check(self, definite: Factorised, state: State, freq: float, accuracy: float | None) -> float:
+    def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> float:
         """Return the error at one line; where it is too large, add what the basis lacks there."""
         omega = 2.0 * np.pi * freq
         stiff, lossy = self._matrix(state, omega**2), self._damping(state, omega)
@@ -320,13 +323,14 @@ class Reduction:
         Y = definite.solve(R)
         errors = SAFETY * np.abs(line.errors(Y)) / self._channels.levels(line.H)
         error = float(errors.max())
-        if accuracy is not None and error > accuracy:
+        allowed = _MARGIN * self.accuracy
+        if enrich and error > allowed:
             # Each force counts by its part in the largest error, whatever its unit.
             sizes = np.sqrt(np.maximum(np.einsum("nk,nk->k", R, Y).reshape(2, -1).sum(axis=0), 0.0))
             weight = np.tile(errors.max(axis=0) / error / np.maximum(sizes, np.finfo(np.float64).tiny), 2)
             gram = (weight[:, None] * (R.T @ Y)) * weight
             size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
-            kept = size > (_WORTH * accuracy / error) ** 2
+            kept = size > (_WORTH * allowed / error) ** 2
             # P-orthogonal to the basis as they are, since V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
         return error
