@@ -30,6 +30,7 @@ TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(enc
         f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of {100 * noise.ASSUMED['floor']:g} %",
         f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
         f"Up to {fields.DENSE_LIMIT} degrees of freedom",
+        f"up to {fields._LARGEST_DENSE} where more than {100 * fields.DENSE_FILL:g} % of the matrix is filled",
     ],
 )
 def test_constants_are_as_documented(said: str) -> None:

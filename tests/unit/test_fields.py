@@ -32,11 +32,22 @@ def test_tier_by_size_and_by_force():
     small = AffineSystem.compile(chain(5))
     assert LineSolver.choose(small).tier == "dense"
     assert LineSolver.choose(small, "sparse").tier == "sparse"
-    assert LineSolver.choose(AffineSystem.compile(chain(501))).tier == "sparse"
+    assert LineSolver.choose(AffineSystem.compile(chain(fields.DENSE_LIMIT))).tier == "dense"
+    assert LineSolver.choose(AffineSystem.compile(chain(fields.DENSE_LIMIT + 1))).tier == "sparse"
     with pytest.raises(OptionError, match=r"tier 'spares': .*sparse"):
         LineSolver.choose(small, "spares")
     with pytest.raises(OptionError, match="backend 'mumps'"):
         LineSolver.choose(small, "sparse", "mumps")
+
+
+@pytest.mark.parametrize(("share", "tier"), [(0.7, "dense"), (0.5, "sparse")])
+def test_tier_by_fill(share, tier):
+    """A full block of 70 % of the DOFs fills half of the matrix, one of 50 % a quarter."""
+    n = fields.DENSE_LIMIT + 50
+    K = np.eye(n)
+    K[: int(share * n), : int(share * n)] += 1.0
+    system = AffineSystem.compile(updyn.Model.from_groups({"g": updyn.Group(K)}, [f"{i + 1}:X" for i in range(n)]))
+    assert LineSolver.choose(system).tier == tier
 
 
 def full(n):

@@ -19,7 +19,17 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
 from updyn.linalg.factorise import SparseSolver
 
-__all__ = ["ACCURACY", "DENSE_LIMIT", "EXACT_TIERS", "TIERS", "FieldSolver", "LineSolver", "line_blocks", "solve_dense"]
+__all__ = [
+    "ACCURACY",
+    "DENSE_FILL",
+    "DENSE_LIMIT",
+    "EXACT_TIERS",
+    "TIERS",
+    "FieldSolver",
+    "LineSolver",
+    "line_blocks",
+    "solve_dense",
+]
 
 EXACT_TIERS = ("dense", "sparse")
 TIERS = (*EXACT_TIERS, "reduced")
@@ -28,7 +38,11 @@ TIERS = (*EXACT_TIERS, "reduced")
 ACCURACY = 1e-5
 
 #: Models up to this many DOFs are solved dense, in batches of lines.
-DENSE_LIMIT = 500
+DENSE_LIMIT = 150
+
+#: So are larger ones, up to a size, whose matrix is filled by more than this share: there a sparse factorisation gains
+#: little (PARDISO), or takes two to three times as long (SuperLU).
+DENSE_FILL, _LARGEST_DENSE = 0.3, 2000
 
 _HELD = "with the retained DOFs held "
 _BLOCK_BYTES = 64 * 2**20
@@ -94,7 +108,7 @@ class LineSolver:
 
     @classmethod
     def choose(cls, system: AffineSystem, tier: str | None = None, backend: str | None = None) -> LineSolver:
-        """Choose tier and backend by size; both can be forced.
+        """Choose tier and backend by size and fill; both can be forced.
 
         Raises
         ------
@@ -102,7 +116,8 @@ class LineSolver:
             If a name is not known.
         """
         if tier is None:
-            tier = "dense" if system.n <= DENSE_LIMIT else "sparse"
+            filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
+            tier = "dense" if system.n <= DENSE_LIMIT or filled else "sparse"
         elif tier not in EXACT_TIERS:
             raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}")
         return cls(system, tier, factorise.check_backend(backend))
