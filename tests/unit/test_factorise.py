@@ -256,6 +256,56 @@ def test_a_factorisation_kept_survives_the_failure_of_its_backend(monkeypatch):
     assert factorised.negative in (truth, None)
 
 
+def test_backends_are_tried_in_order_and_those_not_installed_are_passed_over(monkeypatch):
+    tried = []
+
+    def broken(name):
+        def begin(pattern, *, real=False):
+            tried.append(name)
+            raise RuntimeError(name)
+
+        return begin
+
+    for name, (module, made) in factorise.BACKENDS.items():
+        monkeypatch.setattr(f"{module}.{made}", broken(name))
+        monkeypatch.setattr(f"{module}.available", lambda: True)
+    with pytest.raises(SolverError, match="singular at 2 Hz"):
+        SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
+    assert tried == ["pardiso", "mumps", "superlu"]
+    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: False)
+    tried.clear()
+    with pytest.raises(SolverError):
+        SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
+    assert tried == ["pardiso", "superlu"]
+
+
+def test_too_little_memory_is_not_answered_by_a_backend_that_needs_more(fake, monkeypatch):
+    """It would be called singular, or the process would be ended by the system."""
+    other = fake(exact)
+
+    def short(self, A):
+        raise MemoryError("PARDISO needs 17.4 GB")
+
+    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", type("Short", (Fake,), {"factor": short}))
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    with pytest.raises(SolverError, match=r"pardiso: not enough memory to factorise 5 DOFs \(PARDISO needs 17.4 GB\)"):
+        SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
+    assert other.analyses == 0
+
+
+def test_peak_memory_is_that_of_the_backend_that_needs_most(monkeypatch):
+    solver = SparseSolver("superlu")
+    assert solver.peak_bytes is None
+    solver.solve(symmetric(5), np.eye(5), 2.0)
+    assert solver.peak_bytes is None
+    monkeypatch.setattr(
+        "updyn.linalg.superlu.SuperLU", type("Tells", (Fake,), {"peak_bytes": 7, "answer": staticmethod(exact)})
+    )
+    solver.release()
+    solver.solve(symmetric(5), np.eye(5), 2.0)
+    assert solver.peak_bytes == 7
+
+
 def test_growth_does_not_depend_on_units():
     """Scaling DOFs (metres to millimetres, radians kept) leaves the measure of singularity as it is."""
     A = symmetric(7).toarray()
@@ -282,6 +332,11 @@ def test_backend_names(monkeypatch):
     with pytest.raises(OptionError, match=r"backend 'superlo'.*superlu"):
         factorise.check_backend("superlo")
     monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: False)
+    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: False)
     assert factorise.check_backend(None) == "superlu"
     with pytest.raises(OptionError, match=r"'pardiso' is not installed; pip install 'updyn\[mkl\]'"):
         factorise.check_backend("pardiso")
+    with pytest.raises(OptionError, match=r"'mumps' is not installed; .*libmumps.*pip install 'updyn\[mumps\]'"):
+        factorise.check_backend("mumps")
+    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: True)
+    assert factorise.check_backend(None) == "mumps"

@@ -47,8 +47,12 @@ class Backend(Protocol):
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None: ...
 
+    @property
+    def peak_bytes(self) -> int | None:
+        """Largest memory of the library so far, the factor included (estimated before `factor`); None: not known."""
+
     def factor(self, A: Any) -> Factors:
-        """Factorise a matrix of the pattern. Raises RuntimeError if it cannot."""
+        """Factorise a matrix of the pattern. Raises RuntimeError if it cannot, MemoryError if memory is short."""
 
     def release(self) -> None:
         """Give the memory back; the object is of no more use."""
@@ -57,7 +61,13 @@ class Backend(Protocol):
 #: By name, best first: module and class. Where one fails, those after it are tried.
 BACKENDS: dict[str, tuple[str, str]] = {
     "pardiso": ("updyn.linalg.pardiso", "Pardiso"),
+    "mumps": ("updyn.linalg.mumps", "Mumps"),
     "superlu": ("updyn.linalg.superlu", "SuperLU"),
+}
+
+_INSTALL = {
+    "pardiso": "pip install 'updyn[mkl]' (x86_64)",
+    "mumps": "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'",
 }
 
 
@@ -74,7 +84,7 @@ def check_backend(name: str | None) -> str:
     if name not in BACKENDS:
         raise OptionError(f"backend {name!r}: {suggest(str(name), BACKENDS)}")
     if not _module(name).available():
-        raise OptionError(f"backend {name!r} is not installed; pip install 'updyn[mkl]' (x86_64), or use 'superlu'")
+        raise OptionError(f"backend {name!r} is not installed; {_INSTALL[name]}, or use 'superlu'")
     return name
 
 
@@ -132,8 +142,8 @@ class SparseSolver:
         Raises
         ------
         SolverError
-            If A is singular to rounding, or the residual |A X - B| of a column exceeds 1e-8 of |A| |X| + |B| even
-            after one step of refinement and with the other backends.
+            If A is singular to rounding, memory is short, or the residual |A X - B| of a column exceeds 1e-8 of
+            |A| |X| + |B| even after one step of refinement and with the other backends.
         """
         factorised = self.factorise(A, freq, held)
         try:
@@ -160,7 +170,9 @@ class SparseSolver:
         Raises
         ------
         SolverError
-            If A is singular.
+            If A is singular, or memory is short.
+        TypeError
+            If A is not of the solver's kind.
         """
         if np.iscomplexobj(A) == self.real:
             raise TypeError(f"a {'real' if self.real else 'complex'} solver was given a matrix of {A.dtype}")
@@ -169,6 +181,12 @@ class SparseSolver:
         made = Factorised(self, A, freq, held)
         self._alive = weakref.ref(made)
         return made
+
+    @property
+    def peak_bytes(self) -> int | None:
+        """Largest memory of the backends in use, the factor included; None where they do not say."""
+        known = [b for backend in self._analysed.values() if (b := backend.peak_bytes) is not None]
+        return max(known, default=None)
 
     def release(self) -> None:
         """Give all memory back now; a later call analyses anew."""
@@ -293,6 +311,10 @@ class Factorised:
             except RuntimeError:
                 self._solver._forget(name)
                 continue
+            except MemoryError as error:
+                # Others need no less, and would end the process instead.
+                what = f"{name}: not enough memory to factorise {self._A.shape[0]} DOFs"
+                raise SolverError(f"{what} ({error})" if str(error) else what) from error
             return True
         return False
 

@@ -17,18 +17,22 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Pardiso", "available"]
+__all__ = ["Pardiso", "available", "library"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
 _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
+_NOT_ENOUGH_MEMORY = -2
+#: Up to which 32-bit indices are meant for matrices (oneMKL reference of pardiso_64).
+_MOST_ENTRIES = 500_000_000
+_MOST_ENTRIES_OF_FACTOR = 2**31
 #: Rows, or entries, that are worked on at a time where a copy of the whole would cost memory.
 _BLOCK = 2**18
 
 
 @cache
-def _library() -> Any:
-    """Return the library of the wheel that is installed beside this Python, or None."""
+def library() -> Any:
+    """Return MKL of the wheel that is installed beside this Python, or None."""
     for folder in (Path(sys.prefix, "lib"), Path(sys.prefix, "Library", "bin")):
         for name in _NAMES:
             if (folder / name).is_file():
@@ -41,7 +45,7 @@ def _library() -> Any:
 
 def available() -> bool:
     """Return whether the ``mkl`` wheel is installed and can be loaded."""
-    return _library() is not None
+    return library() is not None
 
 
 class Pardiso:
@@ -58,6 +62,8 @@ class Pardiso:
     ------
     RuntimeError
         If the library reports an error, or the diagonal is not full.
+    MemoryError
+        If there is not enough memory.
     """
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
@@ -65,22 +71,35 @@ class Pardiso:
             # It would overwrite memory that is not its own.
             raise ValueError("PARDISO needs row indices that are sorted, each once")
         self._upper, ia = _upper_triangle(pattern.indptr, pattern.indices)
-        ja = np.ascontiguousarray(pattern.indices[self._upper], dtype=np.int32)
+        ja = pattern.indices[self._upper]
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
             raise RuntimeError("PARDISO needs a full diagonal in the pattern")
-        a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
-        iparm = np.zeros(64, dtype=np.int32)
+        self._kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
+        self._begin(ia, ja, np.int32 if len(ja) < _MOST_ENTRIES else np.int64)
+        if self._session.too_large():
+            self.release()
+            self._begin(ia, ja, np.int64)
+
+    def _begin(self, ia: NDArray[Any], ja: NDArray[Any], integer: type[np.signedinteger[Any]]) -> None:
+        a = np.ones(len(ja), dtype=np.complex128 if self._kind == _COMPLEX_SYMMETRIC else np.float64)
+        iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
         iparm[1] = 2  # nested dissection (METIS)
         iparm[9] = 8  # pivots below 1e-8 are perturbed, which is not accepted
+        iparm[17] = -1  # report the entries of the factor
         iparm[20] = 1  # Bunch-Kaufman pivots
         iparm[34] = 1  # indices from zero
-        kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
-        self._session = _Session(kind, np.zeros(64, dtype=np.int64), iparm, a, ia.astype(np.int32), ja)
+        handle = np.zeros(64, dtype=np.int64)
+        self._session = _Session(self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer))
         # The library's memory goes with this object; at the interpreter's end with the process.
         self._end = finalize(self, self._session.call, _RELEASE)
         self._end.atexit = False
         self._session.call(_ANALYSE)
+
+    @property
+    def peak_bytes(self) -> int:
+        """Largest memory of the library for this pattern, the factor included; estimated before the first `factor`."""
+        return self._session.peak_bytes()
 
     def factor(self, A: Any) -> _LDL:
         """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
@@ -99,6 +118,8 @@ class Pardiso:
         ------
         RuntimeError
             If the library reports an error, or had to perturb a pivot.
+        MemoryError
+            If there is not enough memory.
         """
         session, at = self._session, 0
         for first in range(0, len(self._upper), _BLOCK):
@@ -110,8 +131,7 @@ class Pardiso:
         if session.iparm[13]:
             # A perturbed pivot makes a singular matrix look like a regular one.
             raise RuntimeError(f"PARDISO perturbed {session.iparm[13]} pivots")
-        real = session.kind == _REAL_SYMMETRIC_INDEFINITE
-        return _LDL(session, int(session.iparm[22]) if real else None)
+        return _LDL(session, None if self._kind == _COMPLEX_SYMMETRIC else int(session.iparm[22]))
 
     def release(self) -> None:
         """Give the library's memory back; the object is of no more use."""
@@ -136,26 +156,42 @@ class _Session:
 
     kind: int
     handle: NDArray[np.int64]
-    iparm: NDArray[np.int32]
+    iparm: NDArray[Any]
     a: NDArray[Any]
-    ia: NDArray[np.int32]
-    ja: NDArray[np.int32]
+    ia: NDArray[Any]
+    ja: NDArray[Any]
 
     def call(self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None) -> None:
+        wide = self.iparm.dtype == np.int64
+        integer: Any = ctypes.c_int64 if wide else ctypes.c_int32
+        run = library().pardiso_64 if wide else library().pardiso
+
         def number(value: int) -> Any:
-            return ctypes.byref(ctypes.c_int32(value))
+            return ctypes.byref(integer(value))
 
         def place(array: NDArray[Any] | None) -> Any:
             return None if array is None else ctypes.c_void_p(array.ctypes.data)
 
-        error = ctypes.c_int32(0)
-        _library().pardiso(
+        error = integer(0)
+        run(
             place(self.handle), number(1), number(1), number(self.kind), number(phase), number(len(self.ia) - 1),
             place(self.a), place(self.ia), place(self.ja), None, number(1 if b is None else b.shape[1]),
             place(self.iparm), number(0), place(b), place(x), ctypes.byref(error),
         )  # fmt: skip
+        if error.value == _NOT_ENOUGH_MEMORY:
+            raise MemoryError(f"PARDISO needs {self.peak_bytes() / 1e9:.1f} GB")
         if error.value:
             raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
+
+    def peak_bytes(self) -> int:
+        analysis, kept, factor = (int(kilobytes) for kilobytes in self.iparm[14:17])
+        return 1024 * max(analysis, kept + factor)
+
+    def too_large(self) -> bool:
+        """Return whether the factor has more entries than 32-bit indices can count."""
+        entries = int(self.iparm[17])  # negative from 2^31 to 2^32, and wrapped again beyond
+        most = 1024 * int(self.iparm[16]) // self.a.itemsize
+        return self.iparm.dtype == np.int32 and (entries < 0 or most >= 2 * _MOST_ENTRIES_OF_FACTOR)
 
 
 def _upper_triangle(indptr: NDArray[Any], indices: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

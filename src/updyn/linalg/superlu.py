@@ -30,6 +30,10 @@ class SuperLU:
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
         del pattern, real
 
+    @property
+    def peak_bytes(self) -> None:
+        """None: SuperLU does not say."""
+
     def factor(self, A: Any) -> _LU:
         """Factorise a matrix.
 
@@ -47,6 +51,8 @@ class SuperLU:
         ------
         RuntimeError
             If A is exactly singular.
+        MemoryError
+            If there is not enough memory.
         """
         from scipy.sparse.linalg import splu
 

@@ -1,0 +1,120 @@
+"""MUMPS through the package python-mumps (extra ``updyn[mumps]``), which is built against an installed MUMPS.
+
+The package pymumps has the same module name and is not it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+__all__ = ["Mumps", "available"]
+
+_PACKAGE = "mumps"
+#: MUMPS users' guide, section "Error and warning diagnostics".
+_NOT_ENOUGH_MEMORY = (-5, -7, -13)
+
+
+@cache
+def _package() -> Any:
+    """Return the package, or None where it is missing, cannot be loaded, or is pymumps."""
+    try:
+        found = importlib.import_module(_PACKAGE)
+    except (ImportError, OSError):  # the library that it was built against may be gone
+        return None
+    return found if hasattr(found, "Context") else None
+
+
+def available() -> bool:
+    """Return whether python-mumps is installed and can be loaded."""
+    return _package() is not None
+
+
+class Mumps:
+    """One pattern, analysed once (L D L^T with two by two pivots, SYM = 2).
+
+    Parameters
+    ----------
+    pattern : sparse CSC, shape (n, n)
+        A matrix of the pattern, symmetric.
+    real : bool
+        Matrices are real, definite or not, instead of complex.
+
+    Raises
+    ------
+    RuntimeError
+        If the library reports an error.
+    MemoryError
+        If there is not enough memory.
+    """
+
+    def __init__(self, pattern: Any, *, real: bool = False) -> None:
+        column = np.repeat(np.arange(pattern.shape[0], dtype=np.int32), np.diff(pattern.indptr))
+        self._upper = pattern.indices <= column
+        values = np.ones(int(self._upper.sum()), dtype=np.float64 if real else np.complex128)
+        triangle = sp.coo_array((values, (pattern.indices[self._upper], column[self._upper])), shape=pattern.shape)
+        self._real = real
+        self._context: Any = _package().Context()
+        self._context.set_matrix(triangle, symmetric=True)
+        self._context.mumps_instance.icntl[6] = 0  # the analysis looks at the pattern only, not at values
+        self._run(self._context.analyze, ordering="metis")
+
+    @property
+    def peak_bytes(self) -> int:
+        """Memory of the library for this pattern, the factor included; estimated before the first `factor`."""
+        done = self._context.factored
+        megabytes = self._context.factor_stats.memory if done else self._context.analysis_stats.est_mem_incore
+        return int(megabytes) * 10**6
+
+    def factor(self, A: Any) -> _LDL:
+        """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
+
+        Parameters
+        ----------
+        A : sparse CSC, shape (n, n), symmetric, of the kind analysed for
+            Matrix.
+
+        Returns
+        -------
+        callable
+            Solves for right-hand sides, shape (n, r).
+
+        Raises
+        ------
+        RuntimeError
+            If A is singular, or the library reports another error.
+        MemoryError
+            If there is not enough memory.
+        """
+        np.compress(self._upper, A.data, out=self._context.data)  # which the library reads
+        self._run(self._context.factor, reuse_analysis=True)
+        return _LDL(self._context, int(self._context.mumps_instance.infog[12]) if self._real else None)
+
+    def release(self) -> None:
+        """Give the library's memory back; the object is of no more use."""
+        self._context.mumps_instance = None
+
+    @staticmethod
+    def _run(step: Callable[..., None], **options: Any) -> None:
+        try:
+            step(**options)
+        except RuntimeError as error:
+            if getattr(error, "error", 0) in _NOT_ENOUGH_MEMORY:
+                raise MemoryError(str(error)) from error
+            raise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LDL:
+    context: Any
+    negative: int | None
+
+    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self.context.solve(np.array(B, order="F"), overwrite_b=True))

@@ -1,0 +1,101 @@
+"""What is particular to PARDISO: its indices, its memory, what it must not be given."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from updyn.linalg import pardiso
+
+pytestmark = pytest.mark.skipif(not pardiso.available(), reason="the mkl wheel is not installed")
+
+
+def grid(m, shift=0.0):
+    """m x m x m masses on springs: K - shift M, real."""
+    T, eye = sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1]), sp.eye_array(m)
+    K = sp.kron(sp.kron(T, eye), eye) + sp.kron(sp.kron(eye, T), eye) + sp.kron(sp.kron(eye, eye), T)
+    A = sp.csc_array(K - shift * sp.eye_array(m**3))
+    A.sort_indices()
+    return A
+
+
+def eigenvalues(m):
+    """Of the grid's K (Strang, SIAM Review 41 (1999) 135-147): sums of three of 2 - 2 cos."""
+    one = 2 - 2 * np.cos(np.pi * np.arange(1, m + 1) / (m + 1))
+    return (one[:, None, None] + one[:, None] + one).ravel()
+
+
+@pytest.mark.parametrize("most", [500_000_000, 0])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_indices_of_32_and_of_64_bits(monkeypatch, most, kind):
+    """A limit of 0 stands for a matrix that is too large for 32 bits."""
+    monkeypatch.setattr("updyn.linalg.pardiso._MOST_ENTRIES", most)
+    A = grid(9, 1.234) * kind(1)
+    made = pardiso.Pardiso(A, real=kind is float)
+    assert made._session.ia.dtype == (np.int64 if most == 0 else np.int32)
+    B = np.random.default_rng(0).standard_normal((729, 40)).astype(kind)
+    for factor in (1.0, -3.0):
+        solve = made.factor(A * factor)
+        assert solve(B) == pytest.approx(np.linalg.solve(A.toarray() * factor, B), rel=1e-9, abs=1e-11)
+        below = int((factor * (eigenvalues(9) - 1.234) < 0).sum())
+        assert solve.negative == (below if kind is float else None)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_factor_of_too_many_entries_takes_indices_of_64_bits(monkeypatch, kind):
+    """The analysis tells how large the factor will be."""
+    A, entries = grid(9, 0.1) * kind(1), 60_000  # about
+    for most, integer in ((10 * entries, np.int32), (entries // 10, np.int64)):
+        monkeypatch.setattr("updyn.linalg.pardiso._MOST_ENTRIES_OF_FACTOR", most)
+        made = pardiso.Pardiso(A, real=kind is float)
+        assert made._session.iparm.dtype == integer
+        assert made.factor(A)(np.ones((729, 1), kind)) == pytest.approx(np.linalg.solve(A.toarray(), np.ones((729, 1))))
+
+
+def test_entries_beyond_32_bits_show_as_a_negative_number():
+    """2,841,817,837 entries of a solid with 1.2 million DOFs were reported as -1,453,149,459."""
+    made = pardiso.Pardiso(grid(4), real=True)
+    assert not made._session.too_large()
+    made._session.iparm[17] = np.array(2_841_817_837, dtype=np.int64).astype(np.int32)
+    assert made._session.too_large()
+
+
+def test_memory_is_stated_and_given_back():
+    """The factor alone needs 8 bytes an entry, twice as much where complex."""
+    A = grid(16, 0.1)
+    real, cplx = pardiso.Pardiso(A, real=True), pardiso.Pardiso(A * 1j)
+    real.factor(A)
+    cplx.factor(A * 1j)
+    entries = int(real._session.iparm[17])
+    assert entries > 4096 * 50
+    assert 8 * entries < real.peak_bytes < 3 * 8 * entries
+    assert 16 * entries < cplx.peak_bytes < 2.2 * real.peak_bytes
+    handle = real._session.handle
+    assert handle.any()
+    real.release()
+    assert not handle.any()
+    real.release()
+
+
+def test_what_it_must_not_be_given():
+    A = grid(3)
+    mixed = sp.csc_array((A.data.copy(), A.indices.copy(), A.indptr.copy()), shape=A.shape)
+    mixed.indices[:2], mixed.data[:2] = A.indices[1::-1], A.data[1::-1]
+    mixed.has_sorted_indices = False
+    with pytest.raises(ValueError, match="sorted"):
+        pardiso.Pardiso(mixed, real=True)
+    lower = A.indices != np.repeat(np.arange(27), np.diff(A.indptr))
+    lower[: A.indptr[26]] = True
+    without = sp.csc_array((A.data[lower], (A.indices[lower], np.repeat(np.arange(27), np.diff(A.indptr))[lower])))
+    with pytest.raises(RuntimeError, match="full diagonal"):
+        pardiso.Pardiso(without, real=True)
+
+
+def test_blocks_of_rows_give_the_upper_triangle(monkeypatch):
+    A = grid(5)
+    monkeypatch.setattr("updyn.linalg.pardiso._BLOCK", 7)
+    kept, begin = pardiso._upper_triangle(A.indptr, A.indices)
+    truth = sp.csr_array(sp.triu(A))
+    assert np.array_equal(begin, truth.indptr)
+    assert np.array_equal(A.indices[kept], truth.indices)
+    B = np.ones((125, 1))
+    assert pardiso.Pardiso(A, real=True).factor(A)(B) == pytest.approx(np.linalg.solve(A.toarray(), B))

@@ -1,0 +1,45 @@
+"""Threads of MKL: limited in a process of its own, since the limit stays."""
+
+import subprocess
+import sys
+
+import pytest
+
+from updyn.linalg import pardiso, threads
+
+RUN = """
+import numpy as np, scipy.sparse as sp
+from updyn.linalg import pardiso, threads
+from updyn.linalg.factorise import SparseSolver
+n = 3000
+A = sp.csc_array(sp.diags_array([-np.ones(n - 9), 3 * np.ones(n), -np.ones(n - 9)], offsets=[-9, 0, 9]))
+solver, B = SparseSolver("pardiso", real=True), np.ones((n, 40))
+for threads_now in (1, 2, 1):
+    threads.limit(threads_now)
+    assert pardiso.library().MKL_Get_Max_Threads() <= threads_now
+    assert np.abs(A @ solver.solve(A, B, 1.0) - B).max() < 1e-11
+threads.limit(1)
+print(pardiso.library().MKL_Get_Max_Threads(), solver.used)
+"""
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="the mkl wheel is not installed")
+def test_the_limit_holds_and_answers_stay_right():
+    done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["1", "{'pardiso':", "3}"]
+
+
+def test_without_mkl_nothing_happens(monkeypatch):
+    def never():
+        raise AssertionError("the library was asked for")
+
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: False)
+    monkeypatch.setattr("updyn.linalg.pardiso.library", never)
+    threads.limit(4)
+
+
+@pytest.mark.parametrize("n", [0, -1])
+def test_at_least_one_thread(n):
+    with pytest.raises(ValueError, match="at least 1"):
+        threads.limit(n)
