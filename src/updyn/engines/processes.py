@@ -159,8 +159,8 @@ def _new_pool(workers: int, folder: Path) -> Any:
 
 
 def _limit(name: str, otherwise: int) -> int:
-    """Return the number of threads that the user has set; an own rule (``"4,2"``, empty) counts as none."""
-    value = os.environ.get(name, "")
+    """Return the number of threads that the user has set, for this or for all; a rule (``"4,2"``) counts as none."""
+    value = os.environ.get(name) or os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdecimal() and int(value) else otherwise
 
 
