@@ -78,8 +78,11 @@ class Method(Protocol):
     def tolerance(self) -> float:
         """Relative step at which it has converged."""
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: _Vector | None = None) -> Fit:
-        """Fit the unknowns, from their start or, without a search, from x."""
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
+        """Return where to begin, shape (n,)."""
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x."""
 
 
 def descend(

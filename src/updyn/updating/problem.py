@@ -43,9 +43,12 @@ class Coordinates:
     ----------
     parameters : ParameterSet
         The unknowns.
+    box : (ndarray, ndarray), optional
+        Narrower bounds in x, each of shape (n,).
     """
 
     parameters: ParameterSet
+    box: tuple[_Vector, _Vector] | None = None
 
     def to_x(self, values: _Vector) -> _Vector:
         """Return x for the unknowns' values, both shape (n,)."""
@@ -64,7 +67,7 @@ class Coordinates:
     @property
     def bounds(self) -> tuple[_Vector, _Vector]:
         """Bounds in x, each shape (n,)."""
-        return self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
+        return self._boxed(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
 
     @property
     def relaxed_lower(self) -> _Vector:
@@ -73,8 +76,15 @@ class Coordinates:
         The true loss factor of a lightly damped part lies on its bound at zero, and a search that may not step across
         gets caught there.
         """
-        lower = self.bounds[0]
-        return np.where(self.parameters.is_factor, lower, np.minimum(lower, _RELAXED))
+        lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
+        return self._boxed(np.where(self.parameters.is_factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
+
+    def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
+        if self.box is None:
+            return lower, upper
+        # A box that begins outside the bounds still leaves their nearest point.
+        low, high = np.clip(self.box[0], lower, upper), np.clip(self.box[1], lower, upper)
+        return low, high
 
     @property
     def prior(self) -> tuple[_Vector, _Vector]:

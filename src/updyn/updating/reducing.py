@@ -1,8 +1,9 @@
 """Fitting inside a reduced model that is proved where the fit ends.
 
 A basis made at one point answers exactly there, and worse the further the unknowns move. So the fit is made inside the
-basis of its start; where it ends, the full residual says whether the basis still holds; if not, a new one is made there
-and the fit goes on. As values and slopes are those of the whole model at the point of the basis, few rounds suffice.
+basis of its start, and not too far from there; where it ends, the full residual says whether the basis still holds; if
+not, a new one is made there and the fit goes on. As values and slopes are those of the whole model at the point of the
+basis, few rounds suffice.
 """
 
 from __future__ import annotations
@@ -19,14 +20,22 @@ from updyn.updating.fit import Fit, Method
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
+from updyn.updating.residuals import LogError
 from updyn.updating.session import Stopped
 
 __all__ = ["Reducing", "is_reduced"]
 
+_Vector = NDArray[np.float64]
+
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
-_ROUNDS = 8
+#: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or half their value), and
+#: make so many steps while it has not yet arrived.
+_LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
+_ROUNDS = 12
+#: A larger basis is compressed.
 _LARGE = 400
+#: So many DOFs without a sensor are kept track of, for advice.
 _ELSEWHERE = 200
 
 
@@ -84,6 +93,7 @@ class Reducing:
     proved: bool = field(default=False, init=False)
     _solver: FieldSolver = field(init=False)
     _reduction: Reduction = field(init=False)
+    _x: _Vector = field(init=False)
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -118,7 +128,7 @@ class Reducing:
         return replace(problem, solver=self._solver)
 
     def fit(self, problem: Problem, strategy: Method, noise: NoiseModel, monitor: Monitor) -> tuple[Problem, Fit]:
-        """Fit, and prove the reduced model where the fit ends; make a new one there and fit again until it holds.
+        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there.
 
         Parameters
         ----------
@@ -134,29 +144,59 @@ class Reducing:
         fit : Fit
             The last fit.
         """
-        fit = strategy.fit(problem, noise, monitor)
-        for last in (*[False] * _ROUNDS, True):
-            if fit.reason in ("stopped", "failed"):
-                break
-            try:
+        x, near, left = strategy.search(problem, monitor), False, strategy.max_iterations
+        fit = Fit.blind(x, "stopped")
+        try:
+            for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    self._check(fit.x)
-                    if self.proved or last or fit.reason == "max-iterations":
+                    if number:
+                        self._make(x)
+                    elif _outside(x, self._box()):
+                        x = self._better(problem, x)
+                problem, box = self.inside(problem), self._box()
+                boxed = replace(problem, coordinates=replace(problem.coordinates, box=box))
+                before, steps = len(monitor.history), left if near else min(left, _BRIEF)
+                fit = replace(strategy, max_iterations=steps).fit(boxed, noise, monitor, x)  # type: ignore[type-var]
+                left = max(left - (len(monitor.history) - before), 0)
+                near, x = not _outside(fit.x, box), fit.x
+                if fit.reason in ("stopped", "failed"):
+                    break
+                if left == 0 or (near and fit.reason != "max-iterations"):
+                    with monitor.stage("reduce"):
+                        self._check(x)
+                    if self.proved or left == 0:
                         break
-                    self._make(fit.x)
-            except Stopped:  # the values are kept, without their proof
-                fit = replace(fit, reason="stopped")
-                break
-            problem = self.inside(problem)
-            fit = strategy.fit(problem, noise, monitor, fit.x)
+        except Stopped:  # the values are kept, without their proof
+            fit = replace(fit, reason="stopped")
+        return problem, self._noted(fit)
+
+    def _better(self, problem: Problem, x: _Vector) -> _Vector:
+        """Make the reduced model where a search ended, far off, unless the start is as good after all."""
+        start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+        before = LogError().local(problem, start)
+        self._make(x)
+        after = LogError().local(self.inside(problem), x)
+        if before is not None and (after is None or before.cost < after.cost):
+            self._make(start)
+            return start
+        return x
+
+    def _box(self) -> tuple[_Vector, _Vector]:
+        """Return how far the unknowns may go in this basis."""
+        factor = self.exact.coordinates.parameters.is_factor
+        leash = np.where(factor, _LEASH, np.maximum(_LOSS, 0.5 * np.abs(self._x)))
+        return self._x - leash, self._x + leash
+
+    def _noted(self, fit: Fit) -> Fit:
         found = self.certificate
-        if found is not None and not self.proved and fit.reason not in ("stopped", "failed"):
-            note = (
-                f"The reduced model could not be proved where the fit ended: its error there may be "
-                f"{found.error:.1g} of the largest receptance of a line, not {self.accuracy:g}."
-            )
-            fit = replace(fit, note=f"{note} {fit.note}".strip())
-        return problem, fit
+        if found is None or self.proved or fit.reason in ("stopped", "failed"):
+            return fit
+        note = (
+            f"The reduced model could not be proved where the fit ended: its error there may be {found.error:.1g} of "
+            f"the largest receptance of a line, not {self.accuracy:g}."
+        )
+        reason = "max-iterations" if fit.reason == "converged" else fit.reason
+        return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
     @property
     def record(self) -> dict[str, float | int | str]:
@@ -173,16 +213,23 @@ class Reducing:
             "factorisations": found.factorisations,
         }
 
-    def _make(self, x: NDArray[np.float64]) -> None:
+    def _make(self, x: _Vector) -> None:
         """Make and prove the reduced model at x."""
         state, freq = self.exact.state(x), self.exact.frf.freq
         self._made += 1
+        self._x, self.proved = x, False
         self._reduction.build(state)
         if self._reduction.basis.size > _LARGE:
             self._reduction.compress(state, freq)
         self.certificate = self._reduction.certify(state, freq)
         self._solver = self._reduction.solver(f"reduced {self._made}")
 
-    def _check(self, x: NDArray[np.float64]) -> None:
+    def _check(self, x: _Vector) -> None:
         found = self._reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=False)
         self.certificate, self.proved = found, found.error <= self.accuracy
+
+
+def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
+    """Whether a point lies outside a box, or on one of its walls."""
+    margin = 1e-6 * (box[1] - box[0])
+    return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

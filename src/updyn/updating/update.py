@@ -248,7 +248,7 @@ def _fitted(
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noise, monitor)
-            return problem, strategy.fit(problem, noise, monitor)
+            return problem, strategy.fit(problem, noise, monitor, strategy.search(problem, monitor))
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))
     except Stopped:

@@ -47,11 +47,14 @@ class EquationErrorMethod:
         if self.solver not in self.SOLVERS:
             raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
-        """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
             raise OptionError("solver 'gauss-newton' is the plain iteration and knows no priors; use 'trust-region'")
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
         residual = EquationError()
         with monitor.stage("equation-error"):
             if self.solver == "gauss-newton":

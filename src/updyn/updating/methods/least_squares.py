@@ -40,22 +40,25 @@ class LogMethod:
     starts: int = 8
     seed: int = 0
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
-        """Fit the unknowns; the noise is taken from the residual, as relative and equal everywhere."""
-        searched = self.starts > 0 and x is None
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
-        rough = problem.thinned(SEARCH_LINES)
-        if searched:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+        """Return where to begin: the best basin of the log error, shape (n,)."""
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        if self.starts:
+            rough = problem.thinned(SEARCH_LINES)
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
                 if not monitor.stopped:
                     x = search.escape(rough, x, monitor)
+        return x
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as relative and equal everywhere."""
         with monitor.stage("log"):
             try:
                 return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
             except Stopped:
-                return stopped_at(rough, x)
+                return stopped_at(problem.thinned(SEARCH_LINES), x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +79,12 @@ class OutputMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
-        """Fit the unknowns; the noise is taken from the residual, as equal everywhere."""
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         weight = np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape)
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("output-error"):

@@ -49,28 +49,19 @@ class MaximumLikelihood:
     starts: int = 8
     seed: int = 0
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64] | None = None) -> Fit:
-        """Fit the unknowns.
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+        """Return where to begin: the best basin of the log error, shape (n,).
 
         Parameters
         ----------
         problem : Problem
             Model, data and unknowns.
-        noise : NoiseModel
-            How uncertain the data are.
         monitor : Monitor
             Who watches.
-        x : ndarray of float, shape (n,), optional
-            Where to go on from, without a search.
-
-        Returns
-        -------
-        Fit
         """
-        searched = self.starts > 0 and x is None
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start) if x is None else x
-        rough = problem.thinned(SEARCH_LINES)
-        if searched:
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        if self.starts:
+            rough = problem.thinned(SEARCH_LINES)
             search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
@@ -82,12 +73,32 @@ class MaximumLikelihood:
             with monitor.stage("search", rough):
                 if not monitor.stopped:
                     x = search.escape(rough, x, monitor)
+        return x
+
+    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+        """Fit the unknowns.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        noise : NoiseModel
+            How uncertain the data are.
+        monitor : Monitor
+            Who watches.
+        x : ndarray of float, shape (n,)
+            Where to begin.
+
+        Returns
+        -------
+        Fit
+        """
         with monitor.stage("maximum-likelihood"):
             x, reason, weighted = self._weighted(problem, noise, x, monitor)
             if weighted is not None:
                 with suppress(Stopped):
                     return self._judge(problem, x, *weighted, reason)
-            return stopped_at(rough, x)
+            return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
 
     def _weighted(
         self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor
