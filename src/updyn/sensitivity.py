@@ -25,6 +25,10 @@ __all__ = ["Unknowns", "condensed_product", "receptance"]
 
 _Complex = NDArray[np.complex128]
 
+#: Multiplications in a product that BLAS does in one thread (OpenBLAS: up to 2^15). Its threads would wait for the
+#: cores on which those of the sparse solver still spin, which takes longer than all else beside the solve.
+_ALONE = 2**15
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
@@ -220,10 +224,20 @@ def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Co
         own: Any = system.terms[terms[0]].own
         u = U[own]
         moved = np.concatenate([system.terms[t].times(u) for t in terms], axis=2)
-        product = np.matmul(V[own].transpose(1, 2, 0), moved.transpose(1, 0, 2))
+        product = _product(V[own], moved)
         for i, t in enumerate(terms):
             for p in np.flatnonzero(unknowns.at == t):
                 np.multiply(slopes[p, :, None, None], product[:, :, i * n_u : (i + 1) * n_u], out=out[p])
+    return out
+
+
+def _product(V: _Complex, U: _Complex) -> _Complex:
+    """Return V^T U line by line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
+    v, u = V.transpose(1, 2, 0), U.transpose(1, 0, 2)
+    step = max(1, _ALONE // (v.shape[1] * u.shape[2]))
+    out = v[..., :step] @ u[:, :step]
+    for first in range(step, len(V), step):
+        out += v[..., first : first + step] @ u[:, first : first + step]
     return out
 
 

@@ -172,10 +172,16 @@ class LineSolver:
             Z = self._dense(self.system.values(coefficients))
             return solve_dense(Z, np.broadcast_to(B, (len(freq), n, r)), freq).transpose(1, 0, 2)
         solver, Z = self._whole()
-        out = np.empty((len(freq), r, n), dtype=np.complex128)
-        for i, f in enumerate(freq):
+
+        def line(i: int) -> NDArray[np.complex128]:
             self.system.write(coefficients[:, i], Z.data)
-            out[i] = solver.solve(Z, B, float(f)).T
+            return solver.solve(Z, B, float(freq[i]))
+
+        if len(freq) == 1:
+            return line(0)[:, None]  # of a large model: not copied
+        out = np.empty((len(freq), r, n), dtype=np.complex128)
+        for i in range(len(freq)):
+            out[i] = line(i).T
         return out.transpose(2, 0, 1)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
