@@ -1,5 +1,7 @@
 """Sparse solves: right answers, singular matrices found, backends checked by name."""
 
+import pickle
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -111,13 +113,32 @@ def test_a_pattern_is_analysed_once_and_another_anew(fake):
     assert made.analyses == 2
 
 
-@pytest.mark.parametrize("broken", [lambda A, B: B * np.nan, lambda A, B: exact(A, B) * 1.5])
-def test_another_backend_answers_where_the_first_fails(monkeypatch, broken):
+def refuses(A, B):
+    raise RuntimeError("no answer")
+
+
+BROKEN = {
+    "nan": (lambda A, B: B * np.nan, 2),
+    "inf": (lambda A, B: B + np.inf, 2),
+    "wrong": (lambda A, B: exact(A, B) * 1.5, 2),
+    "refuses": (refuses, 1),
+}
+
+
+@pytest.mark.parametrize(("broken", "solves"), BROKEN.values(), ids=list(BROKEN))
+def test_another_backend_answers_where_the_first_fails(monkeypatch, broken, solves):
     wrong = type("Wrong", (Fake,), {"answer": staticmethod(broken)})
     monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", wrong)
     A, B = symmetric(6), np.eye(6, dtype=complex)
+    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
     assert SparseSolver("pardiso").solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
-    assert wrong.solves == 2
+    assert wrong.solves == solves
+
+
+def test_where_no_backend_answers_the_line_is_named(fake):
+    fake(refuses)
+    with pytest.raises(SolverError, match="singular at 3 Hz"):
+        SparseSolver("superlu").solve(symmetric(5), np.eye(5), 3.0)
 
 
 def test_every_installed_backend_gives_the_same_on_new_values():
@@ -209,6 +230,27 @@ def test_a_real_singular_matrix_is_found(backend):
     A = sp.csc_array(np.array([[1.0, -1.0], [-1.0, 1.0]]))
     with pytest.raises(SolverError, match="singular at 0 Hz: the structure is free to move"):
         SparseSolver(backend, real=True).solve(A, np.eye(2), 0.0)
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+def test_no_right_hand_side_at_all(backend):
+    solver = SparseSolver(backend)
+    assert solver.solve(symmetric(9), np.zeros((9, 0)), 1.0).shape == (9, 0)
+    assert solver.used == {backend: 1}
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
+@pytest.mark.parametrize("real", [True, False])
+def test_sent_to_another_process_it_begins_anew(backend, real):
+    """What the library holds stays behind: two would give it back."""
+    (A, _), B = indefinite(), np.ones((60, 1))
+    A = A if real else A * (1 + 0.1j)
+    solver = SparseSolver(backend, real=real)
+    solver.solve(A, B, 1.0)
+    other = pickle.loads(pickle.dumps(solver))  # noqa: S301
+    assert (other.backend, other.real, other.used) == (backend, real, {})
+    solver.release()
+    assert other.solve(A, B, 1.0) == pytest.approx(np.linalg.solve(A.toarray(), B), rel=1e-9)
 
 
 # -- what happened -------------------------------------------------------------------------------------------

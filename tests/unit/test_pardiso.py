@@ -40,25 +40,6 @@ def test_indices_of_32_and_of_64_bits(monkeypatch, most, kind):
         assert solve.negative == (below if kind is float else None)
 
 
-@pytest.mark.parametrize("kind", [float, complex])
-def test_a_factor_of_too_many_entries_takes_indices_of_64_bits(monkeypatch, kind):
-    """The analysis tells how large the factor will be."""
-    A, entries = grid(9, 0.1) * kind(1), 60_000  # about
-    for most, integer in ((10 * entries, np.int32), (entries // 10, np.int64)):
-        monkeypatch.setattr("updyn.linalg.pardiso._MOST_ENTRIES_OF_FACTOR", most)
-        made = pardiso.Pardiso(A, real=kind is float)
-        assert made._session.iparm.dtype == integer
-        assert made.factor(A)(np.ones((729, 1), kind)) == pytest.approx(np.linalg.solve(A.toarray(), np.ones((729, 1))))
-
-
-def test_entries_beyond_32_bits_show_as_a_negative_number():
-    """2,841,817,837 entries of a solid with 1.2 million DOFs were reported as -1,453,149,459."""
-    made = pardiso.Pardiso(grid(4), real=True)
-    assert not made._session.too_large()
-    made._session.iparm[17] = np.array(2_841_817_837, dtype=np.int64).astype(np.int32)
-    assert made._session.too_large()
-
-
 def test_memory_is_stated_and_given_back():
     """The factor alone needs 8 bytes an entry, twice as much where complex."""
     A = grid(16, 0.1)

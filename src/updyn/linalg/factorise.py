@@ -10,6 +10,7 @@ import importlib
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -120,6 +121,10 @@ class SparseSolver:
     _analysed: dict[str, Backend] = field(default_factory=dict, init=False)
     _pattern: tuple[NDArray[Any], NDArray[Any]] | None = field(default=None, init=False)
     _alive: weakref.ref[Factorised] | None = field(default=None, init=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In another process it begins anew: what a library holds cannot be sent there.
+        return partial(SparseSolver, real=self.real), (self.backend,)
 
     def solve(self, A: Any, B: NDArray[Any], freq: float, held: str = "") -> NDArray[Any]:
         """Solve A X = B once and check the answer.
@@ -271,19 +276,21 @@ class Factorised:
             raise TypeError("a real solver was given complex right-hand sides")
         B = np.asfortranarray(B, dtype=np.float64 if self._solver.real else np.complex128)
         while True:
-            X, left, grown = self._refined(B)
+            try:
+                X, left, grown = self._refined(B)
+            except RuntimeError:
+                left = np.inf
             if left <= RESIDUAL:
                 break
             name = self._name
             if not self._factored_by_next():
-                freq = self._line[0]
-                raise SolverError(
-                    f"{name}: residual {left:.1e} at {freq:g} Hz; the matrix is singular there or nearly so"
-                )
+                if np.isinf(left):
+                    raise SolverError(singular_message(*self._line))
+                where = f"residual {left:.1e} at {self._line[0]:g} Hz"
+                raise SolverError(f"{name}: {where}; the matrix is singular there or nearly so")
         if not grown <= LARGEST_GROWTH:
             raise SolverError(singular_message(*self._line))
-        used = self._solver.used
-        used[self._name] = used.get(self._name, 0) + 1
+        self._solver.used[self._name] = self._solver.used.get(self._name, 0) + 1
         return X
 
     def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
@@ -293,7 +300,8 @@ class Factorised:
         errors, grown = accuracy(self._A, self._scale, X, B)
         off = ~(errors <= RESIDUAL)
         if off.any():
-            X[:, off] += run(np.asfortranarray(B[:, off] - self._A @ X[:, off]))
+            with np.errstate(invalid="ignore", over="ignore"):
+                X[:, off] += run(np.asfortranarray(B[:, off] - self._A @ X[:, off]))
             errors[off], grown[off] = accuracy(self._A, self._scale, X[:, off], B[:, off])
             self._solver.refined += 1
         return X, float(errors.max(initial=0.0)), float(grown.max(initial=0.0))

@@ -23,9 +23,8 @@ _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
 _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
-#: Up to which 32-bit indices are meant for matrices (oneMKL reference of pardiso_64).
+#: Above, a matrix needs indices of 64 bits (oneMKL reference of pardiso_64).
 _MOST_ENTRIES = 500_000_000
-_MOST_ENTRIES_OF_FACTOR = 2**31
 #: Rows, or entries, that are worked on at a time where a copy of the whole would cost memory.
 _BLOCK = 2**18
 
@@ -75,13 +74,9 @@ class Pardiso:
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
             raise RuntimeError("PARDISO needs a full diagonal in the pattern")
         self._kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
-        self._begin(ia, ja, np.int32 if len(ja) < _MOST_ENTRIES else np.int64)
-        if self._session.too_large():
-            self.release()
-            self._begin(ia, ja, np.int64)
-
-    def _begin(self, ia: NDArray[Any], ja: NDArray[Any], integer: type[np.signedinteger[Any]]) -> None:
-        a = np.ones(len(ja), dtype=np.complex128 if self._kind == _COMPLEX_SYMMETRIC else np.float64)
+        # A factor may well have more entries than 32 bits can count (one of 2,150,435,714 was solved with); A may not.
+        integer = np.int32 if len(ja) < _MOST_ENTRIES else np.int64
+        a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
         iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
         iparm[1] = 2  # nested dissection (METIS)
@@ -90,7 +85,7 @@ class Pardiso:
         iparm[20] = 1  # Bunch-Kaufman pivots
         iparm[34] = 1  # indices from zero
         handle = np.zeros(64, dtype=np.int64)
-        self._session = _Session(self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer))
+        self._session = _Session(self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer, copy=False))
         # The library's memory goes with this object; at the interpreter's end with the process.
         self._end = finalize(self, self._session.call, _RELEASE)
         self._end.atexit = False
@@ -146,7 +141,8 @@ class _LDL:
     def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
         b = np.asfortranarray(B, dtype=self.session.a.dtype)
         x = np.empty_like(b)
-        self.session.call(_SOLVE, b, x)
+        if x.size:  # no column at all is an error to the library
+            self.session.call(_SOLVE, b, x)
         return x
 
 
@@ -186,12 +182,6 @@ class _Session:
     def peak_bytes(self) -> int:
         analysis, kept, factor = (int(kilobytes) for kilobytes in self.iparm[14:17])
         return 1024 * max(analysis, kept + factor)
-
-    def too_large(self) -> bool:
-        """Return whether the factor has more entries than 32-bit indices can count."""
-        entries = int(self.iparm[17])  # negative from 2^31 to 2^32, and wrapped again beyond
-        most = 1024 * int(self.iparm[16]) // self.a.itemsize
-        return self.iparm.dtype == np.int32 and (entries < 0 or most >= 2 * _MOST_ENTRIES_OF_FACTOR)
 
 
 def _upper_triangle(indptr: NDArray[Any], indices: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
