@@ -67,6 +67,10 @@ class FieldSolver(Protocol):
     def label(self) -> str:
         """Tells the solvers of a run apart."""
 
+    @property
+    def used(self) -> dict[str, int]:
+        """How many sparse solves each backend answered here, by name."""
+
     def block_size(self, n_columns: int) -> int:
         """Return how many lines to take at a time."""
 
@@ -129,6 +133,16 @@ class LineSolver:
     def label(self) -> str:
         """Tells the solvers of a run apart."""
         return self.tier
+
+    @property
+    def used(self) -> dict[str, int]:
+        """How many sparse solves each backend answered here, by name."""
+        out: dict[str, int] = {}
+        for kept in self._kept.values():
+            for solver in (s for s in kept if isinstance(s, SparseSolver)):
+                for name, number in solver.used.items():
+                    out[name] = out.get(name, 0) + number
+        return out
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the DOFs besides `seen`."""

@@ -213,9 +213,12 @@ def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
     from updyn.linalg.factorise import check_backend
     from updyn.updating.noise import choose_noise
+    from updyn.updating.reducing import is_reduced
 
     if job.method.tier is not None and job.method.tier not in TIERS:
         raise job.error(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}", "method", "tier")
+    with _at(job, "method", "tier"):
+        is_reduced(job.method.tier, 0, 0, job.method.name)
     with _at(job, "method", "backend"):
         check_backend(job.method.backend)
     with _at(job, "method", "noise"):

@@ -189,7 +189,7 @@ def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None,
 
     job, method = ready.job, ready.job.method
     options: dict[str, Any] = dict(method.options)
-    for key in ("tier", "backend"):
+    for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
     with _method_errors(job):

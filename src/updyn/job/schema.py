@@ -159,6 +159,7 @@ class MethodTable(_Table):
     validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
     tier: str | None = None
     backend: str | None = None
+    accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
 
     @property
     def options(self) -> dict[str, Any]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +84,8 @@ def gather(result: UpdateResult) -> ReportData:
     if frf.freq[0] == 0.0:
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
-    limit = int(np.clip(EVALUATION_BUDGET // result.model.n_dofs, _FEWEST_LINES, _MOST_LINES))
+    per_line = 1 if result.options.get("tier") == "reduced" else result.model.n_dofs
+    limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
         notes.append(
@@ -91,8 +94,8 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    before = _computed(result.start, frf, freq, "start model", notes)
-    after = _computed(result.model, frf, freq, "updated model", notes)
+    before = _computed(result.start, frf, freq, "start model", notes, result.options)
+    after = _computed(result.model, frf, freq, "updated model", notes, result.options)
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(
@@ -132,14 +135,16 @@ def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDA
 
 
 def _computed(
-    model: Model, frf: FRF, freq: NDArray[np.float64], what: str, notes: list[str]
+    model: Model, frf: FRF, freq: NDArray[np.float64], what: str, notes: list[str], options: Mapping[str, Any]
 ) -> NDArray[np.complex128] | None:
     from updyn.dynamics.response import response
 
     if freq.size == 0:
         return None
     try:
-        return response(model, freq, frf.responses, frf.references, frf.quantity).values
+        # As the update solved it: a large model once more line by line would take longer than the update.
+        how = {k: options[k] for k in ("tier", "accuracy") if options.get("tier") == "reduced" and k in options}
+        return response(model, freq, frf.responses, frf.references, frf.quantity, **how).values
     except UpdynError as error:  # a failed fit is reported too: with what there is
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None

@@ -211,6 +211,7 @@ class Reducing:
             "error": error,
             "lines checked": len(found.lines),
             "factorisations": found.factorisations,
+            **fallback(self._reduction.used, self._reduction.backend),
         }
 
     def _make(self, x: _Vector) -> None:
@@ -227,6 +228,20 @@ class Reducing:
     def _check(self, x: _Vector) -> None:
         found = self._reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=False)
         self.certificate, self.proved = found, found.error <= self.accuracy
+
+
+def fallback(used: dict[str, int], backend: str) -> dict[str, str]:
+    """Return, for the record, who solved what the backend could not; nothing where it always could.
+
+    Parameters
+    ----------
+    used : dict of str to int
+        Solves by backend.
+    backend : str
+        The one that was chosen.
+    """
+    others = [f"{name} {number}" for name, number in used.items() if name != backend]
+    return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:

@@ -204,6 +204,10 @@ class UpdateResult:
             lines.append(f"  open combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
             lines.append(f"  of these, determined {number}: {_combination(direction)}")
+        if self.options.get("tier") == "reduced" and "basis" in self.options:
+            error = self.options["error"]
+            shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
+            lines.append(f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}.")
         held = self.correlation.get("validation", {})
         for what, table in (("fitted", self.correlation), ("held out", held)):
             for when in ("before", "after"):

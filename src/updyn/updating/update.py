@@ -30,7 +30,7 @@ from updyn.updating.monitor import Monitor, Progress
 from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
-from updyn.updating.reducing import Reducing, is_reduced
+from updyn.updating.reducing import Reducing, fallback, is_reduced
 from updyn.updating.result import Identifiability, UpdateResult
 from updyn.updating.session import Recent, Session, Stopped
 from updyn.updating.split import split_data
@@ -159,7 +159,7 @@ def update(
         message=message,
         remedy=remedy,
         method=method,
-        options=options_used | {"engine": session.engine.name} | (reduced.record if reduced else {}),
+        options=options_used | {"engine": session.engine.name} | _solved(whole, reduced),
         start=model,
         model=after,
         frf=frf,
@@ -218,6 +218,11 @@ def identifiability(
     problem = _on_lines(Problem.build(model, frf, parameters), lines)
     analysis, advice = at_start(problem, choose_noise(noise, problem.frf))
     return replace(analysis.report, advice=advice)
+
+
+def _solved(whole: Problem, reduced: Reducing | None) -> dict[str, Any]:
+    """Return, for the record, how it was solved beyond what was asked for."""
+    return fallback(whole.solver.used, whole.solver.backend) if reduced is None else reduced.record
 
 
 def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:

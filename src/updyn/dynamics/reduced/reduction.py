@@ -146,6 +146,11 @@ class Reduction:
             below[middle] = self._expand(state, middle)
 
     @property
+    def used(self) -> dict[str, int]:
+        """How many sparse solves each backend answered, by name."""
+        return self._sparse.used
+
+    @property
     def _loaded(self) -> NDArray[np.intp]:
         return self._channels.loaded
 

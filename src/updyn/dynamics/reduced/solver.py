@@ -48,6 +48,11 @@ class ReducedSolver:
 
     tier: ClassVar[str] = "reduced"
 
+    @property
+    def used(self) -> dict[str, int]:
+        """No sparse solves."""
+        return {}
+
     @classmethod
     def project(
         cls, system: AffineSystem, basis: Basis, observed: NDArray[np.intp], backend: str, label: str = "reduced"
