@@ -92,4 +92,18 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
     text, sources = TEXT.split("## Sources")
     cited = {int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)[\],]", text) for n in group.split(", ")}
     listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. [A-Z]", sources)}
-    assert cited == listed == set(range(1, 15))
+    assert cited == listed == set(range(1, 17))
+
+
+def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
+    from updyn.dynamics import fields
+    from updyn.dynamics.reduced import reduction
+    from updyn.updating import reducing
+
+    section = TEXT.split("## Large models")[1].split("## ")[0]
+    assert f"up to {fields.DENSE_LIMIT} DOFs ({fields._LARGEST_DENSE} where the matrix is full)" in section
+    assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
+    assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
+    assert "Four times its largest value" in section
+    assert reduction.SAFETY == 4.0
+    assert f"no further than {100 * reducing._LEASH:.0f} % of a factor" in section
