@@ -163,3 +163,14 @@ def test_state_of_start_repeats_the_model(model):
     start = AffineSystem.compile(model).start
     assert isinstance(start, State)
     assert list(start.loss) == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_matrix_of_zeros_is_a_term_without_rows() -> None:
+    K, M = np.diag([2e4, 1e4]), np.eye(2)
+    groups = {"a": updyn.Group(K, M, 0.02), "b": updyn.Group(np.zeros((2, 2)), M)}
+    model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
+    frf = updyn.response(model, [5.0, 8.0, 11.0], ["1:X"], ["1:X"])
+    result = updyn.update(model, frf, updyn.parameters(model, stiffness="all"))
+    assert result.status == "not-identifiable"
+    assert result.values["a.stiffness"] == pytest.approx(1.0, abs=1e-6)
+    assert np.isinf(result.std["b.stiffness"])

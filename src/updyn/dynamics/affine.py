@@ -65,7 +65,8 @@ class Term:
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the matrix times a complex field on its own DOFs, shape (n_t, ...), as one real product."""
-        flat = np.ascontiguousarray(field).reshape(len(self.rows), -1).view(np.float64)
+        columns = int(np.prod(field.shape[1:]))  # a matrix of zeros has no rows
+        flat = np.ascontiguousarray(field).reshape(len(self.rows), columns).view(np.float64)
         return np.ascontiguousarray(self.local @ flat).view(np.complex128).reshape(field.shape)
 
 

@@ -30,6 +30,8 @@ EXPECTS = "a number of processes from 1 up"
 _AHEAD = 3
 #: What limits the threads of the libraries below numpy and scipy; read when they are loaded.
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS")
+#: The C library of Linux gives a block's memory back after every item, and fetches it anew: a fifth of the time.
+_MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "134217728"}
 
 #: Seconds between two looks whether the process that started a worker is still there.
 _WATCH = 0.5
@@ -155,7 +157,9 @@ def _new_pool(workers: int, folder: Path) -> Any:
 
     share = max(1, cpu_count() // workers)
     limits = {name: str(min(share, _limit(name, share))) for name in _THREADS}
-    return ProcessPoolExecutor(workers, initializer=_start_worker, initargs=(os.getpid(), folder), env=limits)
+    kept = {name: os.environ.get(name, value) for name, value in _MEMORY.items()}
+    environment = limits | kept
+    return ProcessPoolExecutor(workers, initializer=_start_worker, initargs=(os.getpid(), folder), env=environment)
 
 
 def _limit(name: str, otherwise: int) -> int:
