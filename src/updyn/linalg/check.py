@@ -18,6 +18,11 @@ LARGEST_GROWTH = 1e12
 #: Columns that are checked by one combination of them.
 _BLOCK = 64
 
+#: Entries of a matrix that BLAS multiplies with a vector in one thread (OpenBLAS: up to 9216).
+_ALONE = 8192
+#: Numbers that are worked on at a time, so that they stay in the cache.
+_CACHED = 2**15
+
 
 def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
     """Return the roots of the sizes of a diagonal: rows and columns divided by them compare, whatever their units.
@@ -109,11 +114,20 @@ def _combined(
     """Return a bound of the backward errors of some columns, from that of one random combination of them."""
     r = len(size)
     weight = np.random.default_rng(0).uniform(0.5, 1.5, r) / np.maximum(size, _TINY)
-    y, c = x @ weight, b @ weight
+    y, c = _times(x, weight), _times(b, weight)
     # |A| |y| is at least the diagonal's part of it, which spares |A|.
     error = (np.abs(A @ y - c) / scale).max(initial=0.0)
     # One column's weight is at least a third of each other's.
     return np.float64(3 * r * error / max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY)))
+
+
+def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
+    """Return X @ weight, in pieces so small that BLAS keeps to one thread.
+
+    More would wait for the cores on which the threads of the solver still spin.
+    """
+    step = max(1, _ALONE // len(weight))
+    return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
 
 
 def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,8 +135,9 @@ def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
     if np.iscomplexobj(X):
         scale = np.repeat(scale, 2)
     columns = np.asfortranarray(X).T.view(np.float64)
-    # Column by column, which stays in the cache.
-    return np.array([(np.abs(column) * scale).max(initial=0.0) for column in columns])
+    step = max(1, _CACHED // len(scale))
+    pieces = [columns[i : i + step] for i in range(0, len(columns), step)]
+    return np.concatenate([(np.abs(piece) * scale).max(axis=1, initial=0.0) for piece in pieces])
 
 
 def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
