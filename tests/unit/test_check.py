@@ -41,6 +41,16 @@ def test_one_bad_value_in_one_column_is_found_there(real, column, wrong):
     assert list(np.flatnonzero(~(errors <= check.RESIDUAL))) == [column]
 
 
+def test_a_small_solution_does_not_hide_behind_a_large_one():
+    """Equal loads, one near a natural frequency: the other's answer is a million times smaller."""
+    A = sp.csc_array(np.array([[1.0, -1, 0, 0], [-1, 1 + 1e-6, 0, 0], [0, 0, 2, 1], [0, 0, 1, 2]]))
+    B = np.eye(4)[:, [0, 2]]
+    X = np.linalg.solve(A.toarray(), B)
+    assert (accuracy(A, X, B)[0] < 1e-12).all()
+    X[3, 1] += 1e-5
+    assert list(np.flatnonzero(accuracy(A, X, B)[0] > check.RESIDUAL)) == [1]
+
+
 def test_a_bad_value_in_a_soft_dof_of_other_units_is_found():
     """Rotations and translations: the sizes of rows differ by 1e8, so that only scaled they compare."""
     A, X, B = system(r=4)

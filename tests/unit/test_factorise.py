@@ -188,6 +188,13 @@ def test_inertia_counts_negative_eigenvalues(backend):
 
 
 @pytest.mark.parametrize("backend", INSTALLED)
+def test_inertia_with_pivots_off_the_diagonal(backend):
+    """Eigenvalues of 1 and -1; with its rows exchanged, the factor of an LU is the unit matrix."""
+    A = sp.csc_array((np.array([0.0, 1, 1, 0]), np.array([0, 1, 0, 1]), np.array([0, 2, 4])), shape=(2, 2))
+    assert SparseSolver(backend, real=True).factorise(A, 1.0).negative in (1, None)
+
+
+@pytest.mark.parametrize("backend", INSTALLED)
 def test_a_complex_matrix_has_no_inertia(backend):
     assert SparseSolver(backend).factorise(symmetric(9), 1.0).negative is None
 
