@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver
+from updyn.linalg.threads import alone
 
 if TYPE_CHECKING:
     from updyn.updating.parameters import Parameter
@@ -103,6 +104,7 @@ class Unknowns:
         return unit
 
 
+@alone
 def receptance(
     solver: FieldSolver,
     unknowns: Unknowns,
@@ -154,6 +156,7 @@ def receptance(
     return H, _contract(system, unknowns, -unknowns.slopes(system, state, omega), V, U)
 
 
+@alone
 def condensed_product(
     solver: FieldSolver,
     unknowns: Unknowns,

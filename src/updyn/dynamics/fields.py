@@ -18,6 +18,7 @@ from updyn.dynamics.partition import Partition, empty_matrix
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg import factorise
 from updyn.linalg.factorise import SparseSolver
+from updyn.linalg.threads import alone
 
 __all__ = [
     "ACCURACY",
@@ -295,6 +296,7 @@ def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
         yield slice(first, min(first + size, n_lines))
 
 
+@alone
 def solve_dense(
     Z: NDArray[np.complex128], B: NDArray[np.complex128], freq: NDArray[np.float64], held: str = ""
 ) -> NDArray[np.complex128]:

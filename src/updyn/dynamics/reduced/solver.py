@@ -12,6 +12,7 @@ from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import solve_dense
 from updyn.dynamics.reduced.basis import Basis
 from updyn.errors import OptionError
+from updyn.linalg.threads import alone
 
 __all__ = ["ReducedSolver"]
 
@@ -87,6 +88,7 @@ class ReducedSolver:
         r = self.system.n
         return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
 
+    @alone
     def solve(
         self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
     ) -> NDArray[np.complex128]:
