@@ -55,6 +55,8 @@ _WORTH = 0.05
 #: Lines that are not checked may be worse than those that are: a basis is enriched to this share of what is allowed.
 _MARGIN = 0.2
 _PASSES = 12
+#: Sums of the terms are kept while they are no larger than this.
+_KEPT_BYTES = 400 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +116,7 @@ class Reduction:
     factorisations: int = field(default=0, init=False)
     _channels: Channels = field(init=False)
     _sparse: SparseSolver = field(init=False)
+    _kept: tuple[State, dict[str, _Real]] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if not 1e-10 <= self.accuracy <= 0.1:
@@ -171,7 +174,7 @@ class Reduction:
         self.basis.append(X.copy())
         self.poll()
         if self._depth > 1:
-            mass = self._combined(np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor)
+            mass = self._on_pattern(self._sum(state, "M", self._weights(state, -1.0) - self._weights(state, 0.0)))
             for _ in range(self._depth - 1):
                 X = factorised.solve(mass @ X)
                 self.basis.append(X.copy())
@@ -217,21 +220,37 @@ class Reduction:
         return np.where(quantity == "stiffness", 1.0, np.where(quantity == "mass", -shift, 0.0)) * state.factor
 
     def _matrix(self, state: State, shift: float) -> Any:
-        return self._combined(self._weights(state, shift))
+        """Return K - s M."""
+        values = self._sum(state, "K", self._weights(state, 0.0))
+        mass = self._sum(state, "M", self._weights(state, -1.0) - self._weights(state, 0.0))
+        return self._on_pattern(values - shift * mass)
 
     def _damping(self, state: State, omega: float) -> Any | None:
         """Return D + omega C, or None where there is none."""
         quantity = np.array([t.quantity for t in self.system.terms])
-        weights = np.where(quantity == "stiffness", state.loss, np.where(quantity == "viscous", omega, 0.0))
-        return self._combined(weights * state.factor) if weights.any() else None
+        lost = np.where(quantity == "stiffness", state.loss, 0.0) * state.factor
+        viscous = np.where(quantity == "viscous", state.factor, 0.0)
+        if not viscous.any():
+            return self._on_pattern(self._sum(state, "D", lost)) if lost.any() else None
+        return self._on_pattern(self._sum(state, "D", lost) + omega * self._sum(state, "C", viscous))
+
+    def _sum(self, state: State, name: str, weights: _Real) -> _Real:
+        """Return the entries of a sum of terms; kept for a state, as every line needs them, where there is room."""
+        if self._kept is None or self._kept[0] is not state:
+            self._kept = state, {}
+        found = self._kept[1].get(name)
+        if found is None:
+            found = self.system.real_values(weights)
+            if found.nbytes < _KEPT_BYTES:
+                self._kept[1][name] = found
+        return found
+
+    def _on_pattern(self, values: _Real) -> Any:
+        # Symmetric: the CSR arrays are those of CSC, which factorisations want.
+        return sp.csc_array((values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2)
 
     def _projected_mass(self, state: State) -> _Real:
         return self.basis.combined(np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor)
-
-    def _combined(self, weights: _Real) -> Any:
-        values = self.system.real_values(weights)
-        # Symmetric: the CSR arrays are those of CSC, which factorisations want.
-        return sp.csc_array((values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2)
 
     def _factorised(self, state: State, shift: float) -> Factorised:
         self.factorisations += 1
