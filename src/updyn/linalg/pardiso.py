@@ -7,6 +7,7 @@ triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameter
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -32,6 +33,9 @@ _BLOCK = 2**18
 @cache
 def library() -> Any:
     """Return MKL of the wheel that is installed beside this Python, or None."""
+    # Read when its threads are made. They would spin for 0.2 s after every call, on the cores that numpy's BLAS needs
+    # for the products that follow: four times as long (measured, two cores).
+    os.environ.setdefault("KMP_BLOCKTIME", "0")
     for folder in (Path(sys.prefix, "lib"), Path(sys.prefix, "Library", "bin")):
         for name in _NAMES:
             if (folder / name).is_file():
