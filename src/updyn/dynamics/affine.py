@@ -205,6 +205,14 @@ class AffineSystem:
         for at in members.values():
             yield self.terms[at[0]].slots, at
 
+    def applied(self, weights: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the terms' sum with real weights, shape (n_terms,), times real columns X, shape (N, k)."""
+        out = np.zeros_like(X)
+        for term, weight in zip(self.terms, weights, strict=True):
+            if weight:
+                out[term.own] += weight * (term.local @ X[term.own])
+        return out
+
     def rows_of_entries(self) -> NDArray[np.intp]:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)

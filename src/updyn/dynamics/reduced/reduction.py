@@ -55,8 +55,6 @@ _WORTH = 0.05
 #: Lines that are not checked may be worse than those that are: a basis is enriched to this share of what is allowed.
 _MARGIN = 0.2
 _PASSES = 12
-#: Sums of the terms are kept while they are no larger than this.
-_KEPT_BYTES = 400 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +114,6 @@ class Reduction:
     factorisations: int = field(default=0, init=False)
     _channels: Channels = field(init=False)
     _sparse: SparseSolver = field(init=False)
-    _kept: tuple[State, dict[str, _Real]] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if not 1e-10 <= self.accuracy <= 0.1:
@@ -169,15 +166,13 @@ class Reduction:
     def _expand(self, state: State, shift: float) -> int | None:
         """Add the motions of one shift; return how many modes lie below it, None where that is not known."""
         factorised, X = self._solved(state, shift)
-        damping = self._damping(state, np.sqrt(self._top))
-        lost = None if damping is None else factorised.solve(damping @ X)
+        lossy, inertial = self._lossy(state), self._inertial(state)
+        lost = factorised.solve(self.system.applied(lossy, X)) if lossy.any() else None
         self.basis.append(X.copy())
         self.poll()
-        if self._depth > 1:
-            mass = self._on_pattern(self._sum(state, "M", self._weights(state, -1.0) - self._weights(state, 0.0)))
-            for _ in range(self._depth - 1):
-                X = factorised.solve(mass @ X)
-                self.basis.append(X.copy())
+        for _ in range(self._depth - 1):
+            X = factorised.solve(self.system.applied(inertial, X))
+            self.basis.append(X.copy())
         if lost is not None:
             self.basis.append(lost)
         return factorised.negative
@@ -199,7 +194,7 @@ class Reduction:
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
         """Return neighbouring shifts that need another between them: modes too many for their motions, or missed."""
         values = scipy.linalg.eigvalsh(
-            self._projected_mass(state), self.basis.combined(self._weights(state, -self._top))
+            self.basis.combined(self._inertial(state)), self.basis.combined(self._weights(state, -self._top))
         )
         squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self._top
         room = max(2, len(self._loaded) * self._depth)
@@ -221,36 +216,19 @@ class Reduction:
 
     def _matrix(self, state: State, shift: float) -> Any:
         """Return K - s M."""
-        values = self._sum(state, "K", self._weights(state, 0.0))
-        mass = self._sum(state, "M", self._weights(state, -1.0) - self._weights(state, 0.0))
-        return self._on_pattern(values - shift * mass)
-
-    def _damping(self, state: State, omega: float) -> Any | None:
-        """Return D + omega C, or None where there is none."""
-        quantity = np.array([t.quantity for t in self.system.terms])
-        lost = np.where(quantity == "stiffness", state.loss, 0.0) * state.factor
-        viscous = np.where(quantity == "viscous", state.factor, 0.0)
-        if not viscous.any():
-            return self._on_pattern(self._sum(state, "D", lost)) if lost.any() else None
-        return self._on_pattern(self._sum(state, "D", lost) + omega * self._sum(state, "C", viscous))
-
-    def _sum(self, state: State, name: str, weights: _Real) -> _Real:
-        """Return the entries of a sum of terms; kept for a state, as every line needs them, where there is room."""
-        if self._kept is None or self._kept[0] is not state:
-            self._kept = state, {}
-        found = self._kept[1].get(name)
-        if found is None:
-            found = self.system.real_values(weights)
-            if found.nbytes < _KEPT_BYTES:
-                self._kept[1][name] = found
-        return found
-
-    def _on_pattern(self, values: _Real) -> Any:
+        values = self.system.real_values(self._weights(state, shift))
         # Symmetric: the CSR arrays are those of CSC, which factorisations want.
         return sp.csc_array((values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2)
 
-    def _projected_mass(self, state: State) -> _Real:
-        return self.basis.combined(np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor)
+    def _lossy(self, state: State) -> _Real:
+        """Return the weight of each term in D + omega C at the top of the band."""
+        quantity = np.array([t.quantity for t in self.system.terms])
+        omega = np.sqrt(self._top)
+        return np.where(quantity == "stiffness", state.loss, np.where(quantity == "viscous", omega, 0.0)) * state.factor
+
+    def _inertial(self, state: State) -> _Real:
+        """Return the weight of each term in M."""
+        return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
 
     def _factorised(self, state: State, shift: float) -> Factorised:
         self.factorisations += 1
@@ -340,9 +318,7 @@ class Reduction:
 
     def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> float:
         """Return the error at one line; where it is too large, add what the basis lacks there."""
-        omega = 2.0 * np.pi * freq
-        stiff, lossy = self._matrix(state, omega**2), self._damping(state, omega)
-        line = LineResidual(self.solver(), self.basis, stiff, lossy, self._channels, state, freq)
+        line = LineResidual(self.solver(), self.basis, self._channels, state, freq)
         R = line.residual()
         Y = definite.solve(R)
         errors = SAFETY * np.abs(line.errors(Y)) / self._channels.levels(line.H)

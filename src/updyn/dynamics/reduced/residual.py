@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -77,8 +75,6 @@ class LineResidual:
         The reduced model.
     basis : Basis
         Its motions.
-    stiff, lossy : sparse, shape (N, N)
-        Real and imaginary part of Z; the latter None where there is no damping.
     channels : Channels
         What is loaded and read.
     state : State
@@ -87,21 +83,12 @@ class LineResidual:
         The line in Hz.
     """
 
-    __slots__ = ("H", "_basis", "_channels", "_lossy", "_q", "_stiff")
+    __slots__ = ("H", "_basis", "_c", "_channels", "_q")
 
-    def __init__(
-        self,
-        solver: ReducedSolver,
-        basis: Basis,
-        stiff: Any,
-        lossy: Any | None,
-        channels: Channels,
-        state: State,
-        freq: float,
-    ) -> None:
-        self._basis, self._stiff, self._lossy, self._channels = basis, stiff, lossy, channels
-        c = solver.system.coefficients(state, np.array([2.0 * np.pi * freq]))
-        q = solver.solve(c, channels.loaded, np.array([freq]))
+    def __init__(self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: float) -> None:
+        self._basis, self._channels = basis, channels
+        self._c = solver.system.coefficients(state, np.array([2.0 * np.pi * freq]))
+        q = solver.solve(self._c, channels.loaded, np.array([freq]))
         self._q = q[:, 0]
         #: Receptance of all loaded DOFs for the references, shape (k, n_j).
         self.H = solver.at(q, channels.loaded)[:, 0][:, channels.forced]
@@ -127,10 +114,12 @@ class LineResidual:
         return np.asarray(own[:, :half] + 1j * own[:, half:] - self._q.T @ (pulled[:, :half] + 1j * pulled[:, half:]))
 
     def _times(self, U: _Real) -> _Real:
-        """Return Z U."""
-        out, half = self._stiff @ U, U.shape[1] // 2
-        if self._lossy is not None:
-            lost = self._lossy @ U
-            out[:, :half] -= lost[:, half:]
-            out[:, half:] += lost[:, :half]
-        return np.asarray(out)
+        """Return Z U, group by group: no matrix of the whole model is put together for a line."""
+        out, half = np.zeros_like(U), U.shape[1] // 2
+        for term, c in zip(self._basis.system.terms, self._c[:, 0], strict=True):
+            own, product = term.own, term.local @ U[term.own]
+            out[own] += c.real * product
+            if c.imag:
+                out[own, :half] -= c.imag * product[:, half:]
+                out[own, half:] += c.imag * product[:, :half]
+        return out
