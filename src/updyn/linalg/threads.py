@@ -15,7 +15,7 @@ R = TypeVar("R")
 
 
 def alone(function: Callable[P, R]) -> Callable[P, R]:
-    """Let OpenBLAS, numpy's own library, work in one thread while a function runs.
+    """Let OpenBLAS, the library of numpy and scipy, work in one thread while a function runs.
 
     For many small factorisations and products. Its threads wait for each other at every one of them; where a core is
     busy with something else, that takes 5 to 50 times as long (measured: 300 equations, two cores). MKL is not touched.
@@ -36,6 +36,7 @@ def alone(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _openblas() -> Any:
+    import scipy.linalg  # noqa: F401  (brings an OpenBLAS of its own, which has to be there to be found)
     from threadpoolctl import ThreadpoolController
 
     # Found once: looking for libraries takes milliseconds. MKL is told directly; limited here too, it may hang.

@@ -33,6 +33,8 @@ _DOFS, _LINES = 20_000, 40
 #: make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
 _ROUNDS = 12
+#: A basis from within this share of that is enriched; from further off a new one is smaller.
+_NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
 #: So many DOFs without a sensor are kept track of, for advice.
@@ -120,7 +122,9 @@ class Reducing:
         Stopped
             If the user wants to stop.
         """
-        self._make(self.exact.coordinates.to_x(self.exact.coordinates.parameters.start))
+        start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+        self._make(start)
+        self._enrich(start)  # also the figures of the start come from it
         self.first = self._solver
 
     def inside(self, problem: Problem) -> Problem:
@@ -149,10 +153,12 @@ class Reducing:
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if number:
+                    if number == 0:
+                        x = self._better(problem, x) if _outside(x, self._box()) else x
+                    elif _outside(x, self._box(_NEAR)):
                         self._make(x)
-                    elif _outside(x, self._box()):
-                        x = self._better(problem, x)
+                    else:
+                        self._enrich(x)
                 problem, box = self.inside(problem), self._box()
                 boxed = replace(problem, coordinates=replace(problem.coordinates, box=box))
                 before, steps = len(monitor.history), left if near else min(left, _BRIEF)
@@ -181,10 +187,10 @@ class Reducing:
             return start
         return x
 
-    def _box(self) -> tuple[_Vector, _Vector]:
+    def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
         """Return how far the unknowns may go in this basis."""
         factor = self.exact.coordinates.parameters.is_factor
-        leash = np.where(factor, _LEASH, np.maximum(_LOSS, 0.5 * np.abs(self._x)))
+        leash = share * np.where(factor, _LEASH, np.maximum(_LOSS, 0.5 * np.abs(self._x)))
         return self._x - leash, self._x + leash
 
     def _noted(self, fit: Fit) -> Fit:
@@ -215,14 +221,21 @@ class Reducing:
         }
 
     def _make(self, x: _Vector) -> None:
-        """Make and prove the reduced model at x."""
-        state, freq = self.exact.state(x), self.exact.frf.freq
-        self._made += 1
-        self._x, self.proved = x, False
+        """Make a reduced model at x: good as a rule, but not proved."""
+        state = self.exact.state(x)
         self._reduction.build(state)
         if self._reduction.basis.size > _LARGE:
-            self._reduction.compress(state, freq)
-        self.certificate = self._reduction.certify(state, freq)
+            self._reduction.compress(state, self.exact.frf.freq)
+        self._use(x)
+
+    def _enrich(self, x: _Vector) -> None:
+        """Add to the reduced model what it lacks at x."""
+        self.certificate = self._reduction.certify(self.exact.state(x), self.exact.frf.freq)
+        self._use(x)
+
+    def _use(self, x: _Vector) -> None:
+        self._made += 1
+        self._x, self.proved = x, False
         self._solver = self._reduction.solver(f"reduced {self._made}")
 
     def _check(self, x: _Vector) -> None:

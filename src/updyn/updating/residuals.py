@@ -17,6 +17,7 @@ from scipy.linalg import lapack
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
+from updyn.linalg.threads import alone
 from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.session import Record
@@ -239,6 +240,7 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
 
 
+@alone
 def _triangle(block: _Matrix) -> _Matrix:
     """Return the R of the QR factors, shape (min(m, n), n); of a block stored by columns, which is overwritten."""
     if min(block.shape) == 0:
