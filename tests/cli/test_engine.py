@@ -66,6 +66,14 @@ def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
 
+def test_a_scheduler_that_is_not_there_leaves_nothing_behind(job: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    assert main(["run", str(job), "--cluster", "nonsense://x"]) == 2
+    with pytest.raises(ValueError, match="No clients found"):
+        distributed.default_client()
+    assert main(["run", str(job)]) == 0  # its files are written without asking the scheduler
+
+
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     message = r"pip install 'updyn\[cluster\]'"

@@ -52,7 +52,8 @@ def _client(address: str) -> Client:
     except ImportError as error:
         raise OptionError("--cluster needs dask.distributed: pip install 'updyn[cluster]'") from error
     try:
-        return Client(address, timeout=_PATIENCE_S)
+        # Not as the default: xarray would ask the scheduler, perhaps gone by then, for a lock before it writes a file.
+        return Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is one of these
         raise OptionError(
             f"--cluster {address!r}: no scheduler answers ({' '.join(str(error).split())}); `dask scheduler` starts "
