@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced.reduction import Certificate, Reduction
+from updyn.dynamics.reduced.solver import NOT_CONDENSED
 from updyn.errors import OptionError
 from updyn.updating.fit import Fit, Method
 from updyn.updating.monitor import Monitor
@@ -23,7 +24,7 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError
 from updyn.updating.session import Stopped
 
-__all__ = ["Reducing", "is_reduced"]
+__all__ = ["Reducing", "fallback", "is_reduced"]
 
 _Vector = NDArray[np.float64]
 
@@ -60,10 +61,7 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     """
     condenses = method == "equation-error"
     if tier == "reduced" and condenses:
-        raise OptionError(
-            "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of a reduced "
-            "model by the condition number of H; use tier 'sparse', or another method"
-        )
+        raise OptionError(NOT_CONDENSED)
     return tier == "reduced" or (tier is None and not condenses and n > _DOFS and n_lines >= _LINES)
 
 
@@ -172,6 +170,9 @@ class Reducing:
                         self._check(x)
                     if self.proved or left == 0:
                         break
+            else:
+                with monitor.stage("reduce"):
+                    self._check(x)
         except Stopped:  # the values are kept, without their proof
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)

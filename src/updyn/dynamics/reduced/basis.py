@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,6 +106,3 @@ class Basis:
     def combined(self, weights: _Real) -> _Real:
         """Return the sum of weight_t V^T A_t V, shape (r, r)."""
         return np.tensordot(weights, np.stack(self.terms), axes=1)
-
-    def __iter__(self) -> Iterator[_Real]:
-        return iter(self._blocks)

@@ -22,7 +22,7 @@ shifts covered badly.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -252,13 +252,11 @@ class Reduction:
         freq : ndarray of float, shape (n_f,)
             All lines that matter, in Hz.
         """
-        solver, r = self.solver(), self.basis.size
+        r = self.basis.size
         gram = np.zeros((r, r))
-        for block in line_blocks(len(freq), solver.block_size(len(self._loaded))):
-            q = solver.solve(solver.system.coefficients(state, 2.0 * np.pi * freq[block]), self._loaded, freq[block])
-            H = solver.at(q, self.rows)[:, :, self._channels.forced]
-            q = (q / np.sqrt(np.abs(H).max(axis=(0, 2)))[:, None]).reshape(r, -1)
-            gram += q.real @ q.real.T + q.imag @ q.imag.T
+        for q, H in self._answers(state, freq, self._loaded):
+            scaled = (q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]).reshape(r, -1)
+            gram += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
         C = np.linalg.cholesky(self.basis.combined(self._weights(state, -self._top)))
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
         # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
@@ -296,25 +294,28 @@ class Reduction:
         factorised = self._factorised(state, -self._top)
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         for number in range(_PASSES):
-            size, chosen = self.basis.size, _some_lines(freq, level, count, number)
-            error = 0.0
-            for f in chosen:
+            size, checked, error = self.basis.size, [], 0.0
+            for f in _some_lines(freq, level, count, number):
                 error = max(error, self._check(factorised, state, f, enrich))
+                checked.append(f)
                 self.poll()
                 if not enrich and error > self.accuracy:
                     break
             if self.basis.size == size:
                 break
         self._sparse.release()
-        return Certificate(self.basis.size, error, tuple(chosen), self.factorisations)
+        return Certificate(self.basis.size, error, tuple(checked), self.factorisations)
 
     def _receptance(self, state: State, freq: _Real) -> _Complex:
         """Return the reduced model's receptance, shape (n_f, n_rows, n_columns)."""
-        solver, out = self.solver(), []
-        for block in line_blocks(len(freq), solver.block_size(len(self.columns))):
-            c = solver.system.coefficients(state, 2.0 * np.pi * freq[block])
-            out.append(solver.at(solver.solve(c, self.columns, freq[block]), self.rows))
-        return np.concatenate(out, axis=1).transpose(1, 0, 2)
+        return np.concatenate([H for _, H in self._answers(state, freq, self.columns)], axis=1).transpose(1, 0, 2)
+
+    def _answers(self, state: State, freq: _Real, loaded: NDArray[np.intp]) -> Iterator[tuple[_Complex, _Complex]]:
+        """Yield the reduced model's coordinates and motion at the responses, block by block of lines."""
+        solver = self.solver()
+        for block in line_blocks(len(freq), solver.block_size(len(loaded))):
+            q = solver.solve(solver.system.coefficients(state, 2.0 * np.pi * freq[block]), loaded, freq[block])
+            yield q, solver.at(q, self.rows)
 
     def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> float:
         """Return the error at one line; where it is too large, add what the basis lacks there."""

@@ -14,7 +14,13 @@ from updyn.dynamics.reduced.basis import Basis
 from updyn.errors import OptionError
 from updyn.linalg.threads import alone
 
-__all__ = ["ReducedSolver"]
+__all__ = ["NOT_CONDENSED", "ReducedSolver"]
+
+#: Why the condensed equation error is refused.
+NOT_CONDENSED = (
+    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of a reduced model by "
+    "the condition number of H; use tier 'sparse', or another method"
+)
 
 #: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
 _BLOCK_BYTES, _LINES = 192 * 2**20, 32
@@ -139,10 +145,7 @@ class ReducedSolver:
         OptionError
             Always.
         """
-        raise OptionError(
-            "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of a reduced "
-            "model by the condition number of H; use tier 'sparse', or another method"
-        )
+        raise OptionError(NOT_CONDENSED)
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return DOFs besides `seen` that can be read."""
