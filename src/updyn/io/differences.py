@@ -1,0 +1,122 @@
+"""Groups of a model out of a program that gives only the sums K and M: by difference, with a check that they add up.
+
+A deck is run as it stands, then once for each group with its stiffness and its density doubled; what grows is the
+group's. Elements whose stiffness is not proportional to what was doubled, and parts that belong to no group, show in
+the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError
+from updyn.model import Matrix
+
+__all__ = ["Matrices", "groups_by_difference"]
+
+#: K and M of a deck, each real and symmetric, shape (N, N); None: there is none.
+Matrices: TypeAlias = tuple[Matrix | None, Matrix | None]
+
+_ROUNDING = 1e-13  # of the entry that two numbers are the difference of
+
+
+def groups_by_difference(
+    names: Iterable[str],
+    total: Matrices,
+    doubled: Callable[[str], Matrices],
+    dofs: DofSet,
+    path: str | Path,
+    tolerance: float = 1e-10,
+) -> dict[str, Matrices]:
+    """Take the sums apart.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The groups.
+    total : (matrix or None, matrix or None)
+        K (N/m) and M (kg) of the deck as it stands, shape (N, N).
+    doubled : callable
+        Returns K and M with stiffness and density of the named group doubled.
+    dofs : DofSet
+        The N degrees of freedom, for the message.
+    path : path
+        The deck, for the message.
+    tolerance : float
+        How far the groups may miss the sum, as a share of the largest entry of row and column. Programs that
+        print few digits need more than the default.
+
+    Returns
+    -------
+    dict of str to (matrix or None, matrix or None)
+        K and M of each group; None where it has none.
+
+    Raises
+    ------
+    FormatError
+        If the groups do not add up, or a run has other DOFs than the first; the message names the pair of DOFs.
+    """
+    groups = {
+        name: tuple(
+            _grown(one, two, name, what, path) for one, two, what in zip(total, doubled(name), ("K", "M"), strict=True)
+        )
+        for name in names
+    }
+    for at, what in enumerate(("K", "M")):
+        parts = [g[at] for g in groups.values() if g[at] is not None]
+        _check_sum(total[at], parts, what, tolerance, dofs, path)
+    return {name: (K, M) for name, (K, M) in groups.items()}
+
+
+def _grown(one: Matrix | None, two: Matrix | None, name: str, what: str, path: str | Path) -> Matrix | None:
+    if one is None or two is None:
+        if one is two:
+            return None
+        raise FormatError(f"group {name!r}: {what} is there in one run and not in the other", path)
+    if one.shape != two.shape:
+        raise FormatError(
+            f"group {name!r}: {what} has {two.shape[0]} DOFs where it is doubled and {one.shape[0]} as it stands", path
+        )
+    out = sp.csr_array(two - one)
+    # What is left of equal numbers by rounding is no part of the group.
+    scale = _scale(one)
+    entry = out.tocoo()
+    out = sp.csr_array(
+        (np.where(np.abs(entry.data) <= _ROUNDING * scale[entry.row], 0.0, entry.data), (entry.row, entry.col)),
+        shape=out.shape,
+    )
+    out.eliminate_zeros()
+    return out if out.nnz else None
+
+
+def _check_sum(
+    total: Matrix | None, parts: list[Matrix], what: str, tolerance: float, dofs: DofSet, path: str | Path
+) -> None:
+    if total is None:
+        return
+    left = sp.csr_array(total)
+    for part in parts:
+        left = left - part
+    entry, scale = sp.coo_array(left), _scale(total)
+    allowed = tolerance * np.maximum(scale[entry.row], scale[entry.col])
+    beyond = np.abs(entry.data) - allowed
+    if beyond.size and beyond.max() > 0.0:
+        worst = int(np.argmax(beyond))
+        raise FormatError(
+            f"the groups do not add up to {what}: at {dofs[int(entry.row[worst])]}, {dofs[int(entry.col[worst])]} "
+            f"{entry.data[worst]:.3g} is left (at most {allowed[worst]:.1g}); a part belongs to no group, or is not "
+            "proportional to its modulus or density",
+            path,
+        )
+
+
+def _scale(matrix: Matrix) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the largest entry of each row."""
+    largest = abs(sp.csr_array(matrix)).max(axis=1)
+    return np.asarray(largest.toarray(), dtype=np.float64).ravel()
