@@ -1,0 +1,1 @@
+"""Nastran: bulk data decks, OUTPUT4 and DMIG matrices, and models from decks by running MYSTRAN."""

@@ -1,0 +1,45 @@
+"""Numbers as Nastran writes them: exponents with D or without a letter (``1.5-3``), in 8 or 16 characters."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["real", "text_of"]
+
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
+
+
+def real(cell: str) -> float:
+    """Read a number.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a number.
+    """
+    found = _NUMBER.fullmatch(cell.strip())
+    if found is None:
+        raise ValueError(f"{cell!r} is not a number")
+    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+
+
+def text_of(value: float, width: int = 16) -> str:
+    """Write a number with a decimal point in at most `width` characters, as many digits as fit.
+
+    Raises
+    ------
+    ValueError
+        If the number is not finite.
+    """
+    if value != value or value in (float("inf"), float("-inf")):
+        raise ValueError(f"{value!r} has no text in a deck")
+    shortest = repr(float(value))
+    for digits in range(17, 0, -1):
+        text = shortest if digits == 17 else f"{value:.{digits}g}"
+        mantissa, _, exponent = text.partition("e")
+        if "." not in mantissa:
+            mantissa += "."
+        text = mantissa + (f"{int(exponent):+d}" if exponent else "")
+        if len(text) <= width:
+            return text
+    raise ValueError(f"{value!r} does not fit {width} characters")
