@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
+    from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
     from updyn.model import Group as Group
     from updyn.model import Model as Model
@@ -66,6 +67,7 @@ _WHERE = {
     "write_frf": "updyn.io",
     "write_model": "updyn.io",
     "write_report": "updyn.report",
+    "write_properties": "updyn.io",
     "write_result": "updyn.io",
 }
 

@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     from updyn.model import Model
     from updyn.updating.result import UpdateResult
 
-__all__ = ["read_frf", "read_geometry", "read_model", "read_result", "write_frf", "write_model", "write_result"]
+__all__ = [
+    "read_frf",
+    "read_geometry",
+    "read_model",
+    "read_result",
+    "write_frf",
+    "write_model",
+    "write_properties",
+    "write_result",
+]
 
 
 def read_frf(
@@ -163,6 +172,49 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
         If no format fits, or the format cannot hold the model.
     """
     _function(path, "write_model", format)(model, path)
+
+
+def write_properties(
+    result: UpdateResult | Mapping[str, Mapping[str, float]],
+    deck: str | Path,
+    path: str | Path,
+    *,
+    format: str | None = None,
+) -> None:
+    """Write the updated properties of a model's groups as a file that its source deck can include.
+
+    Parameters
+    ----------
+    result : UpdateResult or mapping of str to mapping of str to float
+        The outcome of an update, or changes by group as `Model.scaled` takes them: ``stiffness``, ``mass`` and
+        ``viscous`` as factors on what the deck has, ``loss_factor`` as a value.
+    deck : path
+        The deck that the model was read from. It is not changed.
+    path : path
+        File to write, replaced as a whole once it is complete.
+    format : str, optional
+        Format name of the deck, to force it.
+
+    Raises
+    ------
+    FormatError
+        If no format fits, or the deck has no such group or property.
+    OptionError
+        If the file to write is the deck.
+    """
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from updyn.errors import OptionError
+
+    source, target = Path(deck), Path(path)
+    if target.exists() and source.exists() and target.samefile(source):
+        raise OptionError(f"{path}: is the deck itself, which is not changed; name another file")
+    if isinstance(result, Mapping):
+        changes = {group: dict(change) for group, change in result.items()}
+    else:
+        changes = result.parameters.changes(list(result.values.values()))
+    _function(deck, "write_properties", format)(changes, source, target)
 
 
 def read_result(path: str | Path) -> UpdateResult:

@@ -2,8 +2,9 @@
 
 Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
 that format is met, and offers, as far as it can, ``read_frf(path, *, quantity, duplicates, ...)``,
-``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)`` and ``read_geometry(path)``. A ``read_frf``
-with ``responses`` and ``references`` selects while it reads; with the others `updyn.io.read_frf` selects afterwards.
+``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)``, ``read_geometry(path)`` and
+``write_properties(changes, deck, path)``. A ``read_frf`` with ``responses`` and ``references`` selects while it reads;
+with the others `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Format:
     magic : tuple of bytes
         What files of this format may start with; empty: not told by content.
     can : tuple of str
-        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``.
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``, ``write_properties``.
     """
 
     name: str
@@ -67,7 +68,7 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     ----------
     path : path
         The file; it need not exist for a verb that writes.
-    verb : {"read_frf", "write_frf", "read_model", "write_model", "read_geometry"}
+    verb : {"read_frf", "write_frf", "read_model", "write_model", "read_geometry", "write_properties"}
         What is to be done.
     name : str, optional
         Format name, to force it.
@@ -84,7 +85,7 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
             if candidate.name == name:
                 return candidate
         raise FormatError(f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path)
-    if verb.startswith("read"):
+    if verb.startswith("read") or verb == "write_properties":  # of which the file is the deck
         if not path.is_file():
             raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
         try:

@@ -205,10 +205,30 @@ class ParameterSet(Sequence[Parameter]):
         ModelError
             If the model lacks a group or a quantity, or a value is not finite.
         """
+        return model.scaled(self.changes(values))
+
+    def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
+        """Return what the unknowns at `values` do to each group, as `Model.scaled` takes it.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n,)
+            The unknowns, in order.
+
+        Returns
+        -------
+        dict of str to dict of str to float
+            By group and quantity: factors, and values of loss factors.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        """
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
             changes.setdefault(parameter.group, {})[parameter.quantity] = float(value)
-        return model.scaled(changes)
+        return changes
 
     def _vector(self, values: ArrayLike, what: str) -> NDArray[np.float64]:
         try:
