@@ -1,0 +1,19 @@
+"""Structures in space: beams, trusses, springs, shells, masses and rigid links over kept libraries."""
+
+from updyn.elements.constraints import Equation
+from updyn.elements.structure.build import structure
+from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Spring, Truss
+from updyn.elements.structure.sections import Section, rectangle, tube
+
+__all__ = [
+    "Beam",
+    "Equation",
+    "PointMass",
+    "RigidLink",
+    "Section",
+    "Spring",
+    "Truss",
+    "rectangle",
+    "structure",
+    "tube",
+]
