@@ -34,8 +34,8 @@ def text_of(value: float, width: int = 16) -> str:
     if value != value or value in (float("inf"), float("-inf")):
         raise ValueError(f"{value!r} has no text in a deck")
     shortest = repr(float(value))
-    for digits in range(17, 0, -1):
-        text = shortest if digits == 17 else f"{value:.{digits}g}"
+    for digits in range(width - 1, 0, -1):
+        text = shortest if digits == width - 1 else f"{value:.{digits}g}"
         mantissa, _, exponent = text.partition("e")
         if "." not in mantissa:
             mantissa += "."
