@@ -49,6 +49,8 @@ _MODEL = ("read_model", "write_model")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
+#: A header of 100 words (flags: whole numbers), of file type 4 or 2.
+_ANSYS = b"d\0\0\0\0\0\0\x80"
 
 FORMATS = (
     Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry")),
@@ -58,6 +60,8 @@ FORMATS = (
     Format("mat", "updyn.io.mat", (".mat",), _MATLAB, (*_FRF, *_MODEL)),
     Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
+    Format("ansys-full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
+    Format("ansys-emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
 )
 
 
