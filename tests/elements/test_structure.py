@@ -216,7 +216,7 @@ def free(*parts, **kw):
         (beam(orientation=[0, 0]), "beam 'b': orientation [0, 0]; expected three numbers"),
         (
             beam(connectivity=[[10, 11]], orientation=[1.0, 0.2, 0.1]),
-            "beam 'b': the orientation [1.0, 0.2, 0.1] is parallel to element 1 (nodes [10, 11])",
+            "beam 'b': the orientation [1.0, 0.2, 0.1] is parallel to the element of nodes [10, 11]",
         ),
         (lambda: Section(1.0, 1.0, 1.0, 0.0), "section: J 0.0; expected a number above 0"),
         (lambda: tube(0.1, 0.2), "tube: inner diameter 0.2; expected at least 0 and below the outer one"),

@@ -2,7 +2,7 @@
 
 from updyn.elements.constraints import Equation
 from updyn.elements.structure.build import structure
-from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Spring, Truss
+from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Spring, Truss
 from updyn.elements.structure.sections import Section, rectangle, tube
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "PointMass",
     "RigidLink",
     "Section",
+    "Shell",
     "Spring",
     "Truss",
     "rectangle",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.elements.structure import pyfe
 from updyn.elements.structure.parts import Beam, Part, PointMass, Shell, Spring, Truss
+from updyn.elements.structure.shells import shell_matrices
 from updyn.errors import ModelError
 
 __all__ = ["Blocks", "Nodes", "blocks_of", "touch"]
@@ -90,8 +91,9 @@ def blocks_of(part: Part, nodes: Nodes) -> Iterator[Blocks]:
         what = describe(part)
         at = nodes.find(what, part.connectivity)
         for start in range(0, len(at), _BATCH):
-            some = at[start : start + _BATCH]
-            yield _elements(what, part, some, nodes.xyz[some], start)
+            some = slice(start, start + _BATCH)
+            batch = replace(part, connectivity=part.connectivity[some])  # so that errors name the right element
+            yield _elements(what, batch, at[some], nodes.xyz[at[some]])
 
 
 def touch(part: Part, nodes: Nodes, touched: NDArray[np.bool_]) -> None:
@@ -109,12 +111,11 @@ def describe(part: Part) -> str:
     return f"{type(part).__name__.lower()} {part.name!r}"
 
 
-def _elements(
-    what: str, part: Beam | Truss | Shell, at: NDArray[np.intp], xyz: NDArray[np.float64], start: int
-) -> Blocks:
+def _elements(what: str, part: Beam | Truss | Shell, at: NDArray[np.intp], xyz: NDArray[np.float64]) -> Blocks:
     if isinstance(part, Shell):
-        raise ModelError(f"{what}: shells are not available")
-    _check_length(what, xyz, start)
+        K, M = shell_matrices(part, xyz)
+        return Blocks(at, _ALL, K, M)
+    _check_length(what, part, xyz)
     if isinstance(part, Beam):
         K, M = pyfe.beam_matrices(part, xyz)
         return Blocks(at, _ALL, K, M)
@@ -122,10 +123,11 @@ def _elements(
     return Blocks(at, _TRANSLATIONS, K, M)
 
 
-def _check_length(what: str, ends: NDArray[np.float64], start: int) -> None:
+def _check_length(what: str, part: Beam | Truss, ends: NDArray[np.float64]) -> None:
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     if not length.all():
-        raise ModelError(f"{what}: element {start + int(np.argmin(length)) + 1} has no length: its nodes coincide")
+        nodes = part.connectivity[int(np.argmin(length))].tolist()
+        raise ModelError(f"{what}: the element of nodes {nodes} has no length: its nodes coincide")
 
 
 # -- springs and masses ------------------------------------------------------------------------------------

@@ -6,8 +6,9 @@ What has to be known of it (version 0.11; each point has a test):
 - The orientation vector of a beam lies in its local xy plane; Izz bends it there.
 - No shear coefficient is applied: it goes into G12 and G13, and then G J has to be set by itself.
 - Values are added to what the arrays hold, so that they have to start at 0.
-- Four-node shells have a shear strain at the centre only: a free plate has two motions without energy too many. Here
-  their shear stiffness is left out of pyfe3d and comes from `updyn.elements.structure.shear`.
+- Four-node shells have a shear strain at the centre only, and with it two motions without energy too many: here their
+  shear stiffness is left out and comes from `updyn.elements.structure.shells`.
+- Warped quadrilaterals are strained by a turn of the whole: here only flat ones are asked for.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.structure.parts import Beam, Truss
+from updyn.elements.structure.parts import Beam, Shell, Truss
 from updyn.errors import ModelError
 
-__all__ = ["beam_matrices", "truss_matrices"]
+__all__ = ["beam_matrices", "plate_matrices", "truss_matrices"]
 
 _RIGID_IN_SHEAR = 1e10  # shear modulus over E that stands for none: its flexibility is lost in rounding
 _INDEX = np.dtype("l")  # C long, which pyfe3d takes for indices
@@ -30,6 +31,7 @@ def _library() -> Any:
     try:
         import pyfe3d
         import pyfe3d.beamprop
+        import pyfe3d.shellprop_utils
     except ImportError as error:
         raise ModelError('beams, trusses and shells need pyfe3d: pip install "updyn[structures]"') from error
     return pyfe3d
@@ -60,11 +62,10 @@ def beam_matrices(part: Beam, ends: NDArray[np.float64]) -> tuple[NDArray[np.flo
     element.c1, element.c2 = 0, 6
     vectors = orientations(part, ends)
 
-    def place(i: int) -> NDArray[np.float64]:
+    def place(i: int) -> None:
         x = np.ascontiguousarray(ends[i]).ravel()
         element.update_rotation_matrix(*vectors[i], x)
         element.update_probe_xe(x)
-        return x
 
     return _collect(element, prop, fe.BeamCData(), place, len(ends), 12)
 
@@ -95,6 +96,38 @@ def truss_matrices(part: Truss, ends: NDArray[np.float64]) -> tuple[NDArray[np.f
     return K[:, moved[:, None], moved], M[:, moved[:, None], moved]
 
 
+def plate_matrices(part: Shell, local: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stiffness and consistent mass of flat shells in their own plane, each shape (m, 6 k, 6 k).
+
+    First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989). Triangles have the
+    transverse shear of the discrete shear gap; quadrilaterals have none here.
+
+    Parameters
+    ----------
+    part : Shell
+        Thickness and material.
+    local : ndarray of float, shape (m, k, 3)
+        Positions of the 3 or 4 nodes in m, the third of each 0.
+    """
+    fe = _library()
+    prop = fe.shellprop_utils.isotropic_plate(part.thickness, part.E, part.nu, rho=part.rho)
+    count, k = local.shape[:2]
+    if k == 4:
+        prop.A44 = prop.A45 = prop.A55 = 0.0
+        element, data = fe.Quad4(fe.Quad4Probe()), fe.Quad4Data()
+    else:
+        element, data = fe.Tria3DSG(fe.Tria3DSGProbe()), fe.Tria3DSGData()
+    for i in range(k):
+        setattr(element, f"c{i + 1}", 6 * i)
+
+    def place(i: int) -> None:
+        x = np.ascontiguousarray(local[i]).ravel()
+        element.update_rotation_matrix(x)
+        element.update_probe_xe(x)
+
+    return _collect(element, prop, data, place, count, 6 * k)
+
+
 def orientations(part: Beam, ends: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a vector in the local xy plane of each beam, shape (m, 3); any across it where both planes are alike.
 
@@ -112,8 +145,8 @@ def orientations(part: Beam, ends: NDArray[np.float64]) -> NDArray[np.float64]:
     if parallel.any():
         at = int(np.flatnonzero(parallel)[0])
         raise ModelError(
-            f"beam {part.name!r}: the orientation {part.orientation.tolist()} is parallel to element {at + 1} "
-            f"(nodes {part.connectivity[at].tolist()}); expected a vector across it"
+            f"beam {part.name!r}: the orientation {part.orientation.tolist()} is parallel to the element "
+            f"of nodes {part.connectivity[at].tolist()}; expected a vector across it"
         )
     return np.tile(v, (len(ends), 1))
 
