@@ -1,17 +1,17 @@
 """What the binary files of Ansys Mechanical APDL have in common: records, header, units, names of DOFs.
 
-Read through ansys-mapdl-reader (extra ``updyn[ansys]``). It trusts what a file says about itself, so that lengths are
-checked here before it is asked. A record is a word (4 bytes) with the number n of words that follow, a word of flags,
-n words, and the number again (Ansys Programmer's Reference, "Format of Binary Data Files").
+A record is a word (4 bytes) with the number n of words that follow, a word of flags, n words, and the number again
+(Ansys Programmer's Reference, "Format of Binary Data Files"). Records are read here: ansys-mapdl-reader returns twice
+as many numbers as a record of doubles holds, and trusts what a file says about its lengths. What is made of them,
+it knows (extra ``updyn[ansys]``).
 """
 
 from __future__ import annotations
 
 import importlib
-import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,16 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError
 from updyn.io.consistent_units import UNITS, System, system
-from updyn.io.guard import library, placed
+from updyn.io.guard import placed
 
 __all__ = ["DOF_NAMES", "BinaryFile", "labels_of", "mapdl_reader"]
 
 _WORD = 4
 _HEADER = 100  # words
 _PACKAGE = "ansys.mapdl.reader"
+#: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by leaving out zeros.
+_TYPE, _COMPRESSED = 0xC0, 0x3F
+_TYPES = {0x80: "<i4", 0xC0: "<i2", 0x00: "<f8", 0x40: "<f4"}
 
 #: DOF reference numbers of Ansys (fdemat.inc, fdfull.inc); the first six are the directions of a `Dof`, in its order.
 DOF_NAMES: Mapping[int, str] = {
@@ -75,26 +78,20 @@ class BinaryFile:
     ------
     FormatError
         If it is not a file of that type, is of the other byte order, or is cut short in its header.
-    OptionError
-        If ansys-mapdl-reader is missing.
     """
 
     def __init__(self, path: str | Path, kind: int) -> None:
         self.path = Path(path)
-        self._words = self.path.stat().st_size // _WORD
-        with self.path.open("rb") as file:
-            start = file.read((_HEADER + 3) * _WORD)
-        if len(start) < (_HEADER + 3) * _WORD or struct.unpack("<i", start[:4])[0] != _HEADER:
-            swapped = len(start) >= 4 and struct.unpack(">i", start[:4])[0] == _HEADER
+        size = self.path.stat().st_size // _WORD
+        self._words = np.memmap(self.path, dtype="<i4", mode="r", shape=(size,)) if size else np.empty(0, dtype="<i4")
+        if size < _HEADER + 3 or self._words[0] != _HEADER:
+            swapped = size and self._words[:1].view(">i4")[0] == _HEADER
             why = "it is big-endian, of a machine that is not read" if swapped else "no complete header of Ansys"
             raise FormatError(f"not a binary file of Ansys: {why}", path)
-        header = struct.unpack(f"<{_HEADER}i", start[8 : 8 + _HEADER * _WORD])
-        if header[0] != kind:
-            found = _FILES.get(header[0], f"type {header[0]}")
+        kind_found, self._unit = int(self._words[2]), int(self._words[6])
+        if kind_found != kind:
+            found = _FILES.get(kind_found, f"type {kind_found}")
             raise FormatError(f"is a {found} file of Ansys by its header, expected {_FILES[kind]}", path)
-        self._unit = header[4]
-        self._record = mapdl_reader("common").AnsysBinary()
-        self._record.filename = str(self.path)
 
     def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NDArray[Any], int]:
         """Read one record.
@@ -121,11 +118,14 @@ class BinaryFile:
             If there is no whole record, or it holds numbers of another kind.
         """
         after = self.after(at, what)
-        with library(self.path, "binary file of Ansys"):
-            values = np.asarray(self._record.read_record(at))
-        if values.dtype.kind not in kinds:
-            raise FormatError(f"{what}: the record at word {at} holds {values.dtype}", self.path)
-        return values, after
+        flags = int(self._words[at + 1]) >> 24 & 0xFF
+        if flags & _COMPRESSED:
+            raise FormatError(f"{what}: the record at word {at} is compressed; solve with /FCOMP,...,0", self.path)
+        words = self._words[at + 2 : after - 1]
+        dtype = _TYPES[flags & _TYPE]
+        if words.nbytes % np.dtype(dtype).itemsize or np.dtype(dtype).kind not in kinds:
+            raise FormatError(f"{what}: the record at word {at} holds {words.nbytes} bytes of {dtype}", self.path)
+        return np.array(words).view(dtype), after
 
     def after(self, at: int, what: str, count: int = 1) -> int:
         """Check that whole records stand at a word, and return where the next one starts.
@@ -144,20 +144,18 @@ class BinaryFile:
         FormatError
             If there are not as many whole records.
         """
-        with self.path.open("rb") as file:
-            for _ in range(count):
-                length = self._word(file, at, what)
-                end = at + 2 + length
-                if length < 0 or self._word(file, end, what) != length:
-                    raise FormatError(f"{what}: no whole record at word {at} of {self._words}: damaged", self.path)
-                at = end + 1
+        for _ in range(count):
+            length = self._word(at, what)
+            end = at + 2 + length
+            if length < 0 or self._word(end, what) != length:
+                raise FormatError(f"{what}: no whole record at word {at} of {len(self._words)}: damaged", self.path)
+            at = end + 1
         return at
 
-    def _word(self, file: BinaryIO, at: int, what: str) -> int:
-        if not 0 <= at < self._words:
-            raise FormatError(f"{what}: reaches to word {at} of {self._words}: cut short or damaged", self.path)
-        file.seek(at * _WORD)
-        return int(struct.unpack("<i", file.read(_WORD))[0])
+    def _word(self, at: int, what: str) -> int:
+        if not 0 <= at < len(self._words):
+            raise FormatError(f"{what}: reaches to word {at} of {len(self._words)}: cut short or damaged", self.path)
+        return int(self._words[at])
 
     def units(self, unit: str | None) -> System:
         """Return the units of the numbers: as stated, else as the header says, else SI.
