@@ -161,8 +161,7 @@ class Case:
         return sensitivity.condensed_product(*self._at(problem), problem.rows, self.data.values)
 
     def _at(self, problem: Problem) -> tuple[Any, ...]:
-        state = problem.unknowns.state(problem.solver.system, self.unknowns.start)
-        return problem.solver, problem.unknowns, state, self.data.freq
+        return problem.solver, problem.unknowns, self.unknowns.start, self.data.freq
 
 
 def steps(residual: Any, problem: Problem) -> Callable[[], Any]:

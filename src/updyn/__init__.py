@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from updyn.model import Group as Group
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
-    from updyn.updating.parameters import parameters as parameters
+    from updyn.updating.choice import link as link
+    from updyn.updating.choice import parameters as parameters
     from updyn.updating.result import UpdateResult as UpdateResult
     from updyn.updating.update import update as update
 
@@ -57,7 +58,8 @@ _WHERE = {
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
     "modes": "updyn.dynamics.modes",
-    "parameters": "updyn.updating.parameters",
+    "link": "updyn.updating.choice",
+    "parameters": "updyn.updating.choice",
     "read_frf": "updyn.io",
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",

@@ -33,18 +33,29 @@ _ALONE = 2**15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Where the unknowns act in a compiled model.
+    """Where the unknowns act in a compiled model: a list of drives, one or more for each unknown.
+
+    A term's factor is the product of value**power over the drives that act on it; a loss factor is the value itself.
 
     Attributes
     ----------
-    at : ndarray of int, shape (n_p,)
-        Term of each unknown.
-    is_loss : ndarray of bool, shape (n_p,)
+    n : int
+        Number of unknowns.
+    owner : ndarray of int, shape (n_d,)
+        Unknown of each drive.
+    at : ndarray of int, shape (n_d,)
+        Term of each drive.
+    is_loss : ndarray of bool, shape (n_d,)
         Whether it is the loss factor of that term, else its factor.
+    power : ndarray of float, shape (n_d,)
+        Exponent of the value in the factor.
     """
 
+    n: int
+    owner: NDArray[np.intp]
     at: NDArray[np.intp]
     is_loss: NDArray[np.bool_]
+    power: NDArray[np.float64]
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
@@ -62,9 +73,13 @@ class Unknowns:
         Unknowns
         """
         items = list(parameters)
+        drives = [(i, d) for i, p in enumerate(items) for d in p.acts_on]
         return cls(
-            np.array([system.find(p.group, p.quantity) for p in items], dtype=np.intp),
-            np.array([p.quantity == "loss_factor" for p in items], dtype=np.bool_),
+            len(items),
+            np.array([i for i, _ in drives], dtype=np.intp),
+            np.array([system.find(d.group, d.quantity) for _, d in drives], dtype=np.intp),
+            np.array([d.quantity == "loss_factor" for _, d in drives], dtype=np.bool_),
+            np.array([d.power for _, d in drives], dtype=np.float64),
         )
 
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
@@ -74,33 +89,46 @@ class Unknowns:
         ----------
         system : AffineSystem
             The compiled model.
-        values : ndarray of float, shape (n_p,)
+        values : ndarray of float, shape (n,)
             Factors and loss factors.
 
         Returns
         -------
         State
         """
-        return system.with_values(system.start, self.at, self.is_loss, values)
+        factor, loss, given = system.start.factor.copy(), system.start.loss.copy(), values[self.owner]
+        scales = ~self.is_loss
+        factor[self.at[scales]] = 1.0
+        np.multiply.at(factor, self.at[scales], given[scales] ** self.power[scales])
+        loss[self.at[self.is_loss]] = given[self.is_loss]
+        return State(factor, loss)
 
-    def slopes(self, system: AffineSystem, state: State, omega: NDArray[np.float64]) -> _Complex:
-        """Return the derivative of each unknown's coefficient.
+    def slopes(
+        self, system: AffineSystem, state: State, values: NDArray[np.float64], omega: NDArray[np.float64]
+    ) -> _Complex:
+        """Return the derivative of each drive's coefficient by its unknown.
 
         Parameters
         ----------
         system : AffineSystem
             The compiled model.
         state : State
-            Where.
+            Where; that of `values`.
+        values : ndarray of float, shape (n,)
+            The unknowns there.
         omega : ndarray of float, shape (n_f,)
             Lines in rad/s.
 
         Returns
         -------
-        ndarray of complex, shape (n_p, n_f)
+        ndarray of complex, shape (n_d, n_f)
         """
+        # Of the coefficient at a factor of 1: where a drive is alone and linear, factor over value is exactly that.
         unit = system.coefficients(State(np.ones_like(state.factor), state.loss), omega)[self.at]
-        unit[self.is_loss] = 1j * state.factor[self.at[self.is_loss], None]
+        scales, factor = ~self.is_loss, state.factor[self.at, None]
+        share = np.where(scales, self.power * state.factor[self.at] / np.where(scales, values[self.owner], 1.0), 1.0)
+        unit *= share[:, None]
+        unit[self.is_loss] = 1j * factor[self.is_loss]
         return unit
 
 
@@ -108,7 +136,7 @@ class Unknowns:
 def receptance(
     solver: FieldSolver,
     unknowns: Unknowns,
-    state: State,
+    values: NDArray[np.float64],
     freq: NDArray[np.float64],
     rows: NDArray[np.intp],
     columns: NDArray[np.intp],
@@ -123,8 +151,8 @@ def receptance(
         The compiled model and how to solve it.
     unknowns : Unknowns
         With respect to what to differentiate.
-    state : State
-        Where.
+    values : ndarray of float, shape (n_p,)
+        Where: the unknowns' values.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     rows, columns : ndarray of int
@@ -145,6 +173,7 @@ def receptance(
         If the dynamic stiffness is singular at a line.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
+    state = unknowns.state(system, values)
     coefficients = system.coefficients(state, omega)
     loaded, place = _in_order(np.concatenate([rows, columns]) if derivatives else columns)
     X = solver.solve(coefficients, loaded, freq)
@@ -153,14 +182,14 @@ def receptance(
     if not derivatives:
         return H, None
     V = X[:, :, _view(place[: len(rows)])]
-    return H, _contract(system, unknowns, -unknowns.slopes(system, state, omega), V, U)
+    return H, _contract(system, unknowns, -unknowns.slopes(system, state, values, omega), V, U)
 
 
 @alone
 def condensed_product(
     solver: FieldSolver,
     unknowns: Unknowns,
-    state: State,
+    values: NDArray[np.float64],
     freq: NDArray[np.float64],
     retained: NDArray[np.intp],
     motion: _Complex,
@@ -175,8 +204,8 @@ def condensed_product(
         The compiled model and how to solve it.
     unknowns : Unknowns
         With respect to what to differentiate.
-    state : State
-        Where.
+    values : ndarray of float, shape (n_p,)
+        Where: the unknowns' values.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     retained : ndarray of int, shape (n,)
@@ -199,12 +228,13 @@ def condensed_product(
         If the structure with its retained DOFs held is singular at a line.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
+    state = unknowns.state(system, values)
     Z_red, T = solver.condense(system.coefficients(state, omega), retained, freq)
     product = Z_red @ motion
     if not derivatives:
         return product, None
     moved = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
-    return product, _contract(system, unknowns, unknowns.slopes(system, state, omega), T, moved)
+    return product, _contract(system, unknowns, unknowns.slopes(system, state, values, omega), T, moved)
 
 
 def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -220,17 +250,23 @@ def _view(places: NDArray[np.intp]) -> Any:
 
 
 def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
-    """Return slope_p V^T A_p U for every unknown, shape (n_p, n_f, n_v, n_u); fields are (N, n_f, columns)."""
+    """Sum slope_d V^T A_d U over the drives of every unknown, (n_p, n_f, n_v, n_u); fields are (N, n_f, columns)."""
     n_u = U.shape[2]
-    out = np.empty((len(unknowns.at), U.shape[1], V.shape[2], n_u), dtype=np.complex128)
+    out = np.empty((unknowns.n, U.shape[1], V.shape[2], n_u), dtype=np.complex128)
+    begun = np.zeros(unknowns.n, dtype=np.bool_)
     for terms in _by_rows(system, unknowns.at):
         own: Any = system.terms[terms[0]].own
         u = U[own]
         moved = np.concatenate([system.terms[t].times(u) for t in terms], axis=2)
         product = _product(V[own], moved)
         for i, t in enumerate(terms):
-            for p in np.flatnonzero(unknowns.at == t):
-                np.multiply(slopes[p, :, None, None], product[:, :, i * n_u : (i + 1) * n_u], out=out[p])
+            for d in np.flatnonzero(unknowns.at == t):
+                p, part = unknowns.owner[d], product[:, :, i * n_u : (i + 1) * n_u]
+                if begun[p]:
+                    out[p] += slopes[d, :, None, None] * part
+                else:
+                    np.multiply(slopes[d, :, None, None], part, out=out[p])
+                    begun[p] = True
     return out
 
 

@@ -18,7 +18,7 @@ from updyn.io.result_file import read_result, write_result
 from updyn.io.result_json import result_to_json, write_result_json
 from updyn.io.values_text import from_text, to_text
 from updyn.model import Group, Model
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import Identifiability, Iteration, UpdateResult
 
 INF, NAN = float("inf"), float("nan")
@@ -63,7 +63,9 @@ def sample(**changes: object) -> UpdateResult:
         "validation_band": (35.0, 40.0),
         "parameters": ParameterSet(
             (
-                Parameter("arm", "stiffness", 1.0, 0.1, 10.0, prior_std=0.3),
+                Parameter(
+                    "arm", "stiffness", 1.0, 0.1, 10.0, 0.3, (Drive("arm", "stiffness", 3.0),), nominal=2e-3, unit="m"
+                ),
                 Parameter("foot", "stiffness", 1.0, 0.01, 100.0),
                 Parameter("foot", "loss_factor", 0.02, 0.0, 0.05),
             )
@@ -141,7 +143,8 @@ def test_no_field_is_forgotten():
         "validation_responses validation_band parameters values std covariance at_bound identifiability history noise "
         "correlation timing_s versions title",
         Iteration: "stage number cost step condition accepted values",
-        Parameter: "group quantity start lower upper prior_std",
+        Parameter: "group quantity start lower upper prior_std drives nominal unit",
+        Drive: "group quantity power",
     }
     for kind, names in stored.items():
         assert [f.name for f in dataclasses.fields(kind)] == names.split()
@@ -245,6 +248,9 @@ def test_json_has_the_agreed_structure(tmp_path):
             "std": 1e-3,
             "lower": 0.1,
             "upper": 10.0,
+            "nominal": 0.002,
+            "unit": "m",
+            "drives": [{"group": "arm", "quantity": "stiffness", "power": 3.0}],
             "at_bound": False,
             "bound": None,
             "identifiable": True,
@@ -258,6 +264,9 @@ def test_json_has_the_agreed_structure(tmp_path):
             "std": None,
             "lower": 0.01,
             "upper": 100.0,
+            "nominal": None,
+            "unit": "",
+            "drives": [],
             "at_bound": False,
             "bound": None,
             "identifiable": False,
@@ -271,6 +280,9 @@ def test_json_has_the_agreed_structure(tmp_path):
             "std": 0.1 / 3,
             "lower": 0.0,
             "upper": 0.05,
+            "nominal": None,
+            "unit": "",
+            "drives": [],
             "at_bound": True,
             "bound": "upper",
             "identifiable": True,

@@ -174,6 +174,35 @@ quantity = "mass"
     ]
 
 
+def test_a_linked_unknown_with_its_physical_quantity(folder: Path) -> None:
+    text = """
+[[parameter]]
+name = "rubber.E"
+drives = { "part1.stiffness" = 1, "part[34].stiffness" = 2 }
+nominal = 5e6
+unit = "Pa"
+bounds = [0.5, 2.0]
+[[parameter]]
+groups = "part2"
+quantity = "stiffness"
+nominal = 2.1e11
+unit = "Pa"
+"""
+    job = job_at(folder, parameter=text)
+    plain, linked = prepare(job).parameters
+    assert (plain.name, plain.physical(0.9)) == ("part2.stiffness", "1.89e+11 Pa")
+    assert (linked.name, linked.law) == ("rubber.E", "part1.stiffness, part3.stiffness^2, part4.stiffness^2")
+    assert linked.physical(1.2, 0.01) == "6e+06 ± 5e+04 Pa"
+    result = run_job(job, out=folder / "out")
+    assert "Pa" in result.summary()
+    assert load_job(folder / "out" / "job.toml").parameter == job.parameter
+    again = updyn.read_result(folder / "out" / "run.nc")
+    assert again.parameters == result.parameters
+    assert updyn.read_model(folder / "out" / "model.h5").group("part3").stiffness.toarray() == pytest.approx(
+        prepare(job).model.group("part3").stiffness.toarray() * result.values["rubber.E"] ** 2, rel=1e-13
+    )
+
+
 @pytest.mark.parametrize(
     ("method", "lines", "responses"),
     [

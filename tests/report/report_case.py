@@ -9,7 +9,8 @@ import numpy as np
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.parameters import Parameter, ParameterSet, parameters
+from updyn.updating.choice import parameters
+from updyn.updating.parameters import Parameter, ParameterSet
 from updyn.updating.result import Identifiability, Iteration, UpdateResult
 
 

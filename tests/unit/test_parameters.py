@@ -11,7 +11,8 @@ import pytest
 
 from updyn.errors import ModelError, ParameterError
 from updyn.model import Group, Model
-from updyn.updating.parameters import DEFAULT_BOUNDS, Parameter, ParameterSet, parameters
+from updyn.updating.choice import DEFAULT_BOUNDS, parameters
+from updyn.updating.parameters import Parameter, ParameterSet
 
 
 def raises(text: str, kind: type[Exception] = ParameterError):

@@ -281,7 +281,7 @@ def test_data_that_do_not_belong_to_the_model_refused(chain12, unknowns):
 
 def test_unknowns_of_another_model_refused(chain12, data):
     other = updyn.Model.from_groups({"part1": updyn.Group([[1.0]], [[1.0]], viscous=[[1.0]])}, ["1:X"])
-    with pytest.raises(ParameterError, match=r"unknown 'part1.viscous': the group has no viscous in this model"):
+    with pytest.raises(ParameterError, match=r"unknown 'part1.viscous': group 'part1' has no viscous in this model"):
         updyn.update(chain12, data, updyn.parameters(other, viscous="all"))
 
 

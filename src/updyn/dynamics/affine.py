@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -138,13 +138,6 @@ class AffineSystem:
             if term.group == group and term.quantity == wanted:
                 return i
         raise KeyError(f"{group}.{quantity}")
-
-    def with_values(self, state: State, at: NDArray[np.intp], is_loss: NDArray[Any], values: NDArray[Any]) -> State:
-        """Return `state` with the unknowns that act on terms `at` set to `values`."""
-        factor, loss = state.factor.copy(), state.loss.copy()
-        factor[at[~is_loss]] = values[~is_loss]
-        loss[at[is_loss]] = values[is_loss]
-        return replace(state, factor=factor, loss=loss)
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""

@@ -4,6 +4,7 @@ xarray opens the root, which holds what one plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
     parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound     (parameter)
+    link *                                (parameter): JSON text of drives, nominal, unit
     covariance                            (parameter, parameter_other)
     history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
     history_value                         (iteration, parameter)
@@ -28,7 +29,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.values_text import from_text, to_text
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
 
 if TYPE_CHECKING:
@@ -139,6 +140,8 @@ def _to_dataset(result: UpdateResult) -> xr.Dataset:
     priors = [p.prior_std for p in result.parameters]
     if any(p is not None for p in priors):
         data["prior_std"] = ("parameter", np.array([np.nan if p is None else p for p in priors]))
+    if any(p.drives or p.nominal is not None for p in result.parameters):
+        data["link"] = ("parameter", _texts(to_text(_link(p), p.name) for p in result.parameters))
     _put_table(data, "value", ("parameter",), [result.values], names)
     _put_table(data, "std", ("parameter",), [result.std], names)
     unknown = [name for name in result.at_bound if name not in names]
@@ -151,6 +154,10 @@ def _to_dataset(result: UpdateResult) -> xr.Dataset:
     data["history_accepted"] = ("iteration", np.array([h.accepted for h in result.history], dtype=np.int8))
     _put_table(data, "history_value", ("iteration", "parameter"), [h.values for h in result.history], names)
     return data
+
+
+def _link(p: Parameter) -> dict[str, Any]:
+    return {"drives": [[d.group, d.quantity, d.power] for d in p.drives], "nominal": p.nominal, "unit": p.unit}
 
 
 def _texts(items: Iterable[str]) -> Any:
@@ -210,11 +217,22 @@ def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
 def _parameters(data: xr.Dataset, path: Path) -> ParameterSet:
     columns = [_variable(data, name, path).tolist() for name in ("group", "quantity", "start", "lower", "upper")]
     priors = data["prior_std"].values.tolist() if "prior_std" in data.variables else [np.nan] * len(columns[0])
+    links: list[dict[str, Any]] = [{} for _ in priors]
+    if "link" in data.variables:
+        links = [_read_link(str(text), path) for text in data["link"].values]
     items = [
-        Parameter(str(group), str(quantity), start, lower, upper, None if np.isnan(prior) else prior)
-        for group, quantity, start, lower, upper, prior in zip(*columns, priors, strict=True)
+        Parameter(str(group), str(quantity), start, lower, upper, None if np.isnan(prior) else prior, **link)
+        for group, quantity, start, lower, upper, prior, link in zip(*columns, priors, links, strict=True)
     ]
     return ParameterSet(tuple(items))
+
+
+def _read_link(text: str, path: Path) -> dict[str, Any]:
+    link = from_text(text, "link", path)
+    try:
+        return {**link, "drives": tuple(Drive(*d) for d in link["drives"])}
+    except (KeyError, TypeError) as error:
+        raise FormatError(f"link: {text!r} is not what an unknown acts on ({error})", path) from error
 
 
 def _history(data: xr.Dataset, names: list[str], path: Path) -> tuple[Iteration, ...]:

@@ -27,7 +27,8 @@ def result_to_json(result: UpdateResult) -> dict[str, Any]:
     dict
         ``status``, ``message``, ``remedy``, ``title``, ``method``; ``parameters``, one dict an unknown in order, with
         ``std`` None and ``identifiable`` False where the data leave it open, ``at_bound`` True or False and ``bound``
-        ``"lower"``, ``"upper"`` or None; ``identifiability``; ``correlation`` with ``before``, ``after`` and
+        ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a
+        linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
         ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
         ``timing_s`` in s; ``versions``.
     """
@@ -78,6 +79,9 @@ def _parameter(result: UpdateResult, name: str) -> dict[str, Any]:
         "group": unknown.group,
         "quantity": unknown.quantity,
         **plain(numbers),
+        "nominal": unknown.nominal,
+        "unit": unknown.unit,
+        "drives": [{"group": d.group, "quantity": d.quantity, "power": d.power} for d in unknown.drives],
         "at_bound": name in result.at_bound,
         "bound": result.at_bound.get(name),
         "identifiable": bool(math.isfinite(std)),

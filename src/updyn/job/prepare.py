@@ -16,7 +16,8 @@ from updyn.errors import DataError, DofError, InputError, JobError, suggest
 from updyn.frf import FRF
 from updyn.job.schema import KINDS, Job
 from updyn.model import Model
-from updyn.updating.parameters import Parameter, ParameterSet, parameters
+from updyn.updating.choice import link, parameters
+from updyn.updating.parameters import Parameter, ParameterSet
 
 __all__ = ["Prepared", "prepare"]
 
@@ -245,14 +246,32 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
                 )
             chosen[p.name] = (number, p)
     groups = list(model.groups)
-    order = sorted(
-        (p for _, p in chosen.values()), key=lambda p: (groups.index(p.group), _QUANTITY_ORDER.index(p.quantity))
-    )
-    return ParameterSet(tuple(order))
+
+    def place(entry: tuple[int, Parameter]) -> tuple[int, int]:
+        number, p = entry
+        if p.drives:  # after the others, as the job has them
+            return len(groups), number
+        return groups.index(p.group), _QUANTITY_ORDER.index(p.quantity)
+
+    with _at(job, "parameter"):
+        return ParameterSet(tuple(p for _, p in sorted(chosen.values(), key=place)))
 
 
 def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
     table = job.parameter[number]
+    if table.name is not None and table.drives is not None:
+        with _at(job, "parameter", number, "drives"):
+            return link(
+                model,
+                table.name,
+                table.drives,
+                start=table.start,
+                bounds=table.bounds,
+                prior_std=table.prior_std,
+                nominal=table.nominal,
+                unit=table.unit,
+            )
+    assert table.quantity is not None and table.groups is not None  # noqa: PT018 (the schema saw to it)
     quantity, bounds = table.quantity, table.bounds
     groups = "all" if table.groups == ("all",) and "all" not in model.groups else table.groups
     chosen: dict[str, Any] = {quantity: groups}
@@ -267,4 +286,4 @@ def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
             )
             for p in items
         ]
-    return [replace(p, prior_std=table.prior_std) for p in items]
+    return [replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items]

@@ -15,6 +15,7 @@ from pydantic import (
     PrivateAttr,
     Strict,
     ValidationError,
+    model_validator,
 )
 
 from updyn.errors import JobError, suggest
@@ -57,6 +58,14 @@ def _noise(given: Any) -> Any:
     if not isinstance(given, str | Mapping):
         raise ValueError("expected a table with relative and/or floor, such as { relative = 0.02, floor = 0.001 }")  # noqa: TRY004
     return given
+
+
+def _driven(given: Any) -> Any:
+    if isinstance(given, Mapping) and given and all(_is_number(p) for p in given.values()):
+        return {name: float(power) for name, power in given.items()}
+    if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
+        return tuple(given)
+    raise ValueError('expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names')
 
 
 def _tables(given: Any) -> Any:
@@ -139,13 +148,30 @@ class MatchTable(_Table):
 
 
 class ParameterTable(_Table):
-    """``[[parameter]]``: one quantity of some groups."""
+    """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
 
-    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
-    quantity: Literal["stiffness", "mass", "loss_factor", "viscous"]
+    groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
+    quantity: Literal["stiffness", "mass", "loss_factor", "viscous"] | None = None
+    name: str | None = None
+    drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
+    nominal: float | None = Field(default=None, gt=0)
+    unit: str = ""
     bounds: Pair | None = None
     prior_std: float | None = Field(default=None, gt=0)
     start: float | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ParameterTable:
+        plain, linked = (self.groups, self.quantity), (self.name, self.drives)
+        if any(x is not None for x in plain) and any(x is not None for x in linked):
+            raise ValueError("groups and quantity are one way to choose, name and drives the other; give one pair")
+        for pair, keys in ((plain, ("groups", "quantity")), (linked, ("name", "drives"))):
+            for one, other, missing in ((pair[0], pair[1], keys[1]), (pair[1], pair[0], keys[0])):
+                if one is not None and other is None:
+                    raise ValueError(f"missing key {missing!r}")
+        if self.groups is None and self.name is None:
+            raise ValueError("expected groups and quantity, or name and drives")
+        return self
 
 
 class MethodTable(_Table):
@@ -317,6 +343,8 @@ def _sentence(item: Any, place: Place) -> str:
     if kind == "literal_error":
         choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
         return f"{shown}: {suggest(str(given), choices)}"
+    if kind == "value_error" and isinstance(given, Mapping) and place and isinstance(place[-1], int):
+        return f"{item['ctx']['error']}{_inside(place)}"
     if kind == "value_error":
         return f"{shown}: {item['ctx']['error']}"
     if kind in ("greater_than", "greater_than_equal"):

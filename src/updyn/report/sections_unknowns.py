@@ -58,6 +58,10 @@ def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -
         notes.append(f"at its {result.at_bound[p.name]} bound")
     if not math.isfinite(std):
         notes.append("not determined by the data")
+    if p.nominal is not None:
+        notes.insert(0, f"{p.physical(value, std)}, from {p.physical(p.start)}")
+    if p.drives:
+        notes.append(f"acts on {p.law}")
     if p.prior_std is not None:
         notes.append(f"prior standard deviation {w.number(p.prior_std, 3)}")
     cells = [

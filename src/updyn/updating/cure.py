@@ -144,7 +144,7 @@ def _motion_elsewhere(
     """Return receptance at other DOFs, shape (n_f, n_others, n_j), and its derivatives by x."""
     x, others, lines = item
     freq = problem.frf.freq[lines]
-    H, dH = sensitivity.receptance(problem.solver, problem.unknowns, problem.state(x), freq, others, problem.columns)
+    H, dH = sensitivity.receptance(problem.solver, problem.unknowns, problem.values(x), freq, others, problem.columns)
     assert dH is not None
     return H, dH * problem.coordinates.slope(x)[:, None, None, None]
 

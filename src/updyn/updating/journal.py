@@ -173,7 +173,10 @@ def fingerprint(problem: Problem, frf: FRF, options: Mapping[str, object]) -> di
     data: list[object] = [frf.freq, frf.values, frf.quantity, str(frf.averages)]
     data += [*frf.responses.labels, "/", *frf.references.labels]
     data += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
-    unknowns = {p.name: [p.start, p.lower, p.upper, p.prior_std] for p in problem.coordinates.parameters}
+    unknowns = {
+        p.name: [p.start, p.lower, p.upper, p.prior_std, *([d.name, d.power] for d in p.drives)]
+        for p in problem.coordinates.parameters
+    }
     return {
         "updyn": __version__,
         "model": digest(model).hex(),

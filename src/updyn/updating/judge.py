@@ -169,7 +169,7 @@ def _correlation(
     untouched = whole if first is None else replace(whole, solver=first)
     start = problem.coordinates.to_x(problem.coordinates.parameters.start)
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has none.
-    end = np.where(problem.unknowns.is_loss, np.maximum(x, 0.0), x)
+    end = np.where(problem.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
     parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
     scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
     out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}

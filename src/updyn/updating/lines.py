@@ -100,7 +100,7 @@ def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.in
 
 def _start(problem: Problem) -> NDArray[np.float64]:
     values = problem.coordinates.parameters.start
-    loss = problem.unknowns.is_loss
+    loss = ~problem.coordinates.parameters.is_factor
     values = np.where(loss, np.maximum(values, np.minimum(0.02, problem.coordinates.parameters.upper)), values)
     return problem.coordinates.to_x(values)
 

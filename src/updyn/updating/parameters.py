@@ -1,10 +1,10 @@
-"""The unknowns: which quantity of which group may change, from where, how far."""
+"""The unknowns: what may change, from where, how far, and what each acts on."""
 
 from __future__ import annotations
 
-import fnmatch
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, overload
 
@@ -12,17 +12,44 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import ParameterError, suggest
-from updyn.model import GROUP_QUANTITIES, Group, Model
+from updyn.model import GROUP_QUANTITIES, Model
 
-__all__ = ["DEFAULT_BOUNDS", "Parameter", "ParameterSet", "parameters"]
+__all__ = ["Drive", "Parameter", "ParameterSet", "finite"]
 
-#: Bounds where the user gives none. Factors may change a hundredfold; a loss factor of 10 is beyond any material.
-DEFAULT_BOUNDS = {
-    "stiffness": (0.01, 100.0),
-    "mass": (0.01, 100.0),
-    "viscous": (0.001, 1000.0),
-    "loss_factor": (0.0, 10.0),
-}
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What an unknown acts on.
+
+    Parameters
+    ----------
+    group, quantity : str
+        Where. A loss factor is set to the unknown's value; anything else is multiplied by value**power.
+    power : float
+        The exponent; 1 for a loss factor.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for a loss factor.
+    """
+
+    group: str
+    quantity: str
+    power: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.quantity not in GROUP_QUANTITIES:
+            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
+        if self.power == 0.0 or (self.quantity == "loss_factor" and self.power != 1.0):
+            expected = "1, as a loss factor is a value" if self.quantity == "loss_factor" else "a number other than 0"
+            raise ParameterError(f"{self.name!r}: power {self.power:g}; expected {expected}")
+
+    @property
+    def name(self) -> str:
+        """``group.quantity``."""
+        return f"{self.group}.{self.quantity}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +60,24 @@ class Parameter:
     ----------
     group, quantity : str
         What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start, ``loss_factor`` is a
-        value.
+        value. Of a linked unknown: what it is called.
     start, lower, upper : float
         Start and bounds, in the unit of the unknown (a pure number).
     prior_std : float, optional
         Standard deviation of a Gaussian prior about `start`; of the logarithm for a factor, so that 0.3 means about
         30 %.
+    drives : tuple of Drive
+        What a linked unknown acts on (`updyn.link`); empty: on its own group and quantity.
+    nominal : float, optional
+        What a factor of 1 stands for, in `unit` (a modulus, a thickness); reports show the product.
+    unit : str
+        Unit of `nominal`.
 
     Raises
     ------
     ParameterError
-        If the quantity is not known, a number is not finite, bounds are out of order or do not fit the quantity, or
-        the start lies outside.
+        If the quantity is not known, a number is not finite, bounds are out of order or do not fit the quantity, the
+        start lies outside, or the drives do not fit together.
     """
 
     group: str
@@ -53,12 +86,15 @@ class Parameter:
     lower: float
     upper: float
     prior_std: float | None = None
+    drives: tuple[Drive, ...] = ()
+    nominal: float | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
-        if self.quantity not in GROUP_QUANTITIES:
-            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        object.__setattr__(self, "drives", tuple(self.drives))
+        self._check_drives()
         for what in ("start", "lower", "upper"):
-            object.__setattr__(self, what, _finite(getattr(self, what), f"unknown {self.name!r}: {what}"))
+            object.__setattr__(self, what, finite(getattr(self, what), f"unknown {self.name!r}: {what}"))
         if not self.lower < self.upper:
             raise ParameterError(
                 f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the lower one first"
@@ -69,14 +105,31 @@ class Parameter:
             )
         if self.is_factor and self.lower <= 0:
             raise ParameterError(f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0")
-        if self.quantity == "loss_factor" and self.lower < 0:
+        if not self.is_factor and self.lower < 0:
             raise ParameterError(
                 f"unknown {self.name!r}: a loss factor below 0 feeds energy in; lower bound {self.lower:g}"
             )
         if self.prior_std is not None:
-            object.__setattr__(self, "prior_std", _finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
+            object.__setattr__(self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
             if self.prior_std <= 0:
                 raise ParameterError(f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number above 0")
+        if self.nominal is not None:
+            object.__setattr__(self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal"))
+            if not self.is_factor or self.nominal <= 0:
+                expected = "a number above 0" if self.is_factor else "none, as a loss factor is a value"
+                raise ParameterError(f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}")
+
+    def _check_drives(self) -> None:
+        if not self.drives and self.quantity not in GROUP_QUANTITIES:
+            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        names = [d.name for d in self.drives]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ParameterError(f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers")
+        if len({d.quantity == "loss_factor" for d in self.drives}) > 1:
+            raise ParameterError(
+                f"unknown {self.name!r} acts on loss factors and on other quantities; use two unknowns"
+            )
 
     @property
     def name(self) -> str:
@@ -84,9 +137,32 @@ class Parameter:
         return f"{self.group}.{self.quantity}"
 
     @property
+    def acts_on(self) -> tuple[Drive, ...]:
+        """What the unknown acts on."""
+        return self.drives or (Drive(self.group, self.quantity),)
+
+    @property
+    def law(self) -> str:
+        """What a linked unknown acts on, in words: ``"skin.stiffness, bend.stiffness^3"``; empty for others."""
+        return ", ".join(d.name + (f"^{d.power:g}" if d.power != 1.0 else "") for d in self.drives)
+
+    def physical(self, value: float, std: float = math.nan) -> str:
+        """Return a value of the unknown as the quantity that it stands for; empty where `nominal` is not given.
+
+        Parameters
+        ----------
+        value, std : float
+            In the unit of the unknown; the deviation may be nan or inf.
+        """
+        if self.nominal is None:
+            return ""
+        spread = f" ± {std * self.nominal:.2g}" if math.isfinite(std) else ""
+        return f"{value * self.nominal:.6g}{spread} {self.unit}".rstrip()
+
+    @property
     def is_factor(self) -> bool:
         """Whether the unknown is a positive factor, treated in its logarithm inside the optimiser."""
-        return self.quantity != "loss_factor"
+        return self.acts_on[0].quantity != "loss_factor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +188,11 @@ class ParameterSet(Sequence[Parameter]):
         twice = [name for name, count in names.items() if count > 1]
         if twice:
             raise ParameterError(f"unknown {twice[0]!r} stands twice")
+        losses: dict[str, str] = {}
+        for p in self.items:
+            for d in p.acts_on:
+                if d.quantity == "loss_factor" and losses.setdefault(d.name, p.name) != p.name:
+                    raise ParameterError(f"{d.name!r} is set by two unknowns: {losses[d.name]!r} and {p.name!r}")
         if not names:
             raise ParameterError("there is nothing to update: no unknown is chosen")
 
@@ -153,7 +234,7 @@ class ParameterSet(Sequence[Parameter]):
 
     @property
     def is_factor(self) -> NDArray[np.bool_]:
-        """Which unknowns are positive factors, shape (n,)."""
+        """Which unknowns are positive factors, not loss factors; shape (n,)."""
         return np.array([p.is_factor for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
@@ -227,7 +308,12 @@ class ParameterSet(Sequence[Parameter]):
         """
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
-            changes.setdefault(parameter.group, {})[parameter.quantity] = float(value)
+            for d in parameter.acts_on:
+                change = changes.setdefault(d.group, {})
+                if d.quantity == "loss_factor":
+                    change[d.quantity] = float(value)
+                else:
+                    change[d.quantity] = change.get(d.quantity, 1.0) * float(value) ** d.power
         return changes
 
     def _vector(self, values: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -240,131 +326,8 @@ class ParameterSet(Sequence[Parameter]):
         return array
 
 
-def parameters(
-    model: Model,
-    *,
-    stiffness: str | Iterable[str] = (),
-    mass: str | Iterable[str] = (),
-    loss_factor: str | Iterable[str] = (),
-    viscous: str | Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    prior_std: Mapping[str, float] | None = None,
-) -> ParameterSet:
-    """Choose the unknowns: one for each group and quantity.
-
-    Parameters
-    ----------
-    model : Model
-        The model to update.
-    stiffness, mass, loss_factor, viscous : str or iterable of str
-        Group names or globs (``"gear*"``), or ``"all"``. A glob stands for those of its groups that have the quantity,
-        ``"all"`` for every group that has it. Stiffness, mass and viscous unknowns are factors on the group's start
-        (1 = unchanged); loss factors are values relative to the updated stiffness, from the group's own.
-    bounds : mapping of str to (float, float), optional
-        By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns; the most special
-        wins (unknown, then the first glob that fits, then quantity). A loss factor whose own value lies outside
-        starts on the nearer bound.
-    prior_std : mapping of str to float, optional
-        Standard deviation of a prior about the start, by the same keys.
-
-    Returns
-    -------
-    ParameterSet
-        Ordered by group, then mass, stiffness, loss factor, viscous as far as chosen.
-
-    Raises
-    ------
-    ParameterError
-        If a glob fits no group, a group lacks the quantity, a key of `bounds` or `prior_std` fits no unknown, or
-        nothing is chosen.
-    """
-    wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
-    chosen = {quantity: _groups(model, quantity, patterns) for quantity, patterns in wanted.items()}
-    items = []
-    for name, group in model.groups.items():
-        for quantity in wanted:
-            if name in chosen[quantity]:
-                low, high = DEFAULT_BOUNDS[quantity]
-                start = group.loss_factor if quantity == "loss_factor" else 1.0
-                items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
-    bounds = _table("bounds", bounds, items)
-    prior_std = _table("prior_std", prior_std, items)
-    out = []
-    for p in items:
-        if (pair := _most_special(bounds, p)) is not None:
-            low, high = _pair(pair, f"bounds of {p.name!r}")
-            start = p.start
-            if p.quantity == "loss_factor" and low < high:  # the group's own value yields to the user's bounds
-                start = min(max(start, low), high)
-            p = Parameter(p.group, p.quantity, start, low, high)
-        out.append(replace(p, prior_std=_most_special(prior_std, p)))
-    return ParameterSet(tuple(out))
-
-
-def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
-    able = [name for name, group in model.groups.items() if _has(group, quantity)]
-    if isinstance(patterns, str) and patterns == "all":
-        if not able:
-            raise ParameterError(f"no group of the model has {quantity}")
-        return set(able)
-    if not isinstance(patterns, Iterable):
-        raise ParameterError(f"{quantity}: expected group names, globs or 'all', found {patterns!r}")
-    found: set[str] = set()
-    for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        if not isinstance(pattern, str):
-            raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
-        fits = [name for name in model.groups if fnmatch.fnmatchcase(name, pattern)]
-        if not fits:
-            raise ParameterError(f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}")
-        lacking = [f for f in fits if f not in able]
-        if lacking and (pattern in model.groups or len(lacking) == len(fits)):
-            raise ParameterError(
-                f"{quantity}: group {lacking[0]!r} has no {_needs(quantity)}; {suggest(pattern, able)}"
-            )
-        found.update(f for f in fits if f in able)
-    return found
-
-
-def _needs(quantity: str) -> str:
-    return "stiffness" if quantity == "loss_factor" else quantity
-
-
-def _has(group: Group, quantity: str) -> bool:
-    return getattr(group, _needs(quantity)) is not None
-
-
-def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
-    if parameter.name in table:
-        return table[parameter.name]
-    for key, value in table.items():
-        if key not in GROUP_QUANTITIES and fnmatch.fnmatchcase(parameter.name, key):
-            return value
-    return table.get(parameter.quantity)
-
-
-def _table(what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]) -> Mapping[str, Any]:
-    """Return `given` after checking that each of its keys fits an unknown."""
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise ParameterError(f"{what}: expected a mapping by quantity, unknown or glob, found {given!r}")
-    known = dict.fromkeys([*(p.quantity for p in items), *(p.name for p in items)])
-    for key in given:
-        if key in known or (isinstance(key, str) and any(fnmatch.fnmatchcase(p.name, key) for p in items)):
-            continue
-        raise ParameterError(
-            f"{what}: {key!r} is neither a quantity nor an unknown that is chosen; {suggest(str(key), known)}"
-        )
-    return given
-
-
-def _pair(given: Any, what: str) -> tuple[float, float]:
-    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
-        raise ParameterError(f"{what}: expected (lower, upper), found {given!r}")
-    return _finite(given[0], what), _finite(given[1], what)
-
-
-def _finite(given: Any, what: str) -> float:
+def finite(given: Any, what: str) -> float:
+    """Return a number, or refuse what is none or not finite as `what`."""
     number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(given, bool)
     if not (number and np.isfinite(given)):
         raise ParameterError(f"{what}: expected a finite number, found {given!r}")

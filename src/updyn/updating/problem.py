@@ -213,9 +213,13 @@ class Problem:
         """Number of unknowns."""
         return len(self.coordinates.parameters)
 
+    def values(self, x: _Vector) -> _Vector:
+        """Return the unknowns' values at x, shape (n,)."""
+        return self.coordinates.to_values(x)
+
     def state(self, x: _Vector) -> State:
         """Return the state of the compiled model at x."""
-        return self.unknowns.state(self.solver.system, self.coordinates.to_values(x))
+        return self.unknowns.state(self.solver.system, self.values(x))
 
     @property
     def work(self) -> float:
@@ -305,7 +309,7 @@ class Problem:
         """
         freq = self.frf.freq[lines]
         H, dH = sensitivity.receptance(
-            self.solver, self.unknowns, self.state(x), freq, self.rows, self.columns, derivatives=derivatives
+            self.solver, self.unknowns, self.values(x), freq, self.rows, self.columns, derivatives=derivatives
         )
         factor = self.sign * ((2j * np.pi * freq) ** QUANTITIES[self.frf.quantity])[:, None, None]
         if dH is not None:

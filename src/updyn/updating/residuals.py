@@ -197,7 +197,7 @@ class EquationError:
         weight = _same_unit(problem, unit)
         factor = problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
         product, derivative = sensitivity.condensed_product(
-            problem.solver, problem.unknowns, problem.state(x), freq, problem.rows, problem.frf.values[lines] * factor
+            problem.solver, problem.unknowns, problem.values(x), freq, problem.rows, problem.frf.values[lines] * factor
         )
         assert derivative is not None
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)

@@ -195,6 +195,8 @@ class UpdateResult:
             note = "not determined by the data" if np.isinf(std) else ""
             if p.name in self.at_bound:
                 note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
+            if p.nominal is not None:
+                note = f"{p.physical(self.values[p.name], std)}" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
             lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip())
         ident = self.identifiability

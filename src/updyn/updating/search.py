@@ -138,7 +138,7 @@ class Search:
     def _points(self, problem: Problem) -> Iterator[_Vector]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        loss = problem.unknowns.is_loss
+        loss = ~problem.coordinates.parameters.is_factor
         inflated = _INFLATED if loss.any() else (0.0,)
         for level in inflated[: self.starts]:
             # A user's own start that is already higher is not lowered, and a user's bounds are kept.

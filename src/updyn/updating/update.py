@@ -153,7 +153,7 @@ def update(
     status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
-    after = parameters.apply(model, np.where(problem.unknowns.is_loss, np.maximum(values, 0.0), values))
+    after = parameters.apply(model, np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
     return UpdateResult(
         status=status,
         message=message,
@@ -265,9 +265,10 @@ def _check(model: Model, frf: FRF, parameters: ParameterSet) -> None:
         if not isinstance(given, kind):
             raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
     for p in parameters:
-        group = model.group(p.group)
-        if getattr(group, "stiffness" if p.quantity == "loss_factor" else p.quantity) is None:
-            raise ParameterError(f"unknown {p.name!r}: the group has no {p.quantity} in this model")
+        for d in p.acts_on:
+            group = model.group(d.group)
+            if getattr(group, "stiffness" if d.quantity == "loss_factor" else d.quantity) is None:
+                raise ParameterError(f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model")
     model.dofs.match(frf.responses, "response")
     model.dofs.match(frf.references, "reference")
 
