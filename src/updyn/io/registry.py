@@ -62,6 +62,7 @@ FORMATS = (
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
     Format("ansys-full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
     Format("ansys-emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
+    Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
 )
 
 

@@ -1,0 +1,188 @@
+"""Running ``ccx``: a deck in, K and M out, what it complains of as an error."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.io.guard import library
+from updyn.model import Matrix
+
+__all__ = ["Matrices", "Program", "find_program"]
+
+_JOB = "job"
+#: The step that writes ``job.sti``, ``job.mas`` and ``job.dof`` instead of solving.
+STORAGE = ("*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE")
+_SHOWN = 3  # messages of ccx that are told
+#: What ccx says of every point mass, and of a material without density, which is told by name elsewhere.
+_HARMLESS = ("no elastic constants", "no density was assigned", "cannot be inter")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matrices:
+    """What ``ccx`` wrote, in the units of the deck.
+
+    Parameters
+    ----------
+    dofs : DofSet
+        The N degrees of freedom that are neither held nor tied to others.
+    stiffness, mass : sparse, shape (N, N)
+        Real and symmetric.
+    """
+
+    dofs: DofSet
+    stiffness: Matrix
+    mass: Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """An installed ``ccx``.
+
+    Parameters
+    ----------
+    executable : str
+        Its path.
+    timeout : float
+        Longest time of one run, in s.
+    path : Path
+        The deck, for messages.
+    """
+
+    executable: str
+    timeout: float
+    path: Path
+
+    def matrices(self, lines: Sequence[str]) -> Matrices:
+        """Run a deck, whose last step stores the matrices, in a folder of its own that is removed afterwards.
+
+        Parameters
+        ----------
+        lines : sequence of str
+            The deck.
+
+        Returns
+        -------
+        Matrices
+
+        Raises
+        ------
+        FormatError
+            If the program fails, takes too long or does not understand a card; its own words are in the message.
+        """
+        with tempfile.TemporaryDirectory(prefix="updyn-ccx-") as name:
+            folder = Path(name)
+            (folder / f"{_JOB}.inp").write_text("\n".join(lines) + "\n", encoding="latin-1", errors="replace")
+            said, code = self._run(folder)
+            self._judge(said, code, folder)
+            return self._read(folder)
+
+    def _run(self, folder: Path) -> tuple[str, int]:
+        try:
+            done = subprocess.run(
+                [self.executable, _JOB],
+                cwd=folder,
+                capture_output=True,
+                timeout=self.timeout,
+                check=False,
+                stdin=subprocess.DEVNULL,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise FormatError(
+                f"ccx was stopped after {self.timeout:g} s; give it longer: timeout=", self.path
+            ) from error
+        except OSError as error:
+            raise OptionError(f"ccx: {self.executable!r} cannot be run: {error.strerror}") from error
+        return (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace"), done.returncode
+
+    def _judge(self, said: str, code: int, folder: Path) -> None:
+        errors, remarks = _messages(said, "ERROR"), _messages(said, "WARNING")
+        errors += [m for m in remarks if "Card image" in m]  # what ccx would pass over
+        if errors:
+            more = f" ({len(errors)} in all)" if len(errors) > _SHOWN else ""
+            raise FormatError(f"ccx says: {'; '.join(errors[:_SHOWN])}{more}", self.path)
+        if code or not all((folder / f"{_JOB}.{end}").is_file() for end in ("sti", "mas", "dof")):
+            last = " / ".join(line.strip() for line in said.splitlines() if line.strip())[-300:]
+            raise FormatError(f"ccx ended with code {code} and wrote no matrices; its last words: {last}", self.path)
+        told = [m for m in remarks if not any(known in m for known in _HARMLESS)]
+        if told:
+            warnings.warn(f"{self.path}: ccx says: {'; '.join(dict.fromkeys(told))}", UpdynWarning, stacklevel=2)
+
+    def _read(self, folder: Path) -> Matrices:
+        dofs = _dofs((folder / f"{_JOB}.dof").read_text(encoding="ascii"), self.path)
+        with library(self.path, "matrix file of ccx"):
+            K, M = (_matrix(folder / f"{_JOB}.{end}", len(dofs)) for end in ("sti", "mas"))
+        return Matrices(dofs, K, M)
+
+
+def find_program(name: str, timeout: float, path: Path) -> Program:
+    """Find ``ccx``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the executable, or its path.
+    timeout : float
+        Longest time of one run, in s.
+    path : Path
+        The deck, for messages.
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    OptionError
+        If it is not there, with what to install, or the time is not above 0.
+    """
+    if not timeout > 0:
+        raise OptionError(f"timeout {timeout!r}; expected seconds above 0")
+    found = shutil.which(name)
+    if found is None:
+        raise OptionError(
+            f"{path}: CalculiX is needed to read this deck, and there is no program {name!r}. Install it "
+            '("apt install calculix-ccx" on Debian and Ubuntu, or from calculix.de), or say where it is: ccx="path"'
+        )
+    return Program(found, timeout, path)
+
+
+def _messages(said: str, kind: str) -> list[str]:
+    """Return the messages of a kind: from ``*ERROR`` to the next empty line."""
+    found = re.findall(rf"^ *\*{kind}\b(.*(?:\n(?! *\*(?:ERROR|WARNING))(?! *$).*)*)", said, re.MULTILINE)
+    return [" ".join(text.lstrip(":").split()) for text in found]
+
+
+def _dofs(text: str, path: Path) -> DofSet:
+    """Read ``node.direction``, one a line."""
+    pairs = [line.split(".") for line in text.split()]
+    directions = {pair[1] for pair in pairs if len(pair) == 2}
+    if any(len(pair) != 2 for pair in pairs) or not directions <= {"1", "2", "3"}:
+        odd = sorted(directions - {"1", "2", "3"})
+        raise FormatError(f"ccx writes degrees of freedom of direction {odd}; expected 1, 2 and 3", path)
+    if not pairs:
+        raise FormatError("no degree of freedom is free: everything is held", path)
+    return DofSet.from_arrays([int(node) for node, _ in pairs], [int(direction) - 1 for _, direction in pairs])
+
+
+def _matrix(path: Path, n: int) -> Matrix:
+    """Read ``row column value``, one triangle."""
+    table: NDArray[np.float64] = np.loadtxt(path, ndmin=2)
+    row, column = (table[:, k].astype(np.int64) - 1 for k in (0, 1))
+    off = row != column
+    at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+    out = sp.csr_array(sp.coo_array((np.concatenate([table[:, 2], table[off, 2]]), at), shape=(n, n)))
+    out.eliminate_zeros()
+    return out

@@ -1,0 +1,162 @@
+"""A deck of CalculiX as a model: materials as groups, by difference."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from updyn.errors import FormatError, UpdynWarning, suggest
+from updyn.geometry import Geometry
+from updyn.io.calculix.cards import check_model, storage_deck
+from updyn.io.calculix.program import Matrices, find_program
+from updyn.io.consistent_units import check_materials, system
+from updyn.io.differences import groups_by_difference
+from updyn.io.guard import placed
+from updyn.io.keyword_cards import Card, Row, number, read_cards
+from updyn.io.keyword_deck import Deck, edges, read_deck
+from updyn.io.keyword_properties import Property, read_properties
+from updyn.model import Group, Matrix, Model
+
+__all__ = ["read_model", "read_parts"]
+
+#: ccx prints 14 digits: an entry is off by up to 5e-14 of itself, a difference of two by 1e-13 of the larger.
+_TOLERANCE = 1e-10
+
+
+def read_model(
+    path: str | Path,
+    *,
+    unit: str = "m",
+    ccx: str = "ccx",
+    timeout: float = 600.0,
+) -> Model:
+    """Read a deck of solids by running ``ccx`` on it.
+
+    Parameters
+    ----------
+    path : path
+        The deck, ``.inp``.
+    unit : {"m", "mm", "in"}
+        The deck's consistent units by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The model is in SI.
+    ccx : str
+        The program: its name or its path.
+    timeout : float
+        Longest time of one run, in s. There is one run for the deck and one for each material.
+
+    Returns
+    -------
+    Model
+        Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes that are neither held
+        nor tied; geometry: all nodes, with the edges of the elements. ``*DAMPING, STRUCTURAL=`` is the loss factor of
+        a material, ALPHA and BETA (of the whole deck) the viscous damping of each group.
+
+    Raises
+    ------
+    FormatError
+        If a card cannot be read or is of a kind that has no place in the matrices, or ``ccx`` fails; the message says
+        file and line, or what ``ccx`` said.
+    OptionError
+        If there is no ``ccx``, with what to install, or no such unit.
+
+    Warns
+    -----
+    UpdynWarning
+        If materials do not look like solids in the unit stated, a material has no density, or no element.
+    """
+    path = Path(path)
+    cards = read_cards(path)
+    units = system(unit)
+    model, step, deck, parts = read_parts(path, cards)
+    alpha, beta = _rayleigh(model)
+    program = find_program(ccx, timeout, path)
+    check_materials([_of_material(p) for p in parts.values() if p.kind == "material"], units, path)
+
+    def run(changed: Property | None = None) -> Matrices:
+        return program.matrices([*_lines(model, changed), *step])
+
+    total = run()
+
+    def doubled(name: str) -> tuple[Matrix, Matrix]:
+        one = run(parts[name])
+        if one.dofs != total.dofs:
+            raise FormatError(f"group {name!r}: the degrees of freedom change with its stiffness", path)
+        return one.stiffness, one.mass
+
+    split = groups_by_difference(parts, (total.stiffness, total.mass), doubled, total.dofs, path, _TOLERANCE)
+    groups = {}
+    for name, (K, M) in split.items():
+        if K is None and M is None:
+            _warn(path, f"{parts[name].name!r} has neither stiffness nor mass at the free DOFs: left out")
+            continue
+        K, M = (None if A is None else units.to_si(A, total.dofs) for A in (K, M))
+        viscous = [f * A for f, A in ((alpha, M), (beta, K)) if f and A is not None]
+        gamma = parts[name].damping("STRUCTURAL") if K is not None else 0.0
+        with placed(path, f"group {parts[name].name!r}"):
+            groups[parts[name].name] = Group(K, M, loss_factor=gamma, viscous=sum(viscous) if viscous else None)
+    heading = next((row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), "")
+    with placed(path):
+        drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
+        return Model.from_groups(groups, total.dofs, geometry=drawn, title=heading)
+
+
+def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
+    """Return the cards of the model, the lines of the storing step, the structure, and its groups in capitals.
+
+    Raises
+    ------
+    FormatError
+        If a card cannot be read, or a material is not linear or not there.
+    """
+    model, step = storage_deck(cards)
+    check_model(model)
+    deck = read_deck(path, model)
+    types = {name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))}
+    found = read_properties(model, types)
+    materials = {name for name, p in found.items() if p.kind == "material"}
+    for section in deck.sections:
+        if section.material not in materials:
+            raise section.card.error(
+                f"*SOLID SECTION: no material {section.card.get('MATERIAL')!r}; {suggest(section.material, materials)}"
+            )
+    parts = {}
+    for name, part in found.items():
+        if part.kind == "material":
+            if not len(deck.elements_of(name)):
+                _warn(path, f"no element is made of material {part.name!r}: left out")
+                continue
+            if part.card("ELASTIC") is None:
+                raise part.cards[0].error(f"material {part.name!r} has no *ELASTIC")
+            if part.card("DENSITY") is None:
+                _warn(path, f"material {part.name!r} has no *DENSITY: its group has no mass")
+        parts[name] = part
+    return model, step, deck, parts
+
+
+def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
+    """Return the lines of a deck, with stiffness and density of a part doubled."""
+    cards = list(model)
+    if changed is not None:
+        cards[changed.at : changed.at + len(changed.cards)] = changed.scaled(2.0, 2.0)
+    return [line for card in cards for line in card.text()]
+
+
+def _of_material(part: Property) -> tuple[str, float | None, float | None]:
+    E, rho = part.values("stiffness"), part.values("mass")
+    return part.name, E[0] if E else None, rho[0] if rho else None
+
+
+def _rayleigh(model: Sequence[Card]) -> tuple[float, float]:
+    """Return ALPHA (1/s) and BETA (s) of the deck; ccx takes them for the whole, wherever they stand."""
+    found = [c for c in model if c.name == "DAMPING" and {"ALPHA", "BETA"} & set(c.parameters)]
+    if len(found) > 1:
+        raise found[1].error(f"*DAMPING with ALPHA and BETA stands twice, also on line {found[0].line}")
+    if not found:
+        return 0.0, 0.0
+    card = found[0]
+    alpha, beta = (number(card.get(k) or "0.", card, Row(card.line, "")) for k in ("ALPHA", "BETA"))
+    return alpha, beta
+
+
+def _warn(path: Path, message: str) -> None:
+    warnings.warn(f"{path}: {message}", UpdynWarning, stacklevel=3)

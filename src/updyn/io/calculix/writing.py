@@ -1,0 +1,37 @@
+"""New properties for the deck that a model came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from updyn.io.calculix.reading import read_parts
+from updyn.io.keyword_cards import read_cards
+from updyn.io.keyword_changes import write_changes
+
+__all__ = ["write_properties"]
+
+
+def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path) -> None:
+    """Write the materials, springs and masses that changed as a file for ``*INCLUDE``.
+
+    It takes the place of their old cards in the deck: CalculiX uses the first of two materials of one name.
+
+    Parameters
+    ----------
+    changes : mapping of str to mapping of str to float
+        By group: "stiffness" and "mass" are factors on the deck's moduli, spring constants, densities and masses,
+        "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
+    deck : path
+        The deck.
+    path : path
+        The file to write.
+
+    Raises
+    ------
+    FormatError
+        If the deck cannot be read, has no such group (the nearest is named) or no place for the change.
+    """
+    deck = Path(deck)
+    parts = read_parts(deck, read_cards(deck))[3]
+    write_changes(changes, parts, deck, Path(path), rayleigh=False)

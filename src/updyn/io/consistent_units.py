@@ -1,0 +1,169 @@
+"""Consistent units of decks and matrix files, which do not say theirs: conversion to SI, and whether numbers fit.
+
+With a unit of length L (m) and one of energy W (J), angles in rad, a matrix of stiffness, damping or mass becomes
+W T A T with T = 1/L at translations and 1 at rotations, as u^T A u is an energy (or power, or twice an energy over
+seconds squared) in any of them.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from updyn.dofs import DofSet
+from updyn.errors import OptionError, UpdynWarning, suggest
+from updyn.model import Matrix
+
+__all__ = ["UNITS", "System", "check_materials", "system"]
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """A consistent system of units; seconds and radians in all of them.
+
+    Parameters
+    ----------
+    name : str
+        Its unit of length, and how users call it.
+    length : float
+        Unit of length, in m.
+    energy : float
+        Unit of energy (force times length), in J.
+    described : str
+        Length, force, mass, in words.
+    """
+
+    name: str
+    length: float
+    energy: float
+    described: str
+
+    def to_si(self, matrix: Matrix, dofs: DofSet) -> Matrix:
+        """Return a matrix of stiffness, damping or mass in SI.
+
+        Parameters
+        ----------
+        matrix : sparse, shape (N, N)
+            In this system.
+        dofs : DofSet
+            The N degrees of freedom.
+
+        Returns
+        -------
+        sparse, shape (N, N)
+            In N/m, N s/m, kg, and the same with rad.
+        """
+        if self.length == self.energy == 1.0:
+            return matrix
+        entry = sp.coo_array(matrix)
+        power = (dofs.axes < 3).astype(np.int64)
+        # Powers of the unit of length are taken together, so that 1e-3 / 1e-3^2 is 1000 to the last bit or nearly.
+        factors = np.array([self.energy * (1.0 / self.length) ** k for k in range(3)])
+        data = entry.data * factors[power[entry.row] + power[entry.col]]
+        return sp.csr_array(sp.coo_array((data, (entry.row, entry.col)), shape=entry.shape))
+
+    @property
+    def pressure(self) -> float:
+        """Unit of a modulus, in Pa."""
+        return self.energy / self.length**3
+
+    @property
+    def density(self) -> float:
+        """Unit of a density, in kg/m3."""
+        return self.energy / self.length**5
+
+
+_POUND_FORCE = 4.4482216152605  # N, exact (International Bureau of Weights and Measures, SI brochure)
+UNITS = {
+    s.name: s
+    for s in (
+        System("m", 1.0, 1.0, "m, N, kg"),
+        System("mm", 1e-3, 1e-3, "mm, N, t"),
+        System("in", 0.0254, 0.0254 * _POUND_FORCE, "in, lbf, lbf s2/in"),
+    )
+}
+
+
+def system(name: str) -> System:
+    """Return a system of units by its unit of length.
+
+    Parameters
+    ----------
+    name : {"m", "mm", "in"}
+        Unit of length.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    OptionError
+        If there is no such system.
+    """
+    if name not in UNITS:
+        known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())
+        raise OptionError(f"unit {name!r}; {suggest(str(name), UNITS)} Consistent units: {known}, all with s")
+    return UNITS[name]
+
+
+#: What solids have, with room on both sides: rubber and foam to diamond, aerogel to osmium, gels to beryllium.
+_MODULUS, _DENSITY, _SPEED = (1e4, 2e12), (1.0, 3e4), (10.0, 3e4)
+
+
+def check_materials(
+    materials: Iterable[tuple[str, float | None, float | None]], chosen: System, path: str | Path
+) -> None:
+    """Warn where moduli and densities are not those of a solid in the units stated.
+
+    Parameters
+    ----------
+    materials : iterable of (str, float or None, float or None)
+        Name, Young's modulus and density in `chosen`; None: there is none.
+    chosen : System
+        The units that were stated.
+    path : path
+        The deck, for the message.
+
+    Warns
+    -----
+    UpdynWarning
+        For the first material that does not fit; a system in which it would is named.
+    """
+    for name, modulus, density in materials:
+        if _plausible(modulus, density, chosen):
+            continue
+        others = [s for s in UNITS.values() if s is not chosen and _plausible(modulus, density, s)]
+        hint = (
+            f"they fit unit = {others[0].name!r} ({others[0].described})"
+            if others
+            else "they fit none of " + ", ".join(repr(s) for s in UNITS) + ": units are mixed in the deck"
+        )
+        said = " and ".join(
+            f"{what} {value:g} ({value * factor:.3g} {unit})"
+            for what, value, factor, unit in (
+                ("modulus", modulus, chosen.pressure, "Pa"),
+                ("density", density, chosen.density, "kg/m3"),
+            )
+            if value is not None
+        )
+        warnings.warn(
+            f"{path}: material {name!r}: {said} is no solid in unit = {chosen.name!r} ({chosen.described}); {hint}",
+            UpdynWarning,
+            stacklevel=2,
+        )
+        return
+
+
+def _plausible(modulus: float | None, density: float | None, chosen: System) -> bool:
+    E = None if not modulus else modulus * chosen.pressure
+    rho = None if not density else density * chosen.density
+    fits = [low <= v <= high for v, (low, high) in ((E, _MODULUS), (rho, _DENSITY)) if v is not None]
+    if E is not None and rho is not None:
+        fits.append(_SPEED[0] <= np.sqrt(abs(E / rho)) <= _SPEED[1])
+    return all(fits)

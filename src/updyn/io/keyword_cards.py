@@ -1,0 +1,270 @@
+"""Input decks of the keyword family (CalculiX, Abaqus): files into cards, with the line that each stands on.
+
+A card is a line that starts with ``*``, with parameters between commas, and the data lines below it. ``**`` starts a
+comment. Case and blanks do not matter, a keyword line that ends with a comma goes on in the next line, and
+``*INCLUDE, INPUT=file`` is replaced by what is in that file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from updyn.errors import FormatError, suggest
+
+__all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
+
+#: Both programs read the first twenty characters of a field; CalculiX drops what follows without a word.
+FIELD_WIDTH = 20
+_DEEPEST = 20  # files that include files
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A data line.
+
+    Parameters
+    ----------
+    line : int
+        Where it stands in its file.
+    text : str
+        As it is written.
+    """
+
+    line: int
+    text: str
+
+    @property
+    def fields(self) -> list[str]:
+        """The texts between the commas, without blanks at their ends; none after a comma that ends the line."""
+        found = [part.strip() for part in self.text.split(",")]
+        return found[:-1] if len(found) > 1 and not found[-1] else found
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """A keyword with its parameters and data lines.
+
+    Parameters
+    ----------
+    name : str
+        The keyword in capitals, one blank between its words, without the star.
+    parameters : mapping of str to str
+        By name in capitals; the value as written, empty where there is none.
+    rows : tuple of Row
+        The data lines, without comments and empty lines.
+    path : Path
+        The file it stands in.
+    line : int
+        The line of the keyword.
+    """
+
+    name: str
+    parameters: Mapping[str, str]
+    rows: tuple[Row, ...]
+    path: Path
+    line: int
+
+    def get(self, parameter: str) -> str | None:
+        """Return a parameter as it is written, or None."""
+        return self.parameters.get(parameter)
+
+    def need(self, parameter: str) -> str:
+        """Return a parameter that has to be there.
+
+        Raises
+        ------
+        FormatError
+            If it is not, or has no value.
+        """
+        if not self.parameters.get(parameter):
+            near = f"; {suggest(parameter, self.parameters)}" if self.parameters else ""
+            raise self.error(f"*{self.name} has no {parameter}={near}")
+        return self.parameters[parameter]
+
+    def only(self, *known: str) -> None:
+        """Refuse parameters that are not known: each of them changes what the card means.
+
+        Raises
+        ------
+        FormatError
+            If there is another; the nearest known one is named.
+        """
+        for name in self.parameters:
+            if name not in known:
+                raise self.error(f"*{self.name}: parameter {name!r} is not read; {suggest(name, known)}")
+
+    def error(self, message: str, row: Row | None = None) -> FormatError:
+        """Return an error that names file and line: of the row, else of the keyword."""
+        return FormatError(message, self.path, self.line if row is None else row.line)
+
+    def text(self) -> list[str]:
+        """Return the card as lines of a deck."""
+        parts = [f"*{self.name}", *(f"{k}={v}" if v else k for k, v in self.parameters.items())]
+        return [", ".join(parts), *(row.text for row in self.rows)]
+
+
+def read_cards(path: str | Path) -> list[Card]:
+    """Read a deck and all files that it includes.
+
+    Parameters
+    ----------
+    path : path
+        The deck. Names of included files are relative to the folder it stands in.
+
+    Returns
+    -------
+    list of Card
+        In order.
+
+    Raises
+    ------
+    FormatError
+        If a file is missing, includes itself or is not a text, or data stand before the first keyword; the message
+        says file and line.
+    """
+    path = Path(path)
+    return _grouped(_lines(path, path.parent, ()), path)
+
+
+def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple[Path, int, str]]:
+    """Yield file, line number and text of every line that is no comment; includes in place, keyword lines joined."""
+    joined, start = "", 0
+    for at, line in enumerate(_source(path).splitlines(), 1):
+        text = line.strip()
+        if not text or text.startswith("**"):
+            continue
+        if joined:
+            joined += " " + text
+        elif text.startswith("*"):
+            joined, start = text, at
+        else:
+            yield path, at, text
+            continue
+        if joined.endswith(","):
+            continue
+        whole_line, joined = joined, ""
+        if _name(whole_line) == "INCLUDE":
+            inner = _included(whole_line, path, start, folder)
+            chain = (*within, path)
+            if inner.resolve() in [p.resolve() for p in chain] or len(chain) > _DEEPEST:
+                raise FormatError(f"*INCLUDE, INPUT={inner.name}: the file includes itself", path, start)
+            yield from _lines(inner, folder, chain)
+        else:
+            yield path, start, whole_line
+    if joined:
+        raise FormatError(f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start)
+
+
+def _source(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        # Older preprocessors write headings and comments in the code page of their machine.
+        text = path.read_text(encoding="latin-1")
+        if "\0" in text:
+            raise FormatError("not an input deck: the file is binary", path) from None
+        return text
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+
+
+def _included(line: str, path: Path, at: int, folder: Path) -> Path:
+    given = _parameters(line).get("INPUT", "")
+    if not given:
+        raise FormatError("*INCLUDE has no INPUT=", path, at)
+    inner = folder / given
+    if not inner.is_file():
+        near = sorted(p.name for p in inner.parent.iterdir() if p.is_file()) if inner.parent.is_dir() else []
+        close = suggest(inner.name, near) if near else "its folder does not exist or is empty"
+        raise FormatError(f"*INCLUDE: no such file {given!r}; {close}", path, at)
+    return inner
+
+
+def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
+    cards: list[Card] = []
+    head: tuple[Path, int, str] | None = None
+    rows: list[Row] = []
+    for path, at, text in lines:
+        if text.startswith("*"):
+            if head is not None:
+                cards.append(_card(head, rows))
+            head, rows = (path, at, text), []
+        elif head is None:
+            raise FormatError(
+                f"found {text[:40]!r} before the first keyword; expected a line that starts with *", path, at
+            )
+        else:
+            rows.append(Row(at, text))
+    if head is None:
+        raise FormatError("not an input deck: there is no keyword in it", deck)
+    return [*cards, _card(head, rows)]
+
+
+def _card(head: tuple[Path, int, str], rows: list[Row]) -> Card:
+    path, at, text = head
+    return Card(_name(text), MappingProxyType(_parameters(text)), tuple(rows), path, at)
+
+
+def _name(text: str) -> str:
+    return " ".join(text.split(",")[0].lstrip("*").upper().split())
+
+
+def _parameters(text: str) -> dict[str, str]:
+    out = {}
+    for part in text.split(",")[1:]:
+        name, _, value = part.partition("=")
+        if name.strip():
+            out[" ".join(name.upper().split())] = value.strip().strip('"').strip()
+    return out
+
+
+# -- numbers -----------------------------------------------------------------------------------------------
+def number(text: str, card: Card, row: Row) -> float:
+    """Read a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
+
+    Raises
+    ------
+    FormatError
+        If it is not a finite number, or is longer than the twenty characters that the programs read.
+    """
+    if len(text) > FIELD_WIDTH:
+        raise card.error(
+            f"*{card.name}: {text!r} has {len(text)} characters; the programs read the first {FIELD_WIDTH} and drop "
+            "the rest, write it shorter",
+            row,
+        )
+    try:
+        value = float(text.upper().replace("D", "E"))
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < float("inf"):
+        raise card.error(f"*{card.name}: {text!r} is not a number", row)
+    return value
+
+
+def whole(text: str, card: Card, row: Row) -> int:
+    """Read a whole number of a data line.
+
+    Raises
+    ------
+    FormatError
+        If it is not one.
+    """
+    try:
+        return int(text)
+    except ValueError:
+        raise card.error(f"*{card.name}: {text!r} is not a whole number", row) from None
+
+
+def short_number(value: float) -> str:
+    """Write a number in at most twenty characters and with a decimal point, as exactly as fits."""
+    candidates = [repr(float(value)), *(f"{value:.{digits}g}" for digits in range(17, 9, -1))]
+    return next(text for c in candidates if len(text := _with_point(c)) <= FIELD_WIDTH)
+
+
+def _with_point(text: str) -> str:
+    mantissa, e, exponent = text.upper().partition("E")
+    return mantissa + ("" if "." in mantissa else ".") + e + exponent

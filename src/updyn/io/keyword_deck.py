@@ -1,0 +1,338 @@
+"""What an input deck of CalculiX or Abaqus says of a structure: nodes, elements, sets, and who is made of what.
+
+Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only what stands before the
+first ``*STEP`` is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError, suggest
+from updyn.io.keyword_cards import Card, Row, number, whole
+
+__all__ = ["Deck", "Elements", "Section", "edges", "read_deck", "split_steps"]
+
+#: Nodes of the solids, and which of them are corners of which shape.
+SOLIDS = {
+    "C3D4": (4, "tetrahedron"),
+    "C3D4H": (4, "tetrahedron"),
+    "C3D5": (5, "pyramid"),
+    "C3D6": (6, "wedge"),
+    "C3D8": (8, "brick"),
+    "C3D8R": (8, "brick"),
+    "C3D8I": (8, "brick"),
+    "C3D10": (10, "tetrahedron"),
+    "C3D10T": (10, "tetrahedron"),
+    "C3D10M": (10, "tetrahedron"),
+    "C3D15": (15, "wedge"),
+    "C3D20": (20, "brick"),
+    "C3D20R": (20, "brick"),
+}
+#: Springs to ground or between nodes, and point masses.
+POINTS = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2, "MASS": 1}
+_EDGES = {
+    "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
+    "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    "brick": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elements:
+    """The elements of one ``*ELEMENT`` card.
+
+    Parameters
+    ----------
+    type : str
+        Element type in capitals.
+    numbers : ndarray of int, shape (n,)
+        Element numbers.
+    nodes : ndarray of int, shape (n, k)
+        Node numbers.
+    card : Card
+        Where they stand.
+    """
+
+    type: str
+    numbers: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    card: Card
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section: which elements are made of which material.
+
+    Parameters
+    ----------
+    elset : str
+        Element set, in capitals.
+    material : str
+        Material, in capitals.
+    card : Card
+        Where it stands.
+    """
+
+    elset: str
+    material: str
+    card: Card
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deck:
+    """A structure as a deck describes it. Names are in capitals; lengths are the deck's own.
+
+    Parameters
+    ----------
+    path : Path
+        The deck.
+    nodes : ndarray of int, shape (n,)
+        Node numbers.
+    xyz : ndarray of float, shape (n, 3)
+        Positions, in the deck's unit of length.
+    elements : tuple of Elements
+        By card.
+    nsets, elsets : mapping of str to ndarray of int
+        Members of each set, ascending.
+    sections : tuple of Section
+        The solid sections.
+    """
+
+    path: Path
+    nodes: NDArray[np.int64]
+    xyz: NDArray[np.float64]
+    elements: tuple[Elements, ...]
+    nsets: Mapping[str, NDArray[np.int64]]
+    elsets: Mapping[str, NDArray[np.int64]]
+    sections: tuple[Section, ...]
+
+    def elements_of(self, material: str) -> NDArray[np.int64]:
+        """Return the numbers of the elements that are made of a material, ascending."""
+        own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
+        return np.unique(np.concatenate(own)) if own else np.empty(0, dtype=np.int64)
+
+
+def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
+    """Return the cards of the model, and those of each step (``*STEP`` first, ``*END STEP`` left out)."""
+    starts = [i for i, card in enumerate(cards) if card.name == "STEP"]
+    bounds = [*starts, len(cards)]
+    steps = [[c for c in cards[a:b] if c.name != "END STEP"] for a, b in pairwise(bounds)]
+    return list(cards[: bounds[0]]), steps
+
+
+def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
+    """Read nodes, elements, sets and solid sections.
+
+    Parameters
+    ----------
+    path : path
+        The deck, for messages.
+    model : sequence of Card
+        The cards before the first step; those that say nothing of these are passed over.
+
+    Returns
+    -------
+    Deck
+        What they say.
+
+    Raises
+    ------
+    FormatError
+        If a number cannot be read, a node, element or set is named and not there, an element is of a type that is
+        not read, or an element has no section or two.
+    """
+    path = Path(path)
+    nsets: dict[str, list[NDArray[np.int64]]] = {}
+    elsets: dict[str, list[NDArray[np.int64]]] = {}
+    numbers, places, blocks, sections = [], [], [], []
+    for card in model:
+        if card.name == "NODE":
+            own, xyz = _nodes(card)
+            numbers.append(own)
+            places.append(xyz)
+            _add(nsets, card.get("NSET"), own)
+        elif card.name == "ELEMENT":
+            block = _elements(card)
+            blocks.append(block)
+            _add(elsets, card.get("ELSET"), block.numbers)
+        elif card.name in ("NSET", "ELSET"):
+            sets = nsets if card.name == "NSET" else elsets
+            _add(sets, card.need(card.name), _members(card, sets))
+        elif card.name == "SOLID SECTION":
+            sections.append(Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card))
+    if not numbers:
+        raise FormatError("the deck has no *NODE", path)
+    deck = Deck(
+        path,
+        np.concatenate(numbers),
+        np.concatenate(places),
+        tuple(blocks),
+        {name: np.unique(np.concatenate(parts)) for name, parts in nsets.items()},
+        {name: np.unique(np.concatenate(parts)) for name, parts in elsets.items()},
+        tuple(sections),
+    )
+    _check_nodes(deck)
+    _check_sections(deck)
+    return deck
+
+
+def edges(deck: Deck) -> NDArray[np.int64]:
+    """Return the edges of the solids between their corners, each once.
+
+    Parameters
+    ----------
+    deck : Deck
+        The structure.
+
+    Returns
+    -------
+    ndarray of int, shape (m, 2)
+        Pairs of node numbers.
+    """
+    pairs = [
+        block.nodes[:, np.array(_EDGES[SOLIDS[block.type][1]])].reshape(-1, 2)
+        for block in deck.elements
+        if block.type in SOLIDS
+    ]
+    if not pairs:
+        return np.empty((0, 2), dtype=np.int64)
+    return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+
+
+# -- cards -------------------------------------------------------------------------------------------------
+def _nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    card.only("NSET")
+    numbers, places = [], []
+    for row in card.rows:
+        fields = row.fields
+        if not 2 <= len(fields) <= 4:
+            raise card.error(f"*NODE: found {row.text!r}; expected node, x, y, z", row)
+        numbers.append(whole(fields[0], card, row))
+        given = [number(f, card, row) if f else 0.0 for f in fields[1:]]
+        places.append(given + [0.0] * (3 - len(given)))
+    return np.array(numbers, dtype=np.int64), np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
+def _elements(card: Card) -> Elements:
+    card.only("TYPE", "ELSET")
+    kind = card.need("TYPE").upper()
+    known = {**{name: n for name, (n, _) in SOLIDS.items()}, **POINTS}
+    if kind not in known:
+        raise card.error(_why_not(kind))
+    wanted, rows, row = known[kind] + 1, [], None
+    pending: list[int] = []
+    for row in card.rows:
+        pending += [whole(f, card, row) for f in row.fields]
+        if len(pending) > wanted:
+            raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
+        if len(pending) == wanted:
+            rows.append(pending)
+            pending = []
+    if pending:
+        raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
+    table = np.array(rows, dtype=np.int64).reshape(-1, wanted)
+    return Elements(kind, table[:, 0], table[:, 1:], card)
+
+
+def _why_not(kind: str) -> str:
+    expanded = (
+        "is expanded into solids with hidden nodes and constraints, so that its matrices have no DOFs of the deck"
+    )
+    if kind.startswith(("B3", "B2", "T2D", "T3D", "PIPE")):
+        return (
+            f"*ELEMENT: {kind} is a beam or truss: it {expanded}; model it with solids, or build it with updyn.elements"
+        )
+    if kind.startswith(("S3", "S4", "S6", "S8", "STRI", "M3D", "CPS", "CPE", "CAX", "SC")):
+        return f"*ELEMENT: {kind} is a shell, membrane or plane element: it {expanded}; model it with solids"
+    if kind.startswith("DASHPOT"):
+        return f"*ELEMENT: {kind}: dashpots stand in no matrix that is written; leave it out and add its damping later"
+    return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
+
+
+def _members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
+    card.only(card.name, "GENERATE", "UNSORTED")
+    found: list[NDArray[np.int64]] = []
+    for row in card.rows:
+        fields = row.fields
+        if "GENERATE" in card.parameters:
+            if len(fields) not in (2, 3):
+                raise card.error(f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row)
+            first, last, step = (*(whole(f, card, row) for f in fields), 1)[:3]
+            if step < 1 or last < first:
+                raise card.error(f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row)
+            found.append(np.arange(first, last + 1, step, dtype=np.int64))
+            continue
+        for text in (f for f in fields if f):
+            if text.lstrip("-").isdecimal():
+                found.append(np.array([whole(text, card, row)], dtype=np.int64))
+            elif text.upper() in sets:
+                found += sets[text.upper()]
+            else:
+                raise card.error(f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row)
+    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+
+
+def _add(sets: dict[str, list[NDArray[np.int64]]], name: str | None, members: NDArray[np.int64]) -> None:
+    if name:
+        sets.setdefault(name.upper(), []).append(members)
+
+
+# -- checks ------------------------------------------------------------------------------------------------
+def _check_nodes(deck: Deck) -> None:
+    if (twice := _twice(deck.nodes)) is not None:
+        raise FormatError(f"*NODE: node {twice} stands twice", deck.path)
+    for block in deck.elements:
+        bad = ~np.isin(block.nodes, deck.nodes)
+        if bad.any():
+            at = int(np.flatnonzero(bad.any(axis=1))[0])
+            raise block.card.error(
+                f"*ELEMENT: element {block.numbers[at]} names node {block.nodes[at][bad[at]][0]}, "
+                "which is not in the deck",
+                _row_of(block.card, int(block.numbers[at])),
+            )
+    numbers = np.concatenate([np.empty(0, dtype=np.int64), *(block.numbers for block in deck.elements)])
+    if (twice := _twice(numbers)) is not None:
+        last = [block.card for block in deck.elements if twice in block.numbers][-1]
+        raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
+
+
+def _twice(numbers: NDArray[np.int64]) -> int | None:
+    values, counts = np.unique(numbers, return_counts=True)
+    return int(values[counts > 1][0]) if (counts > 1).any() else None
+
+
+def _row_of(card: Card, element: int) -> Row | None:
+    own = [row for row in card.rows if row.fields[0] == str(element)]
+    return own[-1] if own else None
+
+
+def _check_sections(deck: Deck) -> None:
+    members: list[NDArray[np.int64]] = []
+    for section in deck.sections:
+        if section.elset not in deck.elsets:
+            raise section.card.error(
+                f"*SOLID SECTION: no element set {section.elset!r}; {suggest(section.elset, deck.elsets)}"
+            )
+        members.append(deck.elsets[section.elset])
+    taken = np.concatenate([np.empty(0, dtype=np.int64), *members])
+    if (twice := _twice(taken)) is not None:
+        both = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
+        raise both[1].card.error(
+            f"*SOLID SECTION: element {twice} is of {both[0].elset!r} (line {both[0].card.line}) and of "
+            f"{both[1].elset!r}; an element has one section"
+        )
+    for block in deck.elements:
+        without = block.numbers[~np.isin(block.numbers, taken)] if block.type in SOLIDS else ()
+        if len(without):
+            raise block.card.error(
+                f"*ELEMENT: element {without[0]} has no *SOLID SECTION ({len(without)} such)",
+                _row_of(block.card, int(without[0])),
+            )

@@ -1,0 +1,211 @@
+"""The reader of input decks: cards, includes, sets, elements, materials, units; messages with file and line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from deck_samples import bar
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.io.calculix.reading import read_parts
+from updyn.io.consistent_units import check_materials, system
+from updyn.io.keyword_cards import read_cards, short_number
+from updyn.io.keyword_deck import edges, read_deck
+from updyn.io.keyword_properties import read_properties
+
+
+def parts_of(path: Path, text: str):
+    path.write_text(text)
+    return read_parts(path, read_cards(path))
+
+
+def test_cards_parameters_comments_and_continuation(tmp_path):
+    (tmp_path / "d.inp").write_text(
+        '** first\n*node, nset = "All"\n 1, 0., 1.D-1,\n\n** between\n2,1.,,\n'
+        "*Solid  Section, elset=A,\n  material=Steel\n"
+    )
+    node, section = read_cards(tmp_path / "d.inp")
+    assert (node.name, dict(node.parameters), node.line) == ("NODE", {"NSET": "All"}, 2)
+    assert [(r.line, r.fields) for r in node.rows] == [(3, ["1", "0.", "1.D-1"]), (6, ["2", "1.", ""])]
+    assert (section.name, dict(section.parameters)) == ("SOLID SECTION", {"ELSET": "A", "MATERIAL": "Steel"})
+    assert section.line == 7
+    deck = read_deck(tmp_path / "d.inp", [node])
+    np.testing.assert_array_equal(deck.xyz, [[0.0, 0.1, 0.0], [1.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(deck.nsets["ALL"], [1, 2])
+
+
+def test_an_included_file_stands_in_place_and_keeps_its_lines(tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "d.inp").write_text("*NODE\n1,0,0,0\n*INCLUDE, INPUT=sub/more.inp\n2,0,0,0\n")
+    (tmp_path / "sub" / "more.inp").write_text("** more\n3,0,0,0\n")
+    (card,) = read_cards(tmp_path / "d.inp")
+    assert [(r.line, r.fields[0]) for r in card.rows] == [(2, "1"), (2, "3"), (4, "2")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("*INCLUDE, INPUT=mesh.imp\n", r"d.inp:1: \*INCLUDE: no such file 'mesh.imp'; did you mean 'mesh.inp'"),
+        ("*INCLUDE\n", r"d.inp:1: \*INCLUDE has no INPUT="),
+        ("*NODE\n*INCLUDE, INPUT=d.inp\n", r"d.inp:2: \*INCLUDE, INPUT=d.inp: the file includes itself"),
+        ("1, 2\n*NODE\n", r"d.inp:1: found '1, 2' before the first keyword"),
+        ("** nothing\n", r"there is no keyword in it"),
+        ("*NODE\n1,0,0,0\n*NSET,\n", r"d.inp:3: the keyword line ends with a comma and the file ends there"),
+    ],
+)
+def test_files_that_are_no_decks(tmp_path, text, message):
+    (tmp_path / "mesh.inp").write_text("*NODE\n")
+    (tmp_path / "d.inp").write_text(text)
+    with pytest.raises(FormatError, match=message):
+        read_cards(tmp_path / "d.inp")
+
+
+def test_what_the_bar_is_made_of(tmp_path):
+    _, step, deck, parts = parts_of(tmp_path / "bar.inp", bar())
+    assert list(parts) == ["STEEL", "ALU", "BRONZE"]
+    assert [p.name for p in parts.values()] == ["Steel", "alu", "BRONZE"]
+    np.testing.assert_array_equal(deck.elements_of("alu"), [5, 6, 7, 8])
+    np.testing.assert_array_equal(deck.nsets["FIXED"], [1, 2, 3, 4, 5, 6])
+    assert parts["ALU"].values("stiffness") == [7e10]
+    assert parts["ALU"].values("mass") == [2700.0]
+    assert step == ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "*END STEP"]
+    # 6 x 2 bricks side by side: 6*3*2 edges along X, 7*2*2 along Y, 7*3 along Z.
+    assert len(edges(deck)) == 36 + 28 + 21
+    assert np.isin(deck.nodes, edges(deck)).all()
+
+
+def test_supports_of_the_step_come_along_and_its_loads_do_not(tmp_path):
+    step = ("*STEP", "*STATIC", "*BOUNDARY, OP=NEW", "Fixed, 1", "*CLOAD", "42, 3, 1.", "*NODE FILE", "U", "*END STEP")
+    assert parts_of(tmp_path / "bar.inp", bar(step=step))[1] == [
+        "*STEP",
+        "*BOUNDARY, OP=NEW",
+        "Fixed, 1",
+        "*FREQUENCY, SOLVER=MATRIXSTORAGE",
+        "*END STEP",
+    ]
+
+
+def test_a_long_element_goes_on_in_the_next_line_and_sets_hold_sets(tmp_path):
+    nodes = "\n".join(f"{i},{i}.,0,0" for i in range(1, 21))
+    first, last = ",".join(map(str, range(1, 16))), ",".join(map(str, range(16, 21)))
+    text = f"*NODE\n{nodes}\n*ELEMENT, TYPE=C3D20R, ELSET=A\n7,{first},\n{last}\n*ELSET, ELSET=B\nA\n"
+    text += "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=B, MATERIAL=M\n"
+    deck = parts_of(tmp_path / "d.inp", text)[2]
+    np.testing.assert_array_equal(deck.elements[0].nodes, [range(1, 21)])
+    np.testing.assert_array_equal(deck.elsets["B"], [7])
+
+
+FAULTS = [
+    ("*BOUNDARY\n", "*BOUNDRY\n", r"unknown keyword \*BOUNDRY; did you mean 'BOUNDARY'"),
+    ("Material=alu", "Material=al", r"\*SOLID SECTION: no material 'al'; did you mean 'ALU'"),
+    ("Elset=PART2", "Elset=PRT2", r"\*SOLID SECTION: no element set 'PRT2'; did you mean 'PART2'"),
+    ("Elset=PART2", "Elset=PART1", r"\*SOLID SECTION: element 1 is of 'PART1' \(line \d+\) and of 'PART1'"),
+    ("*Solid section, Elset=PART2, Material=alu\n", "", r"\*ELEMENT: element 5 has no \*SOLID SECTION \(4 such\)"),
+    ("TYPE=C3D8", "TYPE=C3D9", r"bar.inp:\d+: \*ELEMENT: type 'C3D9' is not read; did you mean"),
+    ("TYPE=C3D8", "TYPE=S4R", r"S4R is a shell, membrane or plane element: it is expanded into solids"),
+    ("TYPE=C3D8", "TYPE=B31", r"B31 is a beam or truss: it is expanded into solids"),
+    ("TYPE=C3D8", "TYPE=C3D4", r"bar.inp:48: \*ELEMENT: 8 nodes; C3D4 has 4"),
+    ("*NSET, NSET=Fixed", "*SHELL SECTION, ELSET=A\n0.1\n*NSET, NSET=Fixed", r"\*SHELL SECTION is not read: beams and"),
+    ("*NSET, NSET=Fixed", "*RIGID BODY, NSET=A\n*NSET, NSET=Fixed", r"\*RIGID BODY is not read: its reference nodes"),
+    ("*NSET, NSET=Fixed", "*PLASTIC\n1.,0.\n*NSET, NSET=Fixed", r"\*PLASTIC: only linear elastic materials"),
+    ("*NSET, NSET=Fixed", "*DENSITY\n1.\n*NSET, NSET=Fixed", r"\*DENSITY stands below no \*MATERIAL"),
+    ("2.1e+11", "2.le+11", r"bar.inp:\d+: \*ELASTIC: '2.le\+11' is not a number"),
+    ("2.1e+11", "000000000210000000000.", r"'000000000210000000000.' has 22 characters; the programs read the first"),
+    ("Fixed, 1, 3", "Fixed, 1, 3, 0.001", r"\*BOUNDARY: found 'Fixed, 1, 3, 0.001'; a support holds at 0"),
+    ("1, 6, 1", "6, 1, 1", r"\*NSET, GENERATE: 6 to 1 by 1 holds nothing"),
+    (", GENERATE\n1, 6, 1", "\n1, Nal", r"\*NSET: no set 'Nal' so far; did you mean 'NALL'"),
+    ("*ELASTIC\n7", "*ELASTIC, TYPE=ORTO\n7", r"\*ELASTIC: TYPE=ORTO is not read; did you mean 'ORTHO'"),
+    ("\n3, 0, 0.02, 0", "\n2, 0, 0.02, 0", r"\*NODE: node 2 stands twice"),
+    (
+        "\n3, 0, 0.02, 0",
+        "\n333, 0, 0.02, 0",
+        r"bar.inp:48: \*ELEMENT: element 1 names node 3, which is not in the deck",
+    ),
+    ("\n2, 3, 9", "\n1, 3, 9", r"bar.inp:49: \*ELEMENT: element 1 stands twice"),
+    ("NAME=alu", "NAME=steel", r"\*MATERIAL: 'steel' stands twice, also on line"),
+    (
+        "*STEP",
+        "*STEP\n*STATIC\n*END STEP\n*STEP, PERTURBATION",
+        r"\*STEP, PERTURBATION after another step: stiffness by",
+    ),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), FAULTS)
+def test_faults_name_file_and_line(tmp_path, old, new, message):
+    assert old in bar()
+    with pytest.raises(FormatError, match=message) as caught:
+        doubled(tmp_path / "bar.inp", bar().replace(old, new, 1))
+    assert "bar.inp" in str(caught.value)
+
+
+def doubled(path, text):
+    return [part.scaled(2.0, 2.0) for part in parts_of(path, text)[3].values()]
+
+
+def test_moduli_of_each_kind_of_elasticity(tmp_path):
+    kinds = {
+        "ISO": ("2., .3\n3., .3, 100.", "4.0, .3\n6.0, .3, 100."),
+        "ENGINEERING CONSTANTS": ("1.,2.,3.,.1,.2,.3,4.,5.\n6.,20.", "2.0, 4.0, 6.0, .1, .2, .3, 8.0, 10.0\n12.0, 20."),
+        "ORTHO": ("1.,2.,3.,4.,5.,6.,7.,8.\n9.,20.", "2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0\n18.0, 20."),
+    }
+    for kind, (old, new) in kinds.items():
+        path = tmp_path / "m.inp"
+        path.write_text(f"*MATERIAL, NAME=m\n*ELASTIC, TYPE={kind}\n{old}\n*DENSITY\n5.\n*EXPANSION\n1e-5\n")
+        (part,) = read_properties(read_cards(path)).values()
+        lines = [line for card in part.scaled(2.0, 3.0) for line in card.text()]
+        assert lines == [
+            "*MATERIAL, NAME=m",
+            f"*ELASTIC, TYPE={kind}",
+            *new.split("\n"),
+            "*DENSITY",
+            "15.0",
+            "*EXPANSION",
+            "1e-5",
+        ]
+
+
+@pytest.mark.parametrize("value", [0.3, 7850, 2.1e11 / 3, 1 / 3e9, -1.2345678901234567e-100, 5e-324, 1.7e308, 1e22])
+def test_numbers_fit_twenty_characters(value):
+    text = short_number(value)
+    assert len(text) <= 20
+    assert "." in text
+    assert float(text) == pytest.approx(value, rel=1e-12, abs=0)
+
+
+def test_units_become_si():
+    dofs = DofSet(["1:X", "1:RX"])
+    one = np.ones((2, 2))
+    np.testing.assert_allclose(system("mm").to_si(one, dofs).toarray(), [[1e3, 1.0], [1.0, 1e-3]], rtol=1e-14)
+    inch = system("in").to_si(one, dofs).toarray()
+    # 1 lbf/in = 175.126835 N/m, 1 lbf = 4.4482216 N, 1 lbf in = 0.112984829 N m (NIST SP 811, appendix B.8).
+    np.testing.assert_allclose(inch, [[175.126835, 4.4482216152605], [4.4482216152605, 0.112984829]], rtol=1e-8)
+    assert system("mm").pressure == pytest.approx(1e6)
+    assert system("mm").density == pytest.approx(1e12)  # t/mm3
+    assert system("in").pressure == pytest.approx(6894.757, rel=1e-7)
+    with pytest.raises(OptionError, match=r"unit 'cm'; .*Consistent units: 'm' \(m, N, kg\)"):
+        system("cm")
+
+
+@pytest.mark.parametrize(
+    ("unit", "E", "rho", "hint"),
+    [
+        ("m", 210000.0, 7.85e-9, r"they fit unit = 'mm'"),
+        ("mm", 2.1e11, 7850.0, r"they fit unit = 'm'"),
+        ("m", 3.0e7, 7.3e-4, r"they fit unit = 'in'"),
+        ("mm", 210000.0, 7850.0, r"units are mixed"),
+        ("m", 210000.0, 7850.0, r"units are mixed"),
+        ("m", None, 7.85e-9, r"they fit unit = 'mm'"),
+    ],
+)
+def test_materials_that_are_no_solids_in_the_unit_stated(unit, E, rho, hint):
+    with pytest.warns(UpdynWarning, match=rf"material 'a': .*no solid in unit = '{unit}' .*{hint}"):
+        check_materials([("a", E, rho)], system(unit), "d.inp")
+
+
+def test_materials_that_are_solids():
+    solids = [("steel", 2.1e11, 7850.0), ("rubber", 1e6, 1100.0), ("foam", 1e5, 30.0), ("diamond", 1.05e12, 3500.0)]
+    check_materials([*solids, ("massless", 2e11, None)], system("m"), "d.inp")
+    check_materials([("steel", 2.1e5, 7.85e-9)], system("mm"), "d.inp")
+    check_materials([("steel", 3.0e7, 7.3e-4)], system("in"), "d.inp")
