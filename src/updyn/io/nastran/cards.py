@@ -194,6 +194,8 @@ def _data(line: Line) -> tuple[list[str], str, bool]:
         if len(cells) > n + 2:
             raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
         tail = cells[n + 1] if len(cells) == n + 2 else ""
+        if tail and _is_number(tail) and tail[0] not in "+*":
+            raise line.error(f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a continuation")
         cells = cells[1 : n + 1]
         if not tail and cells and cells[-1][:1] in ("+", "*") and not _is_number(cells[-1]):
             tail = cells.pop()  # the mark may stand right behind the last field that is there
