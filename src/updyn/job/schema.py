@@ -27,7 +27,10 @@ Pair = Annotated[tuple[float, float], Strict(False)]
 Texts = Annotated[tuple[str, ...], Strict(False)]
 
 #: Builders that `[model] kind = "..."` may name: module and function.
-KINDS = {"beam": ("updyn.elements.beam", "beam_from_table")}
+KINDS = {
+    "beam": ("updyn.elements.beam", "beam_from_table"),
+    "drivetrain": ("updyn.elements.drivetrain", "drivetrain_from_table"),
+}
 
 
 def _groups(given: Any) -> Any:

@@ -1,0 +1,30 @@
+"""Torsional drive trains: parts, the model they make, what is reflected through it, and its place on a structure."""
+
+from __future__ import annotations
+
+from updyn.elements.drivetrain.build import drivetrain, drivetrain_from_table
+from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Worm
+from updyn.elements.drivetrain.mount import mounted
+from updyn.elements.drivetrain.planetary import Planetary
+from updyn.elements.drivetrain.reflection import Reflected, ReflectedPart, reflected
+from updyn.elements.drivetrain.shafts import Brake, Coupling, Ground, Inertia, Motor, Shaft
+
+__all__ = [
+    "Belt",
+    "Brake",
+    "Coupling",
+    "DualDrive",
+    "GearPair",
+    "Ground",
+    "Inertia",
+    "Motor",
+    "Planetary",
+    "Reflected",
+    "ReflectedPart",
+    "Shaft",
+    "Worm",
+    "drivetrain",
+    "drivetrain_from_table",
+    "mounted",
+    "reflected",
+]

@@ -1,0 +1,234 @@
+"""What the parts of a drive train come down to: springs, inertias, rigid ratios and holds on rotations of nodes.
+
+A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is positive
+semi-definite and stores no energy in a motion with row . theta = 0. That motion is the rigid ratio of the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.elements._mesh import not_negative, number, positive
+from updyn.errors import ModelError
+
+__all__ = [
+    "Hold",
+    "Mass",
+    "Part",
+    "Piece",
+    "Spring",
+    "Tie",
+    "lump",
+    "pair",
+    "quantities",
+    "relative",
+    "transmission",
+    "whole",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Spring:
+    """A spring and a damper on delta = row . theta.
+
+    Parameters
+    ----------
+    group : str
+        Name of the group.
+    nodes : tuple of int
+        Nodes whose rotation (rad) deforms it.
+    row : tuple of float
+        A coefficient for each: 1 for a rotational spring, radii in m for one along a line.
+    stiffness, viscous : float
+        In N m/rad and N m s/rad, or in N/m and N s/m.
+    loss_factor : float
+        Structural loss factor.
+    anchor : bool
+        Whether it ties the train to the ground (or the housing) instead of passing the motion on.
+    along : bool
+        Whether delta is a length in m.
+    """
+
+    group: str
+    nodes: tuple[int, ...]
+    row: tuple[float, ...]
+    stiffness: float
+    viscous: float = 0.0
+    loss_factor: float = 0.0
+    anchor: bool = False
+    along: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mass:
+    """Inertia of some nodes: kinetic energy theta'^T matrix theta' / 2, the matrix in kg m2."""
+
+    group: str
+    nodes: tuple[int, ...]
+    matrix: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """A rigid ratio: row . theta = 0, best solved for the node `dependent`."""
+
+    what: str
+    nodes: tuple[int, ...]
+    row: tuple[float, ...]
+    dependent: int
+    anchor: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A node that cannot turn."""
+
+    what: str
+    node: int
+
+
+Piece: TypeAlias = Spring | Mass | Tie | Hold
+
+
+class Part(Protocol):
+    """A part of a drive train."""
+
+    @property
+    def name(self) -> str:
+        """Name of its group."""
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return what it comes down to; `new_node` gives the number of a node of its own."""
+
+
+def lump(group: str, node: int, inertia: float) -> Mass:
+    """Return an inertia in kg m2 on one node."""
+    return Mass(group, (node,), np.array([[inertia]]))
+
+
+def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
+    """Return a whole number, such as that of a node.
+
+    Raises
+    ------
+    ModelError
+        If it is not one, or below `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (least is not None and value < least):
+        wanted = "a whole number" if least is None else f"a whole number of at least {least}"
+        raise ModelError(f"{what}: {name} {value!r}; expected {wanted}")
+    return int(value)
+
+
+def pair(what: str, name: str, value: Any) -> tuple[float, float]:
+    """Return two numbers above 0.
+
+    Raises
+    ------
+    ModelError
+        If they are not.
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ModelError(f"{what}: {name} {value!r}; expected two numbers")
+    first, second = (positive(what, name, v) for v in value)
+    return first, second
+
+
+def quantities(what: str, part: Any) -> tuple[float, float]:
+    """Return viscous damping and loss factor of a part after a check.
+
+    Raises
+    ------
+    ModelError
+        If one is not a number of at least 0.
+    """
+    return not_negative(what, "viscous", part.viscous), not_negative(what, "loss_factor", part.loss_factor)
+
+
+def relative(
+    what: str, nodes: Sequence[int], row: Sequence[float], housing: int | None, counts: float | None = None
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return nodes and row of a deformation seen from a housing that may turn itself.
+
+    Parameters
+    ----------
+    what : str
+        The part, for the message.
+    nodes : sequence of int
+        Its nodes.
+    row : sequence of float
+        Their coefficients on a housing at rest.
+    housing : int or None
+        Node of the housing; None: the ground.
+    counts : float, optional
+        What the rotation of the housing takes off. None: the sum of `row`, all shafts being parallel to its axis.
+
+    Returns
+    -------
+    nodes, row : tuple
+        With the housing, where there is one.
+
+    Raises
+    ------
+    ModelError
+        If a node is not a whole number, or stands twice.
+    """
+    every = [whole(what, "node", n) for n in nodes]
+    values = [number(what, "coefficient", c) for c in row]
+    if housing is not None:
+        every.append(whole(what, "housing", housing))
+        values.append(-(sum(values) if counts is None else counts))
+    for node in every:
+        if every.count(node) > 1:
+            raise ModelError(f"{what}: node {node} stands twice; expected different nodes")
+    return tuple(every), tuple(values)
+
+
+def transmission(
+    what: str,
+    part: Any,
+    nodes: Sequence[int],
+    row: Sequence[float],
+    stiffness: float | None,
+    *,
+    along: bool = False,
+    counts: float | None = None,
+) -> Spring | Tie:
+    """Return the spring or, without stiffness, the rigid ratio of a part that passes motion on.
+
+    Parameters
+    ----------
+    what : str
+        The part, for messages.
+    part : object
+        With `name`, `viscous`, `loss_factor` and `housing`.
+    nodes, row : sequence
+        The deformation; where rigid the second node depends on the others.
+    stiffness : float or None
+        In N m/rad, or N/m with `along`; None: rigid.
+    along : bool
+        Whether the deformation is a length.
+    counts : float, optional
+        See `relative`.
+
+    Returns
+    -------
+    Spring or Tie
+
+    Raises
+    ------
+    ModelError
+        If a number is not usable, or a rigid part has damping.
+    """
+    every, values = relative(what, nodes, row, part.housing, counts)
+    viscous, loss = quantities(what, part)
+    if stiffness is not None:
+        return Spring(part.name, every, values, stiffness, viscous, loss, along=along)
+    if viscous or loss:
+        raise ModelError(f"{what} is rigid: its damping would have no effect; leave it out or give a stiffness")
+    return Tie(what, every, values, every[1])

@@ -1,0 +1,352 @@
+"""Parts on one shaft: inertias, shafts and couplings, and what holds the train: motors, brakes, springs to ground."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from updyn.elements._mesh import not_negative, positive
+from updyn.elements.drivetrain.pieces import Hold, Mass, Piece, Spring, Tie, lump, quantities, relative, whole
+from updyn.errors import ModelError, suggest
+
+__all__ = ["Brake", "Coupling", "Ground", "Inertia", "Motor", "Shaft"]
+
+_ELEMENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0  # consistent mass of a rod of two nodes
+_ROTORS = ("free", "locked")
+
+
+@dataclass(frozen=True, slots=True)
+class Inertia:
+    """A rigid body on a shaft: a disc, a load, a gear wheel.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    node : int
+        Where it sits.
+    value : float, optional
+        Moment of inertia about the shaft, in kg m2. Otherwise from the geometry of a disc or a ring, J =
+        pi rho L (D^4 - d^4) / 32:
+    rho : float, optional
+        Density, in kg/m3.
+    outer_diameter, inner_diameter : float
+        In m.
+    length : float, optional
+        Thickness along the shaft, in m.
+    """
+
+    name: str
+    node: int
+    value: float | None = None
+    rho: float | None = None
+    outer_diameter: float | None = None
+    inner_diameter: float = 0.0
+    length: float | None = None
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return the inertia."""
+        what = f"inertia {self.name!r}"
+        geometry = {k: getattr(self, k) for k in ("rho", "outer_diameter", "length")}
+        if not _one_way(what, "value", self.value, geometry, self.inner_diameter):
+            return [lump(self.name, whole(what, "node", self.node), positive(what, "value", self.value))]
+        rho, length = positive(what, "rho", self.rho), positive(what, "length", self.length)
+        J = rho * length * _polar(what, self.outer_diameter, self.inner_diameter)
+        return [lump(self.name, whole(what, "node", self.node), J)]
+
+
+@dataclass(frozen=True, slots=True)
+class Shaft:
+    """A shaft in torsion, by its stiffness or by its geometry, with or without mass of its own.
+
+    From geometry k = G I_p / L and J = rho I_p L, I_p = pi (D^4 - d^4) / 32. Its inertia is spread evenly (linear
+    twist in each element, consistent mass: Cook, Malkus, Plesha & Witt 2002, section 11.3). A stepped shaft is a row of
+    shafts.
+
+    Parameters
+    ----------
+    name : str
+        Group name; holds both stiffness and inertia.
+    a, b : int
+        Nodes at its ends.
+    stiffness : float, optional
+        In N m/rad. Otherwise the geometry:
+    G : float, optional
+        Shear modulus, in Pa.
+    outer_diameter, inner_diameter, length : float
+        In m.
+    rho : float, optional
+        Density in kg/m3; None: massless.
+    inertia : float, optional
+        Total moment of inertia in kg m2, spread evenly, of a shaft given by its stiffness; None: massless.
+    n_elements : int
+        Number of equal elements; each adds a node, numbered after all nodes that the train names.
+    loss_factor : float
+        Structural loss factor.
+    viscous : float
+        Damping of the twist between its ends, in N m s/rad.
+    """
+
+    name: str
+    a: int
+    b: int
+    stiffness: float | None = None
+    G: float | None = None
+    outer_diameter: float | None = None
+    inner_diameter: float = 0.0
+    length: float | None = None
+    rho: float | None = None
+    inertia: float | None = None
+    n_elements: int = 1
+    loss_factor: float = 0.0
+    viscous: float = 0.0
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return the springs and inertias of its elements."""
+        what = f"shaft {self.name!r}"
+        count = whole(what, "n_elements", self.n_elements, 1)
+        ends, _ = relative(what, (self.a, self.b), (1.0, -1.0), None)
+        stiffness, J = self._totals(what)
+        viscous, loss = quantities(what, self)
+        if count > 1 and not J:
+            raise ModelError(f"{what}: {count} elements of a shaft without mass; give rho or inertia, or one element")
+        nodes = [ends[0], *(new_node() for _ in range(count - 1)), ends[1]]
+        out: list[Piece] = []
+        for two in itertools.pairwise(nodes):
+            out.append(Spring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss))
+            if J:
+                out.append(Mass(self.name, two, J / count * _ELEMENT))
+        return out
+
+    def _totals(self, what: str) -> tuple[float, float]:
+        geometry = {k: getattr(self, k) for k in ("G", "outer_diameter", "length")}
+        if not _one_way(what, "stiffness", self.stiffness, geometry, self.inner_diameter):
+            if self.rho is not None:
+                raise ModelError(f"{what}: rho goes with the geometry; with a stiffness give inertia")
+            J = 0.0 if self.inertia is None else not_negative(what, "inertia", self.inertia)
+            return positive(what, "stiffness", self.stiffness), J
+        if self.inertia is not None:
+            raise ModelError(f"{what}: inertia goes with a stiffness; with the geometry give rho")
+        G, length = positive(what, "G", self.G), positive(what, "length", self.length)
+        section = _polar(what, self.outer_diameter, self.inner_diameter)
+        rho = 0.0 if self.rho is None else not_negative(what, "rho", self.rho)
+        return G * section / length, rho * section * length
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """A flexible coupling between two shaft ends.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    a, b : int
+        Nodes.
+    stiffness : float
+        In N m/rad.
+    inertia_a, inertia_b : float
+        Of its halves, in kg m2.
+    loss_factor : float
+        Structural loss factor.
+    viscous : float
+        In N m s/rad.
+    """
+
+    name: str
+    a: int
+    b: int
+    stiffness: float
+    inertia_a: float = 0.0
+    inertia_b: float = 0.0
+    loss_factor: float = 0.0
+    viscous: float = 0.0
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return the spring and the two halves."""
+        what = f"coupling {self.name!r}"
+        nodes, row = relative(what, (self.a, self.b), (1.0, -1.0), None)
+        k = positive(what, "stiffness", self.stiffness)
+        return [Spring(self.name, nodes, row, k, *quantities(what, self)), *halves(what, self, nodes)]
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """A motor: its rotor, free or locked, and what the drive does to it.
+
+    Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the groups stay.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    node : int
+        The rotor.
+    inertia : float
+        Of the rotor, in kg m2.
+    rotor : {"free", "locked"}
+        Whether it can turn against its stator.
+    stiffness : float, optional
+        Between rotor and stator, in N m/rad: detent torque, or a position loop.
+    viscous : float
+        Likewise in N m s/rad: back EMF (k_t k_e / R), bearings.
+    loss_factor : float
+        Structural loss factor of `stiffness`.
+    housing : int, optional
+        Node that carries the stator; None: the ground.
+    """
+
+    name: str
+    node: int
+    inertia: float
+    rotor: str = "free"
+    stiffness: float | None = None
+    viscous: float = 0.0
+    loss_factor: float = 0.0
+    housing: int | None = None
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return the rotor, its spring and its hold."""
+        what = f"motor {self.name!r}"
+        if self.rotor not in _ROTORS:
+            raise ModelError(f"{what}: rotor {self.rotor!r}; {suggest(str(self.rotor), _ROTORS)}")
+        out: list[Piece] = [lump(self.name, whole(what, "node", self.node), positive(what, "inertia", self.inertia))]
+        if self.rotor == "locked":
+            out.append(_lock(what, self))
+        return out + _anchors(what, self)
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """A brake between a shaft and the ground or a housing.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    node : int
+        The shaft.
+    stiffness : float, optional
+        Of the closed brake, in N m/rad; None: rigid.
+    closed : bool
+        False: released; only inertia and drag are left.
+    inertia : float
+        Of what turns with the shaft, in kg m2.
+    viscous : float
+        Drag, in N m s/rad.
+    loss_factor : float
+        Structural loss factor of `stiffness`.
+    housing : int, optional
+        Node that carries the brake; None: the ground.
+    """
+
+    name: str
+    node: int
+    stiffness: float | None = None
+    closed: bool = True
+    inertia: float = 0.0
+    viscous: float = 0.0
+    loss_factor: float = 0.0
+    housing: int | None = None
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return its disc, and its spring or hold where it is closed."""
+        what = f"brake {self.name!r}"
+        if not isinstance(self.closed, bool):
+            raise ModelError(f"{what}: closed {self.closed!r}; expected true or false")
+        out: list[Piece] = []
+        node = whole(what, "node", self.node)
+        if not_negative(what, "inertia", self.inertia):
+            out.append(lump(self.name, node, self.inertia))
+        if self.closed and self.stiffness is None:
+            out.append(_lock(what, self))
+        return out + _anchors(what, self, sprung=self.closed)
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """A spring and a damper between a shaft and the ground or a housing: a bearing's drag, a held end.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    node : int
+        The shaft.
+    stiffness : float, optional
+        In N m/rad; None: none.
+    viscous : float
+        In N m s/rad.
+    loss_factor : float
+        Structural loss factor.
+    housing : int, optional
+        Node that it stands on; None: the ground.
+    """
+
+    name: str
+    node: int
+    stiffness: float | None = None
+    viscous: float = 0.0
+    loss_factor: float = 0.0
+    housing: int | None = None
+
+    def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
+        """Return the spring."""
+        what = f"ground {self.name!r}"
+        out = _anchors(what, self)
+        if not out:
+            raise ModelError(f"{what} has neither stiffness nor viscous damping; give one or leave it out")
+        return out
+
+
+def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
+    """Return the inertias of the two sides of a part, `inertia_a` and `inertia_b` in kg m2.
+
+    Raises
+    ------
+    ModelError
+        If one is not a number of at least 0.
+    """
+    sides = zip(nodes, ("inertia_a", "inertia_b"), strict=False)
+    return [lump(part.name, n, J) for n, key in sides if (J := not_negative(what, key, getattr(part, key)))]
+
+
+def _lock(what: str, part: Any) -> Piece:
+    if part.housing is None:
+        return Hold(what, whole(what, "node", part.node))
+    nodes, row = relative(what, (part.node,), (1.0,), part.housing)
+    return Tie(what, nodes, row, nodes[0], anchor=True)
+
+
+def _anchors(what: str, part: Any, sprung: bool = True) -> list[Piece]:
+    nodes, row = relative(what, (part.node,), (1.0,), part.housing)
+    viscous, loss = quantities(what, part)
+    if part.stiffness is None and loss:
+        raise ModelError(f"{what}: a loss factor without stiffness has no effect")
+    k = 0.0 if part.stiffness is None else positive(what, "stiffness", part.stiffness)
+    k = k if sprung else 0.0
+    return [Spring(part.name, nodes, row, k, viscous, loss if k else 0.0, anchor=True)] if k or viscous else []
+
+
+def _one_way(what: str, name: str, value: float | None, geometry: dict[str, Any], inner: float) -> bool:
+    """Return whether a quantity comes from the geometry, after a check that it comes from one of the two, whole."""
+    given = [key for key, v in geometry.items() if v is not None] + (["inner_diameter"] if inner != 0.0 else [])
+    if value is not None and given:
+        raise ModelError(f"{what}: {name} and {', '.join(given)} are given; expected one or the other")
+    missing = [key for key, v in geometry.items() if v is None]
+    if value is None and missing:
+        raise ModelError(f"{what}: {', '.join(missing)} missing; expected {name}, or {', '.join(geometry)}")
+    return value is None
+
+
+def _polar(what: str, outer: float | None, inner: float) -> float:
+    """Return the polar second moment of area pi (D^4 - d^4) / 32, in m4."""
+    D, d = positive(what, "outer_diameter", outer), not_negative(what, "inner_diameter", inner)
+    if d >= D:
+        raise ModelError(f"{what}: inner_diameter {d:g} m; expected less than outer_diameter {D:g} m")
+    return math.pi * (D**4 - d**4) / 32.0
