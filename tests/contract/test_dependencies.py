@@ -15,6 +15,8 @@ from packaging.requirements import Requirement
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 NEEDED = {Requirement(r).name: Requirement(r) for r in PROJECT["dependencies"]}
 EXTRAS = {Requirement(r).name for part in PROJECT["optional-dependencies"].values() for r in part}
+#: What a distribution is called where its name is not that of its package.
+DISTRIBUTIONS = {"skfem": "scikit-fem"}
 
 
 def imported() -> set[str]:
@@ -25,7 +27,8 @@ def imported() -> set[str]:
         found = rooms.imports(source, module, path.name == "__init__.py")
         out |= {target.split(".")[0] for _, target, _ in found if target}
         out |= set(re.findall(r'engine="(\w+)"', source))  # how xarray is told which library reads the file
-    return {name for name in out if name != "updyn" and name not in sys.stdlib_module_names}
+    out = {name for name in out if name != "updyn" and name not in sys.stdlib_module_names}
+    return {DISTRIBUTIONS.get(name, name) for name in out}
 
 
 def test_what_is_imported_is_what_is_installed():

@@ -1,8 +1,8 @@
-"""Structures in space: beams, trusses, springs, shells, masses and rigid links over kept libraries."""
+"""Structures in space: beams, trusses, springs, shells, solids, masses and rigid links over kept libraries."""
 
 from updyn.elements.constraints import Equation
 from updyn.elements.structure.build import structure
-from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Spring, Truss
+from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Solid, Spring, Truss
 from updyn.elements.structure.sections import Section, rectangle, tube
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "RigidLink",
     "Section",
     "Shell",
+    "Solid",
     "Spring",
     "Truss",
     "rectangle",

@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.structure import pyfe
-from updyn.elements.structure.parts import Beam, Part, PointMass, Shell, Spring, Truss
+from updyn.elements.solid import inside_out, solid_matrices
+from updyn.elements.structure.parts import Beam, Part, PointMass, Shell, Solid, Spring, Truss
+from updyn.elements.structure.pyfe import beam_matrices, truss_matrices
 from updyn.elements.structure.shells import shell_matrices
 from updyn.errors import ModelError
 
 __all__ = ["Blocks", "Nodes", "blocks_of", "touch"]
 
-_BATCH = 2000  # elements whose matrices are held at once
+_ENTRIES = 1_000_000  # of the matrices that are held at once
 _NOISE = 1e-12  # of the largest: what a rotation leaves where there is nothing
 _TRANSLATIONS, _ALL = (0, 1, 2), (0, 1, 2, 3, 4, 5)
 
@@ -90,8 +91,9 @@ def blocks_of(part: Part, nodes: Nodes) -> Iterator[Blocks]:
     else:
         what = describe(part)
         at = nodes.find(what, part.connectivity)
-        for start in range(0, len(at), _BATCH):
-            some = slice(start, start + _BATCH)
+        step = max(_ENTRIES // (at.shape[1] * len(_axes_of(part))) ** 2, 1)
+        for start in range(0, len(at), step):
+            some = slice(start, start + step)
             batch = replace(part, connectivity=part.connectivity[some])  # so that errors name the right element
             yield _elements(what, batch, at[some], nodes.xyz[at[some]])
 
@@ -102,8 +104,11 @@ def touch(part: Part, nodes: Nodes, touched: NDArray[np.bool_]) -> None:
         (block,) = blocks_of(part, nodes)
         touched[block.nodes[0]] |= block.used[0]
     else:
-        axes = _TRANSLATIONS if isinstance(part, Truss) else _ALL
-        touched[np.unique(nodes.find(describe(part), part.connectivity))[:, None], axes] = True
+        touched[np.unique(nodes.find(describe(part), part.connectivity))[:, None], _axes_of(part)] = True
+
+
+def _axes_of(part: Beam | Truss | Shell | Solid) -> tuple[int, ...]:
+    return _TRANSLATIONS if isinstance(part, Truss | Solid) else _ALL
 
 
 def describe(part: Part) -> str:
@@ -111,16 +116,21 @@ def describe(part: Part) -> str:
     return f"{type(part).__name__.lower()} {part.name!r}"
 
 
-def _elements(what: str, part: Beam | Truss | Shell, at: NDArray[np.intp], xyz: NDArray[np.float64]) -> Blocks:
-    if isinstance(part, Shell):
+def _elements(what: str, part: Beam | Truss | Shell | Solid, at: NDArray[np.intp], xyz: NDArray[np.float64]) -> Blocks:
+    if isinstance(part, Solid):
+        bad = inside_out(xyz)
+        if bad is not None:
+            raise ModelError(
+                f"{what}: the element of nodes {part.connectivity[bad].tolist()} is turned inside out or has no "
+                "volume: its nodes are not in order, or it is too distorted"
+            )
+        K, M = solid_matrices(xyz, part.E, part.nu, part.rho, part.lumped)
+    elif isinstance(part, Shell):
         K, M = shell_matrices(part, xyz)
-        return Blocks(at, _ALL, K, M)
-    _check_length(what, part, xyz)
-    if isinstance(part, Beam):
-        K, M = pyfe.beam_matrices(part, xyz)
-        return Blocks(at, _ALL, K, M)
-    K, M = pyfe.truss_matrices(part, xyz)
-    return Blocks(at, _TRANSLATIONS, K, M)
+    else:
+        _check_length(what, part, xyz)
+        K, M = beam_matrices(part, xyz) if isinstance(part, Beam) else truss_matrices(part, xyz)
+    return Blocks(at, _axes_of(part), K, M)
 
 
 def _check_length(what: str, part: Beam | Truss, ends: NDArray[np.float64]) -> None:

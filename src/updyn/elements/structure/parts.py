@@ -17,7 +17,7 @@ from updyn.elements._mesh import not_negative, number, positive
 from updyn.elements.structure.sections import Section
 from updyn.errors import ModelError, suggest
 
-__all__ = ["Beam", "Part", "PointMass", "RigidLink", "Shell", "Spring", "Truss"]
+__all__ = ["Beam", "Part", "PointMass", "RigidLink", "Shell", "Solid", "Spring", "Truss"]
 
 _ALIKE = 1e-9
 
@@ -153,6 +153,49 @@ class Shell:
         what = f"shell {self.name!r}"
         _set(self, connectivity=_connectivity(what, self.connectivity, (3, 4)), **_material(what, self))
         _set(self, thickness=positive(what, "thickness", self.thickness))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """Solid elements of one material, one group. Their nodes have X, Y, Z only.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    connectivity : array_like of int, shape (m, 4), (m, 8), (m, 10) or (m, 20)
+        Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio: corners, then the
+        middles of the edges (of hexahedra those of the first face, of the second, and between them).
+    E, rho : float
+        Young's modulus in Pa and density in kg/m3.
+    nu : float
+        Poisson's ratio, below 0.5.
+    loss_factor : float
+        Structural loss factor.
+    lumped : bool
+        A diagonal mass instead of the consistent one.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range.
+    """
+
+    name: str
+    connectivity: Any
+    E: float
+    rho: float
+    nu: float = 0.3
+    loss_factor: float = 0.0
+    lumped: bool = False
+
+    def __post_init__(self) -> None:
+        what = f"solid {self.name!r}"
+        _set(self, connectivity=_connectivity(what, self.connectivity, (4, 8, 10, 20)), **_material(what, self))
+        if not self.nu < 0.5:
+            raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
+        if not isinstance(self.lumped, bool):
+            raise ModelError(f"{what}: lumped {self.lumped!r}; expected True or False")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,7 +356,7 @@ class RigidLink:
 
 
 #: Parts that belong to a group.
-Part: TypeAlias = Beam | Truss | Shell | Spring | PointMass
+Part: TypeAlias = Beam | Truss | Shell | Solid | Spring | PointMass
 
 
 # -- checks ------------------------------------------------------------------------------------------------
