@@ -8,7 +8,7 @@ Lees, Dynamics of Rotating Machines, 2010, section 9.6).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sl
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from updyn.elements.drivetrain.build import Train, assemble
 from updyn.elements.drivetrain.kinematics import resolve
 from updyn.elements.drivetrain.pieces import Mass, Part, Spring, Tie, whole
+from updyn.elements.drivetrain.shafts import Shaft
 from updyn.errors import ModelError, suggest
 
 __all__ = ["Reflected", "ReflectedPart", "reflected"]
@@ -41,9 +42,11 @@ class ReflectedPart:
     unit : str
         ``N m/rad``, ``N/m`` (along a line) or ``kg m2``.
     ratio : float or None
-        Speed of its first node over that of the node that all is reflected to; None: it takes no part in the motion.
+        Of a stiffness the deformation, in rad or m, for 1 rad at the node that all is reflected to while the rest is
+        rigid; of an inertia the speed of its first node over that of the node.
     value : float or None
-        At that node, in N m/rad or kg m2. None: has no value there (a mesh that shares its load with another).
+        Worth at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None: there is none (one of
+        several meshes that share a planetary stage's load).
     share : float or None
         Of the compliance at the node, or of the inertia there; 0 to 1. None where the node is free to turn.
     """
@@ -129,7 +132,8 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
         If the node is not there or held, if the ratios to it are not determined (a planetary stage none of whose
         members is held, separate trains), or as `drivetrain`.
     """
-    train = assemble(parts, held)
+    # A shaft's elements are in a row and turn alike: one line of the table stands for them.
+    train = assemble([replace(p, n_elements=1) if isinstance(p, Shaft) else p for p in parts], held)
     if whole("reflected", "to", to) not in train.nodes:
         near = suggest(str(to), [str(n) for n in train.nodes])
         raise ModelError(f"reflected: no part has the node {to}; {near}")
@@ -165,27 +169,27 @@ def _spring_row(
         at = [train.nodes.index(node) for node in spring.nodes]
         delta = float(np.dot(spring.row, motion[at]))
         share = spring.stiffness * delta**2 / float(motion[train.nodes.index(to)])
-    lever = _lever(train, spring, to, n)
+    lever = _lever(train, spring, to, n, motion is not None)
     value = None if lever is None else spring.stiffness * lever**2
     unit = "N/m" if spring.along else "N m/rad"
-    ratio = n[spring.nodes[0]]
-    return ReflectedPart(spring.group, "stiffness", spring.nodes, spring.stiffness, unit, ratio, value, share)
+    return ReflectedPart(spring.group, "stiffness", spring.nodes, spring.stiffness, unit, lever, value, share)
 
 
-def _lever(train: Train, spring: Spring, to: int, n: dict[int, float]) -> float | None:
-    """Return the deformation of a spring for 1 rad at the node, all other parts being rigid and its far side held."""
-    moving = [c * n[node] for node, c in zip(spring.nodes, spring.row, strict=True) if n[node] != 0.0]
-    if len(moving) <= 2:
-        return abs(moving[0]) if moving else None
-    others = [_row(train, p) for p in train.springs if p is not spring and p.stiffness]
-    others += [_row(train, t) for t in train.ties] + [_unit(train, h.node) for h in train.holds]
-    A = np.array([*others, _unit(train, to)])
-    b = np.zeros(len(A))
-    b[-1] = 1.0
-    theta = np.linalg.lstsq(A, b, rcond=_RIGID)[0]
-    if np.abs(A @ theta - b).max() > 1e-6:
+def _lever(train: Train, spring: Spring, to: int, n: dict[int, float], resisted: bool) -> float | None:
+    """Return the deformation of a spring for 1 rad at the node, all other parts being rigid."""
+    if resisted:
+        others = [_row(train, p) for p in train.springs if p is not spring and p.stiffness]
+        others += [_row(train, t) for t in train.ties] + [_unit(train, h.node) for h in train.holds]
+        A = np.array([*others, _unit(train, to)])
+        b = np.zeros(len(A))
+        b[-1] = 1.0
+        theta = np.linalg.lstsq(A, b, rcond=_RIGID)[0]
+        if np.abs(A @ theta - b).max() < 1e-6:
+            return abs(float(_row(train, spring, scaled=False) @ theta))
+    # One of several ways to the ground, a branch beside the way, or a train that is free: k n^2 of the part itself.
+    if len(spring.nodes) > 2:
         return None
-    return abs(float(_row(train, spring, scaled=False) @ theta))
+    return abs(spring.row[0] * n[spring.nodes[0]])
 
 
 def _ratios(train: Train, to: int) -> dict[int, float]:
