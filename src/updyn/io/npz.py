@@ -11,7 +11,8 @@ A model with several groups, ``NAME`` being a group's name (without dots)::
     NAME.loss_factor
 
 FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All other names, common
-to both: see `updyn.io.named`. `write_model` writes sparse groups.
+to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System`` of SDynPy is told by its names, see
+`updyn.io.sdynpy`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.guard import library
 from updyn.io.items import compressed, kind_of, listed
 from updyn.io.named import build_frf, build_model, frf_items, model_items
+from updyn.io.sdynpy import is_system, system_model
 from updyn.model import Model
 
 __all__ = ["read_frf", "read_model", "write_frf", "write_model"]
@@ -58,6 +60,8 @@ def read_model(path: str | Path) -> Model:
             "see updyn.io.npz",
             path,
         )
+    if is_system(arrays):
+        return system_model(arrays, path)
     return build_model(_nested(arrays, path), path)
 
 

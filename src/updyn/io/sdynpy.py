@@ -1,0 +1,139 @@
+"""SDynPy's ``System``, as ``System.save`` writes it: an ``.npz`` archive with names of its own.
+
+``mass``, ``stiffness``, ``damping``
+    M, K, C in the internal states of the system, (n, n).
+``transformation``
+    (m, n): what the coordinates do where the states are; the identity unless the system was reduced or transformed.
+``coordinate``
+    m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
+``enforce_symmetry``
+    Not used here: a model is symmetric.
+
+The fields are those of ``System.save`` of SDynPy 0.23; the program itself is not needed.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, UpdynWarning
+from updyn.io.guard import known_only, placed
+from updyn.io.items import real
+from updyn.model import Group, Model
+
+__all__ = ["FIELDS", "is_system", "system_model"]
+
+FIELDS = ("mass", "stiffness", "damping", "transformation", "coordinate", "enforce_symmetry")
+_NEEDED = FIELDS[:5]
+
+
+def is_system(names: Mapping[str, Any]) -> bool:
+    """Return whether the names of an archive are those of a system, or nearly all of them."""
+    return "coordinate" in names and sum(name in names for name in _NEEDED) >= 3
+
+
+def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
+    """Build a model from the arrays of a system.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        What the archive holds.
+    path : path
+        The file, for messages.
+
+    Returns
+    -------
+    Model
+        One group, "model", in the units of the file, which are to be SI. A state is named after the coordinate that
+        shows it alone; where that coordinate is negative, the state changes sign.
+
+    Raises
+    ------
+    FormatError
+        If a field is missing or not valid, or a state is no coordinate (a modal or Craig-Bampton reduction).
+
+    Warns
+    -----
+    UpdynWarning
+        If coordinates that are combinations of states are left out.
+    """
+    known_only(arrays, FIELDS, path, "SDynPy System")
+    missing = [name for name in _NEEDED if name not in arrays]
+    if missing:
+        raise FormatError(f"SDynPy System: no {missing[0]!r}; expected {', '.join(_NEEDED)}", path)
+    nodes, directions = _coordinates(arrays["coordinate"], path)
+    K, M, C, T = (np.atleast_2d(real(arrays[n], n, path)) for n in ("stiffness", "mass", "damping", "transformation"))
+    size = K.shape[0]
+    for name, found, expected in (
+        ("stiffness", K.shape, (size, size)),
+        ("mass", M.shape, (size, size)),
+        ("damping", C.shape, (size, size)),
+        ("transformation", T.shape, (len(nodes), size)),
+    ):
+        if found != expected:
+            raise FormatError(f"SDynPy System: {name} of shape {found}, expected {expected}", path)
+    row = _shown_by(T, nodes, directions, path)
+    sign = np.sign(directions[row]) * T[row, np.arange(size)]
+    turned = sign[:, None] * sign[None, :]
+    with placed(path, "SDynPy System"):
+        group = Group(K * turned, M * turned, viscous=C * turned if C.any() else None)
+        return Model.from_groups(
+            {"model": group}, DofSet.from_arrays(nodes[row], np.abs(directions[row]) - 1), title=Path(path).stem
+        )
+
+
+def _coordinates(given: NDArray[Any], path: str | Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    if given.dtype.names != ("node", "direction") or given.ndim != 1:
+        raise FormatError(
+            f"coordinate: found {given.dtype} of shape {given.shape}; expected one row of pairs of node and direction",
+            path,
+        )
+    directions = given["direction"].astype(np.int64)
+    bad = np.flatnonzero((directions == 0) | (np.abs(directions) > 6))
+    if bad.size:
+        node, direction = given[int(bad[0])]
+        raise FormatError(
+            f"coordinate {int(bad[0]) + 1}: node {node} has direction {direction}; expected 1..6 for X, Y, Z, RX, "
+            "RY, RZ, negative for the opposite sense",
+            path,
+        )
+    if given.size and given["node"].max() > np.iinfo(np.int64).max:
+        raise FormatError(f"coordinate: node {given['node'].max()} is too large", path)
+    return given["node"].astype(np.int64), directions
+
+
+def _shown_by(
+    T: NDArray[np.float64], nodes: NDArray[np.int64], directions: NDArray[np.int64], path: str | Path
+) -> NDArray[np.intp]:
+    """Return for each state the first coordinate that is this state and nothing else, with either sign."""
+    # A reduction computes its identity part: the last digits of it may be off.
+    ones, zeros = np.abs(np.abs(T) - 1.0) < 1e-12, np.abs(T) < 1e-12
+    alone = (ones.sum(axis=1) == 1) & ((ones | zeros).all(axis=1))
+    pure = ones & alone[:, None]
+    if not pure.any(axis=0).all():
+        lone = int(np.argmin(pure.any(axis=0)))
+        raise FormatError(
+            f"SDynPy System: state {lone + 1} of {T.shape[1]} is no coordinate but part of several (a modal or "
+            "Craig-Bampton reduction); save the system before it is reduced, or a reduction that keeps coordinates "
+            "(Guyan, dynamic)",
+            path,
+        )
+    row: NDArray[np.intp] = np.argmax(pure, axis=0)
+    left = np.setdiff1d(np.arange(len(T)), row)
+    if left.size:
+        first = DofSet.from_arrays(nodes[left[:1]], np.abs(directions[left[:1]]) - 1)[0]
+        warnings.warn(
+            f"{path}: {left.size} coordinates that follow from the {T.shape[1]} states are left out, the first being "
+            f"{first}",
+            UpdynWarning,
+            stacklevel=4,
+        )
+    return row
