@@ -310,10 +310,12 @@ def structure_from_mesh(
         What becomes of cells in no group.
     more : iterable of Part
         Parts that the mesh does not have: springs, masses.
-    links, equations, title
+    links, equations
         As for `structure`.
     grounded : iterable of str, Dof or int
         As for `structure`; the name of a group or set of nodes holds all its nodes.
+    title : str
+        For the record.
 
     Returns
     -------

@@ -30,6 +30,7 @@ Texts = Annotated[tuple[str, ...], Strict(False)]
 KINDS = {
     "beam": ("updyn.elements.beam", "beam_from_table"),
     "drivetrain": ("updyn.elements.drivetrain", "drivetrain_from_table"),
+    "structure": ("updyn.elements.structure", "structure_from_table"),
 }
 
 

@@ -4,6 +4,7 @@ from updyn.elements.constraints import Equation
 from updyn.elements.structure.build import structure
 from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Solid, Spring, Truss
 from updyn.elements.structure.sections import Section, rectangle, tube
+from updyn.elements.structure.table import structure_from_table
 
 __all__ = [
     "Beam",
@@ -17,5 +18,6 @@ __all__ = [
     "Truss",
     "rectangle",
     "structure",
+    "structure_from_table",
     "tube",
 ]
