@@ -165,9 +165,9 @@ def test_the_table():
     text = str(reflected(TRAIN, 5, held=[1]))
     lines = text.splitlines()
     assert lines[0].split() == ["part", "nodes", "own", "unit", "ratio", "at", "node", "5", "share"]
-    assert len({len(line) for line in lines}) == 1
+    assert len({line.index("N m/rad") for line in lines if "N m/rad" in line}) == 1
     assert re.search(r"^motor shaft +1-2 +900 +N m/rad +200 +3\.6e\+07 +10\.3 %$", text, re.MULTILINE)
-    assert re.search(r"^total stiffness +N m/rad +3\.7245e\+06 *$", text, re.MULTILINE)
+    assert re.search(r"^total stiffness +N m/rad +3\.7245e\+06$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ class DualDrive:
         Nodes of the pinions.
     gear : int
         Node of the gear.
-    ratio, teeth, module, radii, pressure_angle_deg, kind, housing
+    ratio, teeth, module, radii
         As of `GearPair`, a being either pinion and b the gear.
     mesh_stiffness : float, optional
         Of each mesh along the line of action, in N/m.
@@ -118,12 +118,16 @@ class DualDrive:
         Stiffness of the second mesh over that of the first.
     preload : float, optional
         Torque in N m with which each pinion is biased; None: not stated.
+    pressure_angle_deg, kind
+        As of `GearPair`.
     inertia_a, inertia_b : float
         Of each pinion and of the gear, in kg m2.
     loss_factor : float
         Structural loss factor of the meshes.
     viscous : float
         Of each mesh, as of `GearPair`.
+    housing : int, optional
+        Node that carries all three shafts, parallel to its axis; None: the ground.
     """
 
     name: str

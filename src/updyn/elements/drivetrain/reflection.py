@@ -101,12 +101,7 @@ class Reflected:
             lines.append((f"total {quantity}", "", "", unit, "", shown, ""))
         widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
         left = (0, 1, 3)
-        return "\n".join(
-            "  ".join(
-                c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))
-            )
-            for line in lines
-        )
+        return "\n".join(_padded(line, widths, left) for line in lines)
 
 
 def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Reflected:
@@ -266,6 +261,11 @@ def _unit(train: Train, node: int) -> NDArray[np.float64]:
 
 def _null(rows: Sequence[NDArray[np.float64]], n: int) -> NDArray[np.float64]:
     return np.asarray(sl.null_space(np.array(rows), rcond=_RIGID)) if rows else np.eye(n)
+
+
+def _padded(cells: Sequence[str], widths: Sequence[int], left: Sequence[int]) -> str:
+    shown = (c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in enumerate(zip(cells, widths, strict=True)))
+    return "  ".join(shown).rstrip()
 
 
 def _g(value: float | None) -> str:
