@@ -125,6 +125,8 @@ def check(job: Path, /) -> int:
     found = job_identifiability(ready)
     _say(_overview(ready))
     _say("")
+    _say(str(ready.matching))
+    _say("")
     _say(describe_parameters(ready.parameters))
     _say("\nAt the start of the unknowns:")
     _say(describe_identifiability(found))

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, DofError, InputError, JobError, suggest
+from updyn.errors import DataError, InputError, JobError, suggest
 from updyn.frf import FRF
+from updyn.job.matched import matched
 from updyn.job.schema import KINDS, Job
+from updyn.matching import Matching
 from updyn.model import Model
 from updyn.updating.choice import link, parameters
 from updyn.updating.parameters import Parameter, ParameterSet
@@ -22,7 +23,6 @@ from updyn.updating.parameters import Parameter, ParameterSet
 __all__ = ["Prepared", "prepare"]
 
 _QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous")
-_SHOWN = 8  # sensors without a DOF that are named one by one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,13 +34,15 @@ class Prepared:
     job : Job
         The job.
     model : Model
-        Where the update starts.
+        Where the update starts; DOFs of nodes with oblique sensors are turned along them.
     frf : FRF
         The data in the job's band, named as the model names its DOFs.
     fitted : FRF
         Of these, what is fitted: all but what is held out for validation.
     parameters : ParameterSet
         The unknowns.
+    matching : Matching
+        Who sits where.
     """
 
     job: Job
@@ -48,6 +50,7 @@ class Prepared:
     frf: FRF
     fitted: FRF
     parameters: ParameterSet
+    matching: Matching
 
 
 def prepare(job: Job) -> Prepared:
@@ -69,10 +72,11 @@ def prepare(job: Job) -> Prepared:
         the like; the message says on which line of the job, and where in the file.
     """
     model = _model(job)
-    frf = _matched(job, model, _measurement(job))
+    matching = matched(job, model, _measurement(job))
+    model, frf = matching.model, matching.frf
     fitted = _fitted(job, frf)
     _check_method(job, fitted)
-    return Prepared(job, model, frf, fitted, _parameters(job, model))
+    return Prepared(job, model, frf, fitted, _parameters(job, model), matching)
 
 
 @contextmanager
@@ -134,61 +138,6 @@ def _existing(job: Job, file: str, table: str) -> Path:
     siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
     hint = suggest(path.name, siblings) if siblings else f"the folder {str(path.parent)!r} is empty or does not exist"
     raise job.error(f"{table}.file = {file!r}: no such file; {hint}", table, "file")
-
-
-# -- sensors to DOFs ---------------------------------------------------------------------------------------
-def _matched(job: Job, model: Model, frf: FRF) -> FRF:
-    responses, references = frf.responses, frf.references
-    if job.match.table:
-        responses, references = _renamed(job, responses, references)
-        frf = replace(frf, responses=responses, references=references)
-    lost = [
-        (dof, _not_there(model, dof, what))
-        for what, dofs in (("response", responses), ("reference", references))
-        for dof in dofs
-        if dof not in model.dofs
-    ]
-    if lost:
-        shown = [text for _, text in lost[:_SHOWN]]
-        shown += [f"... and {len(lost) - _SHOWN} more"] if len(lost) > _SHOWN else []
-        raise job.error(
-            f"{len(lost)} of the sensors and forces of {job.test.file} are not DOFs of the model:\n  "
-            + "\n  ".join(shown)
-            + f'\nGive each its label in the model under [match.table] ("{lost[0][0]}" = "..."), or keep only those '
-            "that are, with responses and references in [test]",
-            "test",
-            "file",
-        )
-    return frf
-
-
-def _not_there(model: Model, dof: Dof, what: str) -> str:
-    try:
-        model.dofs.match([dof], what)
-    except DofError as error:
-        return str(error)
-    raise AssertionError(dof)
-
-
-def _renamed(job: Job, responses: DofSet, references: DofSet) -> tuple[DofSet, DofSet]:
-    """Return the DOFs under the names of [match.table]; signs multiply."""
-    table: dict[tuple[int, str], Dof] = {}
-    for old, new in job.match.table.items():
-        with _at(job, "match", "table", old):
-            before, after = Dof.parse(old), Dof.parse(new)
-            if before not in responses and before not in references:
-                held = [*responses.labels, *(x for x in references.labels if x not in responses.labels)]
-                raise DofError(f"{old!r} is no response or reference of {job.test.file}; {suggest(old, held)}")
-            if (before.node, before.direction) in table:
-                raise DofError(f"{old!r} names a sensor that already has an entry, with another sign")
-            table[before.node, before.direction] = after if before.sign > 0 else -after
-
-    def new_name(dof: Dof) -> Dof:
-        after = table.get((dof.node, dof.direction))
-        return dof if after is None else after if dof.sign > 0 else -after
-
-    with _at(job, "match", "table"):
-        return DofSet([new_name(d) for d in responses]), DofSet([new_name(d) for d in references])
 
 
 # -- what is fitted ----------------------------------------------------------------------------------------

@@ -37,9 +37,9 @@ def resolved_job(job: Job, out: Path) -> str:
 
     content = job.model_dump(exclude_none=True, mode="python")
     content["title"] = job.title or job.path.stem
-    for table in ("model", "test"):
-        if "file" in content[table]:
-            content[table]["file"] = _from(out, job.beside(content[table]["file"]))
+    for table, key in (("model", "file"), ("test", "file"), ("match", "geometry")):
+        if key in content[table]:
+            content[table][key] = _from(out, job.beside(content[table][key]))
     defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
     content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
     document = tomlkit.document()

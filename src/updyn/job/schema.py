@@ -78,9 +78,22 @@ def _tables(given: Any) -> Any:
     return given
 
 
-def _by(given: Any) -> Any:
-    if given != "label":
-        raise ValueError('only by = "label" is available, with [match.table] for sensors of another name')
+def _tolerance(given: Any) -> Any:
+    share = isinstance(given, str) and given.strip().endswith("%")
+    if not share and (not _is_number(given) or given <= 0):
+        raise ValueError("expected a distance in m above 0, or a share of the model's size, such as '0.5 %'")
+    return given
+
+
+def _alignment(given: Any) -> Any:
+    pairs = isinstance(given, Mapping) and all(re.fullmatch(r"-?[0-9]+", key) for key in given)
+    if pairs and given and all(isinstance(v, int) and not isinstance(v, bool) for v in given.values()):
+        return dict(given)
+    matrix = isinstance(given, list | tuple) and all(isinstance(row, list | tuple) and len(row) == 4 for row in given)
+    if matrix and len(given) == 4 and all(_is_number(x) for row in given for x in row):
+        return [[float(x) for x in row] for row in given]
+    if given != "fit":
+        raise ValueError("expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array")
     return given
 
 
@@ -147,8 +160,14 @@ class TestTable(_Table):
 class MatchTable(_Table):
     """``[match]``: how sensors map to DOFs of the model."""
 
-    by: Annotated[Literal["label"], BeforeValidator(_by)] = "label"
+    by: Literal["label", "coordinates"] = "label"
+    geometry: str | None = None
+    tolerance: Annotated[float | str | None, BeforeValidator(_tolerance)] = None
+    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
+    alignment: Annotated[Any, BeforeValidator(_alignment)] = None
+    angle: float | None = Field(default=None, ge=0, le=45)
     table: dict[str, str] = Field(default_factory=dict)
+    directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(default_factory=dict)
 
 
 class ParameterTable(_Table):

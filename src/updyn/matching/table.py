@@ -29,10 +29,12 @@ class MatchError(DofError):
         What was found, what was expected, and the nearest candidates.
     place : tuple of str
         Argument of `match`, and key in it, that the error is about; empty: the measurement.
+    lost : sequence of str
+        The sensors, as the test labels them, that are no DOFs of the model.
     """
 
-    def __init__(self, message: str, place: tuple[str, ...] = ()) -> None:
-        self.place = place
+    def __init__(self, message: str, place: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
+        self.place, self.lost = place, tuple(lost)
         super().__init__(message)
 
 

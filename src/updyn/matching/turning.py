@@ -115,16 +115,19 @@ def seat(model: Model, aims: Sequence[Aim], angle: float = EXACT) -> tuple[Model
     """
     frames = _frames(model, {a.dof.node for a in aims})
     have = _present(model, frames)
-    locals_, lost = [], []
+    locals_: list[_Local] = []
+    lost: dict[str, str] = {}
     for aim in aims:
         found = _local(model, aim, frames[aim.dof.node], have[aim.dof.node], angle)
         if isinstance(found, str):
-            lost.append(found)
+            lost[str(aim.sensor)] = found
         else:
             locals_.append(found)
     if lost:
         raise MatchError(
-            f"{len(lost)} of the sensors and forces of the measurement are not DOFs of the model:{listed(lost)}"
+            f"{len(lost)} of the sensors and forces of the measurement are not DOFs of the model:"
+            + listed(list(lost.values())),
+            lost=list(lost),
         )
     at: dict[int, list[_Local]] = {}
     for found in locals_:

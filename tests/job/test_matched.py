@@ -1,0 +1,245 @@
+"""[match] of a job: positions, units, directions, and errors at their lines."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.cli import main
+from updyn.errors import JobError
+from updyn.frf import FRF
+from updyn.geometry import Geometry
+from updyn.io.dof_table import write_geometry
+from updyn.job import load_job, prepare, run_job
+from updyn.model import Group, Model
+
+BASE = """\
+[model]
+file = "frame.h5"
+[test]
+file = "test.npz"
+{test}
+[[parameter]]
+groups = ["left", "right"]
+quantity = "stiffness"
+[method]
+starts = 0
+[output]
+report = false
+[match]
+{match}
+"""
+XYZ = np.array([[0, 0, 0], [1.0, 0, 0], [1.1, 0.8, 0], [0, 0.7, 0.4]])
+#: Positions of the test: other axes (its X is the model's Y, its Y is the model's -X), another origin.
+QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+TEST_XYZ = (XYZ - [0.5, 0, 1.0]) @ QUARTER
+OBLIQUE = np.array([0.6, 0.0, 0.8])
+
+
+def frame() -> Model:
+    """Make two groups of springs with all three directions of four nodes coupled."""
+    rng, n = np.random.default_rng(7), 12
+    groups = {}
+    for name, own in (("left", np.arange(8)), ("right", np.arange(4, 12))):
+        K, M, at = np.zeros((n, n)), np.zeros((n, n)), np.ix_(own, own)
+        A = rng.standard_normal((8, 8))
+        K[at], M[at] = 1e5 * (A @ A.T + np.eye(8)), np.eye(8)
+        groups[name] = Group(K, M, 0.02)
+    dofs = [f"{i}:{d}" for i in (11, 12, 13, 14) for d in "XYZ"]
+    return Model.from_groups(groups, dofs, geometry=Geometry([11, 12, 13, 14], XYZ), title="Frame")
+
+
+TRUE = {"left": {"stiffness": 1.15}, "right": {"stiffness": 0.9}}
+LINES = np.linspace(10.0, 120.0, 30)
+
+
+def measured() -> FRF:
+    """Return what sensors 1:X, 2:Y, 3:Z (oblique in the model) and forces 1:X, 4:Z of the test read and do."""
+    true = frame().scaled(TRUE)
+    H = updyn.response(true, LINES, true.dofs, true.dofs).values
+    read = np.zeros((3, 12))
+    read[0, 1], read[1, 3], read[2, 6:9] = 1, -1, OBLIQUE  # 11:Y, 12:-X, 13 along OBLIQUE
+    load = np.zeros((2, 12))
+    load[0, 1], load[1, 11] = 1, 1  # 11:Y, 14:Z
+    values = np.einsum("ri,fij,lj->frl", read, H, load)
+    return FRF(LINES, values, ["1:X", "2:Y", "3:Z"], ["1:X", "4:Z"], "receptance")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    updyn.write_model(frame(), tmp_path / "frame.h5")
+    updyn.write_frf(measured(), tmp_path / "test.npz")
+    write_geometry(Geometry([1, 2, 3, 4], 1000 * TEST_XYZ), tmp_path / "points.csv")
+    return tmp_path
+
+
+DIRECTION = (OBLIQUE @ QUARTER).tolist()  # in the axes of the test
+GOOD = f"""\
+by = "coordinates"
+geometry = "points.csv"
+unit = "mm"
+tolerance = "0.5 %"
+alignment = {{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }}
+[match.directions]
+"3:Z" = {DIRECTION}
+"""
+
+
+def job_at(folder: Path, match: str, test: str = "") -> Any:
+    (folder / "job.toml").write_text(BASE.format(match=match, test=test), encoding="utf-8")
+    return load_job(folder / "job.toml")
+
+
+def test_a_job_by_coordinates_finds_what_the_sensors_read(folder: Path) -> None:
+    job = job_at(folder, GOOD)
+    ready = prepare(job)
+    assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
+    assert [m.turned for m in ready.matching.table] == [False, False, True, False]
+    assert ready.model is ready.matching.model
+    result = run_job(job, folder / "out", prepared=ready)
+    assert result.status == "converged"
+    assert result.values == pytest.approx({"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7)
+    kept = updyn.read_model(folder / "out" / "model.h5")
+    np.testing.assert_allclose(kept.geometry.axes[2][2], OBLIQUE, atol=1e-12)
+
+
+def test_the_resolved_job_runs_again_from_its_folder(folder: Path) -> None:
+    first = run_job(job_at(folder, GOOD), folder / "out")
+    written = tomllib.loads((folder / "out" / "job.toml").read_text(encoding="utf-8"))["match"]
+    assert written == {
+        "by": "coordinates",
+        "geometry": "../points.csv",
+        "tolerance": "0.5 %",
+        "unit": "mm",
+        "alignment": {"1": 11, "2": 12, "3": 13, "4": 14},
+        "directions": {"3:Z": DIRECTION},
+    }
+    again = run_job(load_job(folder / "out" / "job.toml"), folder / "again")
+    assert again.values == first.values
+
+
+def test_a_matrix_and_the_geometry_of_the_test_file(folder: Path) -> None:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = QUARTER, [0.5, 0, 1.0]
+    data = measured()
+    told = FRF(
+        data.freq,
+        data.values,
+        data.responses,
+        data.references,
+        data.quantity,
+        geometry=Geometry([1, 2, 3, 4], TEST_XYZ),
+    )
+    updyn.write_frf(told, folder / "test.npz")
+    text = (
+        f'by = "coordinates"\nalignment = {matrix.tolist()}\nangle = 0.5\n[match.directions]\n"3:-Z" = [-0.6, 0, 0.8]\n'
+    )
+    (folder / "out").mkdir()
+    job = job_at(folder, text)
+    assert [m.dof for m in prepare(job).matching.table][:2] == ["11:Y", "12:-X"]
+    run_job(job, folder / "out")
+    written = tomllib.loads((folder / "out" / "job.toml").read_text(encoding="utf-8"))["match"]
+    assert written["alignment"] == matrix.tolist()
+    assert written["angle"] == 0.5
+
+
+def test_check_prints_the_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job_at(folder, GOOD)
+    assert main(["check", str(folder / "job.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "Matched by coordinates: 4 sensors and forces are DOFs of the model" in out
+    assert "positions in mm; aligned on 4 pairs of nodes; turned by 90 degrees, moved by (0.5, 0, 1) m" in out
+    found = {line.split()[0]: line for line in out.splitlines() if line[:3] in ("1:X", "2:Y", "3:Z", "4:Z")}
+    assert found["1:X"].split() == ["1:X", "response", "and", "reference", "11:Y", *found["1:X"].split()[5:]]
+    assert "13:Z" in found["3:Z"]
+    assert found["3:Z"].endswith("turned along (0.6, 0, 0.8)")
+
+
+BAD = [
+    (('unit = "mm"\n', ""), 13, "look like mm: then all 4 nodes lie within 0.0"),
+    (('"mm"', '"millimetre"'), 16, "match.unit = 'millimetre': valid: 'm', 'cm', 'mm', 'in', 'ft'"),
+    (('"points.csv"', '"point.csv"'), 15, "match.geometry = 'point.csv': no such file; did you mean 'points.csv'"),
+    (('"points.csv"', '"frame.h5"'), 15, "frame.h5"),
+    (('geometry = "points.csv"\n', ""), 13, "test.npz has no geometry: give that of the test, or match by label"),
+    (('"0.5 %"', '"half"'), 17, "expected a distance in m above 0, or a share"),
+    (('"0.5 %"', "0"), 17, "match.tolerance = 0: expected a distance in m above 0"),
+    (('by = "coordinates"\n', ""), 16, "tolerance belongs to by = 'coordinates'"),
+    (("2 = 12", "2 = 99"), 18, "alignment: geometry: node 99 has no position; nearest: 14, 13, 12"),
+    (("2 = 12", "2 = 14"), 18, "the pairs do not lie on each other within 0.0"),
+    (("2 = 12", 'two = "12"'), 18, "'4': 14}: expected 'fit', a table of nodes of the test"),
+    (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", '"best"'), 18, "match.alignment = 'best': expected 'fit'"),
+    (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", "[[1, 2], [3, 4]]"), 18, "or a 4 x 4 array"),
+    (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", "[1, 2, 3, 4]"), 18, "or a 4 x 4 array"),
+    (("[match.directions]", "angle = 50\n[match.directions]"), 19, "angle"),
+    (('"3:Z"', '"5:Z"'), 20, "'5:Z' is no response or reference of test.npz"),
+    ((f"= {DIRECTION}", "= [0, 1]"), 20, "match.directions.3:Z: expected at least 3 entries"),
+    ((f"= {DIRECTION}", "= [0, 0, 0]"), 20, "direction of 3:Z: expected three finite numbers, not all 0"),
+    (("tolerance", "tolerence"), 17, "unknown key 'tolerence' in [match]; did you mean 'tolerance'"),
+    (
+        ("[match.directions]", '[match.table]\n"1:X" = "12:Q"\n[match.directions]'),
+        20,
+        "DOF '12:Q': expected node:direction",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "line", "message"), BAD)
+def test_a_complaint_names_its_line(
+    change: tuple[str, str], line: int, message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert change[0] in GOOD
+    with pytest.raises(JobError) as caught:
+        prepare(job_at(folder, GOOD.replace(*change)))
+    text = str(caught.value)
+    assert message in text
+    assert text.startswith(f"{folder / 'job.toml'}:{line}: "), text
+    assert main(["check", str(folder / "job.toml")]) == 2
+    assert capsys.readouterr().err == f"error: {text}\n"
+
+
+def test_what_is_not_near_and_what_is_no_dof_are_listed(folder: Path) -> None:
+    far = XYZ + np.array([[0, 0, 0], [0, 0, 0.1], [0, 0, 0], [0, 0, 0]])
+    write_geometry(Geometry([1, 2, 3, 4], far), folder / "points.csv")
+    text = 'by = "coordinates"\ngeometry = "points.csv"\ntolerance = 0.01\n'
+    with pytest.raises(
+        JobError, match=r"(?s)job\.toml:16: 1 of 4 nodes .*node 2 at \(1, 0, 0\.1\) m: nearest 12 at 0\.1 m"
+    ):
+        prepare(job_at(folder, text))
+    ready = prepare(job_at(folder, text + '[match.table]\n"2" = "12"\n'))
+    assert [m.dof for m in ready.matching.table] == ["11:X", "12:Y", "13:Z", "14:Z"]
+    with pytest.raises(JobError) as caught:
+        prepare(job_at(folder, 'by = "label"'))
+    text = str(caught.value)
+    assert text.startswith(
+        f"{folder / 'job.toml'}:4: 4 of the sensors and forces of test.npz are not DOFs of the model:"
+    )
+    assert "response and reference 1:X is not among the 12 DOFs; nearest: 11:X, 11:Y, 11:Z" in text
+    assert text.endswith(
+        '[match.table] ("1:X" = "..."), or keep only those that are, with responses and references in [test]'
+    )
+
+
+def test_local_axes_in_a_separate_universal_file(folder: Path, tmp_path: Path) -> None:
+    """A universal file of nodes whose displacement system is turned: its sensors are the model's other directions."""
+    shutil.rmtree(tmp_path / "out", ignore_errors=True)
+    blocks = [
+        "    -1\n  2420\n         1\ntest\n         7         0         0\nturned\n"
+        + "".join("".join(f"{v:25.16E}" for v in row) + "\n" for row in [*QUARTER.T, [0, 0, 0]])
+        + "    -1\n",
+        "    -1\n  2411\n"
+        + "".join(
+            f"{node:10d}{1:10d}{7:10d}{11:10d}\n" + "".join(f"{v:25.16E}" for v in point) + "\n"
+            for node, point in zip((1, 2, 3, 4), XYZ, strict=True)
+        )
+        + "    -1\n",
+    ]
+    (folder / "points.unv").write_text("".join(blocks), encoding="ascii")
+    ready = prepare(job_at(folder, 'by = "coordinates"\ngeometry = "points.unv"\n'))
+    assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
+    assert not any(m.turned for m in ready.matching.table)
