@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from updyn.io import write_model as write_model
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
+    from updyn.matching import match as match
     from updyn.model import Group as Group
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
@@ -57,6 +58,7 @@ _WHERE = {
     "UpdynWarning": "updyn.errors",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
+    "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
     "link": "updyn.updating.choice",
     "parameters": "updyn.updating.choice",
