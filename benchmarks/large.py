@@ -51,7 +51,7 @@ def changes(model: updyn.Model) -> dict[str, dict[str, float]]:
 
 def measurement(model: updyn.Model, size: str, sensors: list[str]) -> updyn.FRF:
     truth = model.scaled(changes(model))
-    exact = updyn.response(truth, np.linspace(*BANDS[size], LINES), sensors, sensors[:3], tier="reduced", accuracy=1e-7)
+    exact = updyn.response(truth, np.linspace(*BANDS[size], LINES), sensors, sensors[:3], tier="reduced", accuracy=1e-6)
     print(f"truth: {exact.source}", flush=True)
     draw = np.random.default_rng(1).standard_normal((2, *exact.values.shape))
     noisy = exact.values * (1.0 + NOISE * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
@@ -84,8 +84,8 @@ class Kept(reducing.Reducing):
 
 def reduced(result: updyn.UpdateResult, sensors: list[str], lines: np.ndarray) -> np.ndarray:
     """Receptances of the job's own reduced model at its estimate."""
-    solver, at = Kept.latest._solver, result.model.dofs.match(sensors).index
-    exact = Kept.latest.exact
+    (part,) = Kept.latest._parts
+    exact, solver, at = part.exact, part.solver, result.model.dofs.match(sensors).index
     state = exact.state(exact.coordinates.to_x(np.array(list(result.values.values()))))
     c = solver.system.coefficients(state, 2 * np.pi * lines)
     return solver.at(solver.solve(c, at[:3], lines), at).transpose(1, 0, 2)

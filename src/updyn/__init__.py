@@ -41,26 +41,31 @@ if TYPE_CHECKING:
     from updyn.report import write_report as write_report
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
+    from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
+    from updyn.updating.run import Test as Test
     from updyn.updating.update import update as update
+    from updyn.updating.update import update_jointly as update_jointly
 
 __version__ = "0.1.0"
 
 _WHERE = {
-    "FRF": "updyn.frf",
     "Dof": "updyn.dofs",
     "DofSet": "updyn.dofs",
+    "FRF": "updyn.frf",
     "Geometry": "updyn.geometry",
     "Group": "updyn.model",
+    "JointResult": "updyn.updating.result",
     "Model": "updyn.model",
+    "Test": "updyn.updating.run",
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
+    "link": "updyn.updating.choice",
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
-    "link": "updyn.updating.choice",
     "parameters": "updyn.updating.choice",
     "read_frf": "updyn.io",
     "read_geometry": "updyn.io",
@@ -68,10 +73,11 @@ _WHERE = {
     "read_result": "updyn.io",
     "response": "updyn.dynamics.response",
     "update": "updyn.updating.update",
+    "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",
     "write_model": "updyn.io",
-    "write_report": "updyn.report",
     "write_properties": "updyn.io",
+    "write_report": "updyn.report",
     "write_result": "updyn.io",
 }
 

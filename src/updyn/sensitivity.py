@@ -59,7 +59,7 @@ class Unknowns:
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
-        """Look the unknowns up in a compiled model.
+        """Look the unknowns up in a compiled model. What is not in it has no drive there, and no derivative.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class Unknowns:
         Unknowns
         """
         items = list(parameters)
-        drives = [(i, d) for i, p in enumerate(items) for d in p.acts_on]
+        drives = [(i, d) for i, p in enumerate(items) for d in p.acts_on if system.has(d.group, d.quantity)]
         return cls(
             len(items),
             np.array([i for i, _ in drives], dtype=np.intp),
@@ -267,6 +267,7 @@ def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Co
                 else:
                     np.multiply(slopes[d, :, None, None], part, out=out[p])
                     begun[p] = True
+    out[~begun] = 0.0
     return out
 
 

@@ -14,7 +14,7 @@ BLIND = np.array([[1000.0, 1000.0]])
 
 
 def say(R, reason="converged", misfit=0.0, **noise):
-    return verdict(Fit(np.zeros(2), reason, R, noise), analyse(R, NAMES), NAMES, "advice", misfit)
+    return verdict(Fit(np.zeros(2), reason, R, (noise,)), analyse(R, NAMES), NAMES, "advice", misfit)
 
 
 def test_all_is_well():

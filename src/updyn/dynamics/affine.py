@@ -139,6 +139,11 @@ class AffineSystem:
                 return i
         raise KeyError(f"{group}.{quantity}")
 
+    def has(self, group: str, quantity: str) -> bool:
+        """Return whether there is a term that an unknown (``group``, ``quantity``) would act on."""
+        wanted = "stiffness" if quantity == "loss_factor" else quantity
+        return any(term.group == group and term.quantity == wanted for term in self.terms)
+
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""
         out = np.empty((len(self.terms), len(omega)), dtype=np.complex128)

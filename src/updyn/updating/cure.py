@@ -13,6 +13,7 @@ from updyn.dofs import DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.identifiability import Analysis
+from updyn.updating.joint import Task
 from updyn.updating.problem import Problem
 
 __all__ = ["advise"]
@@ -26,14 +27,14 @@ _VISIBLE = 1e-6
 _NOISY = 1e-3
 
 
-def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
+def advise(analysis: Analysis, problem: Task, x: NDArray[np.float64], noise: float = 0.0) -> str:
     """Say in words what is open and what would cure it.
 
     Parameters
     ----------
     analysis : Analysis
         At x.
-    problem : Problem
+    problem : Task
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
         In the optimiser's coordinates.
@@ -58,10 +59,11 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     silent = [n for n, d in zip(names, np.linalg.norm(analysis.open, axis=1), strict=True) if d > 1 - 1e-6]
     if silent:
         parts.append(f"The data do not see {_list(silent)} at all.")
-    line, sensor = _best_line(analysis, problem, x), _best_sensor(analysis, problem, x)
+    line = _best_of([(p.name, _best_line(analysis, p, x)) for p in problem.parts])
+    sensor = _best_of([(p.name, _best_sensor(analysis, p, x)) for p in problem.parts])
     needed = max(noise, _VISIBLE)
     if line is not None and line[1] > needed:
-        parts.append(f"Adding a line near {line[0]:.4g} Hz would determine all unknowns{_accuracy(line[1])}.")
+        parts.append(f"Adding a line near {line[0]} would determine all unknowns{_accuracy(line[1])}.")
     if sensor is not None and sensor[1] > needed:
         parts.append(f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}.")
     if len(parts) == bool(silent):
@@ -74,6 +76,12 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
             "give priors."
         )
     return " ".join(parts)
+
+
+def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
+    """Return the best candidate of all tests, with the name of its test where there are several."""
+    there = [(f"{best[0]} in test {name!r}" if name else best[0], best[1]) for name, best in found if best]
+    return max(there, key=lambda t: t[1], default=None)
 
 
 def _accuracy(seen: float) -> str:
@@ -94,7 +102,7 @@ def _sees(dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDA
     return float(s[-1]) if len(s) == directions.shape[1] else 0.0
 
 
-def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[float, float] | None:
+def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> tuple[str, float] | None:
     """Return the best further line and the least relative change that it would see."""
     freq = problem.frf.freq
     low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
@@ -106,7 +114,7 @@ def _best_line(analysis: Analysis, problem: Problem, x: NDArray[np.float64]) -> 
     except SolverError:
         return None
     best = int(np.argmax(seen))
-    return float(lines[best]), float(seen[best])
+    return f"{lines[best]:.4g} Hz", float(seen[best])
 
 
 def _seen_at_lines(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]) -> NDArray[Any]:

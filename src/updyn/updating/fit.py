@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.identifiability import open_directions
+from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import ASSUMED, NoiseModel
-from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, Residual, is_solved, with_prior
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
@@ -49,8 +49,8 @@ class Fit:
         Why it ended.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of the noise.
-    noise : mapping
-        For the record: kind, figures, chi_square, inflation.
+    noise : tuple of mapping
+        For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty: nothing is known.
     note : str
         What the user should know about this method's figures; may be empty.
     """
@@ -58,7 +58,7 @@ class Fit:
     x: _Vector
     reason: str
     R: NDArray[np.float64]
-    noise: Mapping[str, Any] = field(default_factory=dict)
+    noise: tuple[Mapping[str, Any], ...] = ()
     note: str = ""
 
     @classmethod
@@ -78,15 +78,15 @@ class Method(Protocol):
     def tolerance(self) -> float:
         """Relative step at which it has converged."""
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
         """Return where to begin, shape (n,)."""
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: _Vector) -> Fit:
-        """Fit the unknowns from x."""
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x; a noise model for each part of the problem."""
 
 
 def descend(
-    problem: Problem,
+    problem: Task,
     residual: Residual,
     x: _Vector,
     monitor: Monitor,
@@ -149,15 +149,13 @@ def descend(
         except Stopped:
             return replace(outcome, reason="stopped")
         nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
-        if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.frf.values.size:
+        if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.n_values:
             break
         outcome = back
     return outcome
 
 
-def descend_to_scale(
-    problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion
-) -> Outcome:
+def descend_to_scale(problem: Task, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion) -> Outcome:
     """Minimise a residual whose spread is not known, priors included.
 
     A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
@@ -179,7 +177,7 @@ def descend_to_scale(
             break
         try:
             local = residual.local(problem, outcome.x)
-            sigma = 0.0 if local is None else spread_of(local, problem.frf.values.size, problem.n)
+            sigma = 0.0 if local is None else spread_of(local, problem.n_values, problem.n)
             if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
                 break
             unit = sigma
@@ -199,12 +197,12 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
     return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
 
 
-def stopped_at(problem: Problem, x: _Vector) -> Fit:
+def stopped_at(problem: Task, x: _Vector) -> Fit:
     """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         What the log error was evaluated on.
     x : ndarray of float, shape (n,)
         The best point so far.
@@ -213,29 +211,31 @@ def stopped_at(problem: Problem, x: _Vector) -> Fit:
     local = residual.local(problem, x) if is_solved(residual, problem, x) else None
     if local is None or local.cost == 0.0:
         return Fit.blind(x, "stopped")
-    sigma = spread_of(local, problem.frf.values.size, problem.n)
+    sigma = spread_of(local, problem.n_values, problem.n)
     record = {"kind": "spread of the log error", "relative": float(np.sqrt(2.0) * sigma), "chi_square": 1.0}
-    return Fit(x, "stopped", local.R / sigma, record | {"inflation": 1.0})
+    return Fit(x, "stopped", local.R / sigma, (record | {"inflation": 1.0},) * len(problem.parts))
 
 
 def known_length(
-    problem: Problem, x: _Vector, whitened: Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+    problem: Task, x: _Vector, whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]]
 ) -> dict[str, float]:
     """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         What was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
     whitened : callable
-        Residual over its standard deviation from the model's H, both of shape (n_f, ...).
+        Residual over its standard deviation, for a part of the problem and the model's H there, both of shape
+        (n_f, ...).
     """
     try:
-        return {"correlation_length": correlation_length(whitened(problem.responses(x)))}
+        lengths = [correlation_length(whitened(i, p.responses(x))) for i, p in enumerate(problem.parts)]
     except Stopped:
         return {}
+    return {"correlation_length": float(np.average(lengths, weights=[p.n_values for p in problem.parts]))}
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:

@@ -13,7 +13,7 @@ import os
 import secrets
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from hashlib import blake2b
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
-from updyn.updating.problem import Problem
+from updyn.updating.joint import Task
 from updyn.updating.session import Record, digest
 
 __all__ = ["Journal", "fingerprint"]
@@ -149,15 +149,15 @@ class Journal:
             raise OptionError(f"checkpoint {str(self.path)!r} is of another run: {differing}")
 
 
-def fingerprint(problem: Problem, frf: FRF, options: Mapping[str, object]) -> dict[str, Any]:
+def fingerprint(problem: Task, data: Sequence[FRF], options: Mapping[str, object]) -> dict[str, Any]:
     """Return what tells a run from others, as plain data.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         Model and unknowns.
-    frf : FRF
-        All data.
+    data : sequence of FRF
+        All data of each part.
     options : mapping
         What else decides what is evaluated. How many steps are made is not part of it: a run that ended at the largest
         number of steps can be resumed with more.
@@ -166,13 +166,16 @@ def fingerprint(problem: Problem, frf: FRF, options: Mapping[str, object]) -> di
     -------
     dict
     """
-    system = problem.solver.system
-    model: list[object] = [system.indptr, system.indices, system.start.loss, *system.dofs.labels]
-    for term in system.terms:
-        model += [term.group, term.quantity, term.slots, term.data]
-    data: list[object] = [frf.freq, frf.values, frf.quantity, str(frf.averages)]
-    data += [*frf.responses.labels, "/", *frf.references.labels]
-    data += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
+    model: list[object] = []
+    measured: list[object] = []
+    for part, frf in zip(problem.parts, data, strict=True):
+        system = part.solver.system
+        model += [part.name, system.indptr, system.indices, system.start.loss, *system.dofs.labels]
+        for term in system.terms:
+            model += [term.group, term.quantity, term.slots, term.data]
+        measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
+        measured += [*frf.responses.labels, "/", *frf.references.labels]
+        measured += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
     unknowns = {
         p.name: [p.start, p.lower, p.upper, p.prior_std, *([d.name, d.power] for d in p.drives)]
         for p in problem.coordinates.parameters
@@ -180,7 +183,7 @@ def fingerprint(problem: Problem, frf: FRF, options: Mapping[str, object]) -> di
     return {
         "updyn": __version__,
         "model": digest(model).hex(),
-        "data": digest(data).hex(),
+        "data": digest(measured).hex(),
         "unknowns": unknowns,
         "options": {k: str(v) for k, v in options.items()},
     }

@@ -5,8 +5,9 @@ Where the user wants to stop and an evaluation takes long, what is known is judg
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,9 +20,10 @@ from updyn.frf import FRF
 from updyn.updating.cure import advise
 from updyn.updating.fit import Fit
 from updyn.updating.identifiability import Analysis, analyse
+from updyn.updating.joint import Task
 from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
 from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.updating.residuals import Each, OutputError
 from updyn.updating.session import Stopped
 from updyn.updating.split import Split
 
@@ -48,8 +50,8 @@ class Judgement:
         Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
     at_bound : dict of str to str
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
-    correlation : dict
-        Figures of agreement before and after; empty where they are not known.
+    correlation : tuple of dict
+        For each part of the problem, figures of agreement before and after; empty where they are not known.
     """
 
     fit: Fit
@@ -58,28 +60,30 @@ class Judgement:
     advice: str = ""
     misfit: float = 0.0
     at_bound: Mapping[str, str] = field(default_factory=dict)
-    correlation: Mapping[str, Any] = field(default_factory=dict)
+    correlation: tuple[Mapping[str, Any], ...] = ()
 
 
 def judge(
-    problem: Problem, frf: FRF, split: Split, fit: Fit, noise: NoiseModel, first: FieldSolver | None = None
+    problem: Task,
+    data: Sequence[Split],
+    fit: Fit,
+    noises: Sequence[NoiseModel],
+    firsts: Sequence[FieldSolver] | None = None,
 ) -> Judgement:
     """Judge a fit.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         What was fitted.
-    frf : FRF
-        All data.
-    split : Split
-        What of them was held out.
+    data : sequence of Split
+        For each part, all its data, and what of them was held out.
     fit : Fit
         How it ended.
-    noise : NoiseModel
-        How uncertain the data are.
-    first : FieldSolver, optional
-        What solves at the start of the unknowns, where it is not the problem's own.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are.
+    firsts : sequence of FieldSolver, optional
+        What solves each part at the start of the unknowns, where it is not the problem's own.
 
     Returns
     -------
@@ -98,47 +102,53 @@ def judge(
     if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
         fit = Fit.blind(fit.x, fit.reason, fit.note)
         blind = analyse(fit.R, problem.coordinates.parameters.names)
-        analysis, advice = unless_stopped(lambda: at_start(problem, noise), (blind, ""))
+        analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
         misfit = 0.0
     else:
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
         misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
         advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
-    correlation = unless_stopped(lambda: _correlation(problem, fit.x, split, frf, first), _no_figures(split))
+    solvers = firsts or [part.solver for part in problem.parts]
+    correlation = tuple(
+        unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
+        for part, split, first in zip(problem.parts, data, solvers, strict=True)
+    )
     if cut_short:
         fit = replace(fit, reason="stopped")
     return Judgement(fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation)
 
 
-def at_start(problem: Problem, noise: NoiseModel) -> tuple[Analysis, str]:
+def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
     """Analyse the data at the start of the unknowns, and advise.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         Model, data and unknowns.
-    noise : NoiseModel
-        How uncertain the data are; noise of ordinary size is taken where it would be estimated from a fit.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are; noise of ordinary size is taken where it would be estimated from a fit.
 
     Raises
     ------
     SolverError
         If the model cannot be solved there.
     """
-    if noise.kind == Estimated.kind:
-        noise = choose_noise(ASSUMED, problem.frf)
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    H = problem.responses(x)
-    variance = noise.variance(H, problem.frf)
-    local = OutputError(np.sqrt(2.0 / variance)).local(problem, x)
+    errors, shares = [], []
+    for part, given in zip(problem.parts, noises, strict=True):
+        noise = choose_noise(ASSUMED, part.frf) if given.kind == Estimated.kind else given
+        H = part.responses(x)
+        variance = noise.variance(H, part.frf)
+        errors.append(OutputError(np.sqrt(2.0 / variance)))
+        shares.append((np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)).ravel())
+    local = Each(tuple(errors)).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")
     analysis = analyse(local.R, problem.coordinates.parameters.names)
-    share = np.median(np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny))
-    return analysis, advise(analysis, problem, x, float(share))
+    return analysis, advise(analysis, problem, x, float(np.median(np.concatenate(shares))))
 
 
-def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
+def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
     analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
@@ -148,25 +158,26 @@ def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
     return np.asarray(out)
 
 
-def _typical_misfit(problem: Problem, x: NDArray[np.float64]) -> float:
-    measured = problem.frf.values
-    seen = np.abs(measured) > 0
-    misfit = np.abs(problem.responses(x) - measured)[seen] / np.abs(measured)[seen]
+def _typical_misfit(problem: Task, x: NDArray[np.float64]) -> float:
+    misfits = []
+    for part in problem.parts:
+        measured = part.frf.values
+        seen = np.abs(measured) > 0
+        misfits.append(np.abs(part.responses(x) - measured)[seen] / np.abs(measured)[seen])
+    misfit = np.concatenate(misfits)
     return float(np.median(misfit)) if misfit.size else 0.0
 
 
-def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
+def _at_bound(problem: Task, x: NDArray[np.float64]) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
     return {n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s}
 
 
-def _correlation(
-    problem: Problem, x: NDArray[np.float64], split: Split, frf: FRF, first: FieldSolver | None
-) -> dict[str, Any]:
-    whole = problem.with_data(frf)
-    untouched = whole if first is None else replace(whole, solver=first)
+def _correlation(problem: Problem, x: NDArray[np.float64], split: Split, first: FieldSolver) -> dict[str, Any]:
+    whole = problem.with_data(split.whole)
+    untouched = replace(whole, solver=first)
     start = problem.coordinates.to_x(problem.coordinates.parameters.start)
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has none.
     end = np.where(problem.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))

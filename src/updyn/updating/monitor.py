@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.problem import Problem
+from updyn.updating.joint import Task
 from updyn.updating.result import Iteration
 from updyn.updating.trust_region import Local, Step
 
@@ -46,7 +46,7 @@ class Monitor:
 
     Parameters
     ----------
-    problem : Problem
+    problem : Task
         What is fitted.
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops the fit.
@@ -59,7 +59,7 @@ class Monitor:
         Seconds by stage.
     """
 
-    problem: Problem
+    problem: Task
     callback: Callable[[Progress], bool | None] | None = None
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
@@ -76,18 +76,18 @@ class Monitor:
         return self.problem.session.stopped
 
     @contextmanager
-    def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
+    def stage(self, name: str, problem: Task | None = None) -> Iterator[None]:
         """Name the steps made inside, and time them.
 
         Parameters
         ----------
         name : str
             Part of the method.
-        problem : Problem, optional
+        problem : Task, optional
             What is fitted inside, where it is not the whole.
         """
         before, start = (self._stage, self._n_lines), time.perf_counter()
-        self._stage, self._n_lines = name, len((problem or self.problem).frf.freq)
+        self._stage, self._n_lines = name, (problem or self.problem).n_lines
         try:
             yield
         finally:

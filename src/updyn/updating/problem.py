@@ -135,6 +135,8 @@ class Problem:
         Product of the signs of response and reference.
     session : Session
         Where the lines are solved, and what is remembered of them. A copy sent to another process has a plain one.
+    name : str
+        Which test, where there are several.
     """
 
     solver: FieldSolver
@@ -145,11 +147,12 @@ class Problem:
     columns: NDArray[np.intp]
     sign: NDArray[np.float64]
     session: Session = field(default_factory=Session, repr=False)
+    name: str = ""
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return Problem, (self.solver, *about)
+        return Problem, (self.solver, *about, Session(), self.name)
 
     @classmethod
     def build(
@@ -161,6 +164,7 @@ class Problem:
         tier: str | None = None,
         backend: str | None = None,
         session: Session | None = None,
+        name: str = "",
     ) -> Problem:
         """Bring model, data and unknowns together.
 
@@ -183,6 +187,7 @@ class Problem:
             columns.index,
             rows.sign[:, None] * columns.sign,
             session or Session(),
+            name,
         )
 
     def with_data(self, frf: FRF) -> Problem:
@@ -209,9 +214,32 @@ class Problem:
         return self if stride <= 1 else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
     @property
+    def parts(self) -> tuple[Problem, ...]:
+        """The tests that are fitted together: this one."""
+        return (self,)
+
+    @property
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.coordinates.parameters)
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values."""
+        return int(self.frf.values.size)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of lines."""
+        return len(self.frf.freq)
+
+    def with_session(self, session: Session) -> Problem:
+        """Return the problem with another session."""
+        return replace(self, session=session)
+
+    def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
+        """Return the problem with narrower bounds in x."""
+        return replace(self, coordinates=replace(self.coordinates, box=box))
 
     def values(self, x: _Vector) -> _Vector:
         """Return the unknowns' values at x, shape (n,)."""
@@ -279,8 +307,8 @@ class Problem:
         """Return what an evaluation at x follows from, within a run."""
         if not self._digest:
             frf = self.frf
-            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity, self.solver.label)
-            self._digest.append(digest(parts))
+            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            self._digest.append(digest((self.name, self.solver.label, *parts)))
         return [kind, self._digest[0], x, *about]
 
     def recall(self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object) -> Record:

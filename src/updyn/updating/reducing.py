@@ -8,6 +8,8 @@ basis, few rounds suffice.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +20,7 @@ from updyn.dynamics.reduced.reduction import Certificate, Reduction
 from updyn.dynamics.reduced.solver import NOT_CONDENSED
 from updyn.errors import OptionError
 from updyn.updating.fit import Fit, Method
+from updyn.updating.joint import Task, together
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
@@ -66,49 +69,78 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
 
 
 @dataclass(slots=True, eq=False)
-class Reducing:
-    """The reduced models of a run, one after the other.
-
-    Parameters
-    ----------
-    exact : Problem
-        All data, and the whole model.
-    accuracy : float
-        Wanted: the error of a receptance as a share of the largest of its line.
-
-    Attributes
-    ----------
-    first : FieldSolver or None
-        The reduced model of the start, once it is made.
-    certificate : Certificate or None
-        The latest proof.
-    proved : bool
-        Whether it is about the point where the fit ended.
-    """
+class _Part:
+    """The reduced models of one test."""
 
     exact: Problem
-    accuracy: float
-    first: FieldSolver | None = field(default=None, init=False)
-    certificate: Certificate | None = field(default=None, init=False)
-    proved: bool = field(default=False, init=False)
-    _solver: FieldSolver = field(init=False)
-    _reduction: Reduction = field(init=False)
-    _x: _Vector = field(init=False)
-    _made: int = field(default=0, init=False)
+    reduction: Reduction
+    solver: FieldSolver | None = None
+    first: FieldSolver | None = None
+    certificate: Certificate | None = None
 
-    def __post_init__(self) -> None:
-        problem, freq = self.exact, self.exact.frf.freq
+    @classmethod
+    def of(cls, problem: Problem, accuracy: float) -> _Part:
+        freq = problem.frf.freq
         others = problem.solver.others(np.union1d(problem.rows, problem.columns))
-        self._reduction = Reduction(
+        reduction = Reduction(
             problem.solver.system,
             problem.rows,
             problem.columns,
             (float(freq[0]), float(freq[-1])),
             problem.solver.backend,
-            self.accuracy,
+            accuracy,
             others[:: max(1, -(-len(others) // _ELSEWHERE))],
             problem.session.check,
         )
+        return cls(problem, reduction)
+
+    def build(self, x: _Vector) -> None:
+        state = self.exact.state(x)
+        self.reduction.build(state)
+        if self.reduction.basis.size > _LARGE:
+            self.reduction.compress(state, self.exact.frf.freq)
+
+    def certify(self, x: _Vector, *, enrich: bool) -> None:
+        self.certificate = self.reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=enrich)
+
+
+@dataclass(slots=True, eq=False)
+class Reducing:
+    """The reduced models of a run, one after the other; of several tests, one of each at a time.
+
+    Parameters
+    ----------
+    exact : Task
+        All data, and the whole model of each part.
+    accuracy : float
+        Wanted: the error of a receptance as a share of the largest of its line.
+
+    Attributes
+    ----------
+    proved : bool
+        Whether the latest proof is about the point where the fit ended.
+    """
+
+    exact: Task
+    accuracy: float
+    proved: bool = field(default=False, init=False)
+    _parts: list[_Part] = field(init=False)
+    _x: _Vector = field(init=False)
+    _made: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._parts = [_Part.of(part, self.accuracy) for part in self.exact.parts]
+
+    @property
+    def firsts(self) -> list[FieldSolver]:
+        """The reduced model of each part at the start, once they are made."""
+        return [part.first for part in self._parts if part.first is not None]
+
+    @property
+    def error(self) -> float | None:
+        """The largest error of the latest proofs."""
+        found = [part.certificate.error for part in self._parts if part.certificate is not None]
+        return max(found) if found else None
 
     def begin(self) -> None:
         """Make the reduced model of the start.
@@ -123,25 +155,27 @@ class Reducing:
         start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
         self._make(start)
         self._enrich(start)  # also the figures of the start come from it
-        self.first = self._solver
+        for part in self._parts:
+            part.first = part.solver
 
-    def inside(self, problem: Problem) -> Problem:
-        """Return a problem with the latest reduced model."""
-        return replace(problem, solver=self._solver)
+    def inside(self, problem: Task) -> Task:
+        """Return a problem with the latest reduced models."""
+        pairs = zip(problem.parts, self._parts, strict=True)
+        return together([replace(p, solver=made.solver) for p, made in pairs if made.solver is not None])
 
-    def fit(self, problem: Problem, strategy: Method, noise: NoiseModel, monitor: Monitor) -> tuple[Problem, Fit]:
+    def fit(self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor) -> tuple[Task, Fit]:
         """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there.
 
         Parameters
         ----------
-        problem : Problem
+        problem : Task
             From `inside`.
-        strategy, noise, monitor
+        strategy, noises, monitor
             As for `Method.fit`.
 
         Returns
         -------
-        problem : Problem
+        problem : Task
             With the last reduced model.
         fit : Fit
             The last fit.
@@ -158,9 +192,9 @@ class Reducing:
                     else:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
-                boxed = replace(problem, coordinates=replace(problem.coordinates, box=box))
+                boxed = problem.with_box(box)
                 before, steps = len(monitor.history), left if near else min(left, _BRIEF)
-                fit = replace(strategy, max_iterations=steps).fit(boxed, noise, monitor, x)  # type: ignore[type-var]
+                fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 left = max(left - (len(monitor.history) - before), 0)
                 near, x = not _outside(fit.x, box), fit.x
                 if fit.reason in ("stopped", "failed"):
@@ -177,7 +211,7 @@ class Reducing:
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
-    def _better(self, problem: Problem, x: _Vector) -> _Vector:
+    def _better(self, problem: Task, x: _Vector) -> _Vector:
         """Make the reduced model where a search ended, far off, unless the start is as good after all."""
         start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
         before = LogError().local(problem, start)
@@ -195,11 +229,11 @@ class Reducing:
         return self._x - leash, self._x + leash
 
     def _noted(self, fit: Fit) -> Fit:
-        found = self.certificate
-        if found is None or self.proved or fit.reason in ("stopped", "failed"):
+        error = self.error
+        if error is None or self.proved or fit.reason in ("stopped", "failed"):
             return fit
         note = (
-            f"The reduced model could not be proved where the fit ended: its error there may be {found.error:.1g} of "
+            f"The reduced model could not be proved where the fit ended: its error there may be {error:.1g} of "
             f"the largest receptance of a line, not {self.accuracy:g}."
         )
         reason = "max-iterations" if fit.reason == "converged" else fit.reason
@@ -207,49 +241,53 @@ class Reducing:
 
     @property
     def record(self) -> dict[str, float | int | str]:
-        """What the result states."""
-        found = self.certificate
-        if found is None:
+        """What the result states; of several tests, the sums of what was needed and the largest error."""
+        found = [part.certificate for part in self._parts if part.certificate is not None]
+        if not found:
             return {"accuracy": self.accuracy}
-        error = found.error if self.proved else "not checked where the fit ended"
+        used: Counter[str] = Counter()
+        for part in self._parts:
+            used.update(part.reduction.used)
         return {
             "accuracy": self.accuracy,
-            "basis": found.size,
-            "error": error,
-            "lines checked": len(found.lines),
-            "factorisations": found.factorisations,
-            **fallback(self._reduction.used, self._reduction.backend),
+            "basis": sum(c.size for c in found),
+            "error": max(c.error for c in found) if self.proved else "not checked where the fit ended",
+            "lines checked": sum(len(c.lines) for c in found),
+            "factorisations": sum(c.factorisations for c in found),
+            **fallback(used, self._parts[0].reduction.backend),
         }
 
     def _make(self, x: _Vector) -> None:
-        """Make a reduced model at x: good as a rule, but not proved."""
-        state = self.exact.state(x)
-        self._reduction.build(state)
-        if self._reduction.basis.size > _LARGE:
-            self._reduction.compress(state, self.exact.frf.freq)
+        """Make reduced models at x: good as a rule, but not proved."""
+        for part in self._parts:
+            part.build(x)
         self._use(x)
 
     def _enrich(self, x: _Vector) -> None:
-        """Add to the reduced model what it lacks at x."""
-        self.certificate = self._reduction.certify(self.exact.state(x), self.exact.frf.freq)
+        """Add to the reduced models what they lack at x."""
+        for part in self._parts:
+            part.certify(x, enrich=True)
         self._use(x)
 
     def _use(self, x: _Vector) -> None:
         self._made += 1
         self._x, self.proved = x, False
-        self._solver = self._reduction.solver(f"reduced {self._made}")
+        for part in self._parts:
+            part.solver = part.reduction.solver(f"reduced {self._made}")
 
     def _check(self, x: _Vector) -> None:
-        found = self._reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=False)
-        self.certificate, self.proved = found, found.error <= self.accuracy
+        for part in self._parts:
+            part.certify(x, enrich=False)
+        error = self.error
+        self.proved = error is not None and error <= self.accuracy
 
 
-def fallback(used: dict[str, int], backend: str) -> dict[str, str]:
+def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     """Return, for the record, who solved what the backend could not; nothing where it always could.
 
     Parameters
     ----------
-    used : dict of str to int
+    used : mapping of str to int
         Solves by backend.
     backend : str
         The one that was chosen.

@@ -6,7 +6,7 @@ the Jacobian of all lines need never be held, and the normal equations are never
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -18,12 +18,24 @@ from updyn import sensitivity
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
+from updyn.updating.joint import Task
 from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.session import Record
 from updyn.updating.trust_region import Local
 
-__all__ = ["EquationError", "LogError", "OutputError", "Residual", "is_solved", "reduce", "solved", "with_prior"]
+__all__ = [
+    "Each",
+    "EquationError",
+    "LogError",
+    "OutputError",
+    "Residual",
+    "is_solved",
+    "joined",
+    "reduce",
+    "solved",
+    "with_prior",
+]
 
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
@@ -40,7 +52,7 @@ class Residual(Protocol):
     def name(self) -> str:
         """How the report calls it."""
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Task, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
@@ -50,6 +62,9 @@ class _ByLine(Residual, Protocol):
     @property
     def mark(self) -> object:
         """What tells it from others of its name."""
+
+    def of(self, part: int) -> _ByLine:
+        """Return the residual of one of several tests."""
 
     def on(self, problem: Problem, lines: slice) -> _ByLine:
         """Return what of it a block of lines needs."""
@@ -72,9 +87,13 @@ class LogError:
     name: str = "log"
     mark: ClassVar[str] = ""
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Task, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
+
+    def of(self, part: int) -> LogError:
+        """Return itself."""
+        return self
 
     def on(self, problem: Problem, lines: slice) -> LogError:
         """Return itself."""
@@ -113,9 +132,13 @@ class OutputError:
         """The weights."""
         return self.weight
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Task, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
+
+    def of(self, part: int) -> OutputError:
+        """Return itself: it is of one test."""
+        return self
 
     def on(self, problem: Problem, lines: slice) -> OutputError:
         """Return it with the weights of a block of lines."""
@@ -132,6 +155,32 @@ class OutputError:
         return self.weight * (block.H - block.measured), block.dH * self.weight
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Each:
+    """The output errors of several tests, each with weights of its own.
+
+    Parameters
+    ----------
+    errors : tuple of OutputError
+        One for each test.
+    """
+
+    errors: tuple[OutputError, ...]
+
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+        return self.errors[0].name
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        return _local(self, problem, x)
+
+    def of(self, part: int) -> OutputError:
+        """Return the residual of one of the tests."""
+        return self.errors[part]
+
+
 @dataclass(frozen=True, slots=True)
 class EquationError:
     """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
@@ -144,9 +193,10 @@ class EquationError:
     name: str = "equation-error"
     mark: ClassVar[str] = ""
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Task, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
-        self.check(problem)
+        for part in problem.parts:
+            self.check(part)
         return _local(self, problem, x)
 
     @staticmethod
@@ -181,6 +231,10 @@ class EquationError:
         """
         self.check(problem)
         return problem.each(_block, [(self, x, lines) for lines in self.partition(problem)])
+
+    def of(self, part: int) -> EquationError:
+        """Return itself."""
+        return self
 
     def on(self, problem: Problem, lines: slice) -> EquationError:
         """Return itself."""
@@ -251,15 +305,22 @@ def _triangle(block: _Matrix) -> _Matrix:
     return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)
 
 
-def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
+def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
         return local
-    rest = max(local.cost - 0.5 * float(local.q @ local.q), 0.0)
-    block = np.hstack([np.diag(weight), (weight * (x - centre))[:, None]])
-    joined = reduce([np.hstack([local.R, local.q[:, None]]), block], problem.n)
-    return Local(joined.cost + rest, joined.R, joined.q)
+    residual = weight * (x - centre)
+    return joined([local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n)
+
+
+def joined(locals_: Sequence[Local], n: int) -> Local:
+    """Return the sum of local problems in `n` unknowns as one."""
+    if len(locals_) == 1:
+        return locals_[0]
+    rest = sum(max(local.cost - 0.5 * float(local.q @ local.q), 0.0) for local in locals_)
+    whole = reduce([np.hstack([local.R, local.q[:, None]]) for local in locals_], n)
+    return Local(whole.cost + rest, whole.R, whole.q)
 
 
 def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
@@ -282,18 +343,19 @@ def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
     return Local(float(cost), R, q)
 
 
-def is_solved(residual: _ByLine, problem: Problem, x: _Vector) -> bool:
+def is_solved(residual: LogError, problem: Task, x: _Vector) -> bool:
     """Return whether the reduced problem at x is in memory."""
-    return problem.session.knows(problem.key(_kind(residual), x, residual.mark))
+    keys = [part.key(_kind(residual), x, residual.mark) for part in problem.parts]
+    return all(problem.session.knows(key) for key in keys)
 
 
 def _kind(residual: _ByLine) -> str:
     return type(residual).__name__
 
 
-def _local(residual: _ByLine, problem: Problem, x: _Vector) -> Local | None:
+def _local(residual: _ByLine | Each, problem: Task, x: _Vector) -> Local | None:
     try:
-        return solved(residual, problem, x)
+        return joined([solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n)
     except SolverError:
         return None
 

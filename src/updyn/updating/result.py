@@ -13,7 +13,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.parameters import ParameterSet
 
-__all__ = ["STATUSES", "Identifiability", "Iteration", "UpdateResult"]
+__all__ = ["STATUSES", "Identifiability", "Iteration", "JointResult", "UpdateResult"]
 
 STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
 
@@ -217,6 +217,76 @@ class UpdateResult:
                     shown = ", ".join(f"{k} {v:.3g}" for k, v in figures.items() if isinstance(v, float))
                     lines.append(f"{what}, {when}: {shown}")
         return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointResult:
+    """The outcome of an update to several tests at once.
+
+    Parameters
+    ----------
+    results : mapping of str to UpdateResult
+        By test, each with its model, data and agreement. What belongs to the unknowns (values, deviations, history,
+        status) is the same in all of them.
+    title : str
+        For the record.
+    """
+
+    results: Mapping[str, UpdateResult]
+    title: str = ""
+
+    def __getitem__(self, name: str) -> UpdateResult:
+        """Return the result of a test."""
+        return self.results[name]
+
+    @property
+    def first(self) -> UpdateResult:
+        """The result of the first test, for what is the same in all."""
+        return next(iter(self.results.values()))
+
+    @property
+    def status(self) -> str:
+        """One of `STATUSES`."""
+        return self.first.status
+
+    @property
+    def ok(self) -> bool:
+        """Whether the fit converged with all unknowns determined."""
+        return self.first.ok
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The unknowns with their start and bounds."""
+        return self.first.parameters
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Estimate by unknown."""
+        return self.first.values
+
+    @property
+    def std(self) -> Mapping[str, float]:
+        """Standard deviation by unknown; inf where the data leave it open."""
+        return self.first.std
+
+    @property
+    def identifiability(self) -> Identifiability:
+        """What the data of all tests determine together."""
+        return self.first.identifiability
+
+    def __repr__(self) -> str:
+        return f"JointResult({self.status}, {len(self.results)} tests, {len(self.values)} unknowns)"
+
+    def summary(self) -> str:
+        """Return the outcome as text: unknowns once, agreement test by test."""
+        lines = self.first.summary().splitlines()
+        at = next((i for i, line in enumerate(lines) if line.startswith("fitted, before")), len(lines))
+        head = lines[:at]
+        head[0] = head[0].replace(self.first.title or "Update", self.title or "Update", 1)
+        for name, result in self.results.items():
+            own = [line for line in result.summary().splitlines() if line.startswith(("fitted,", "held out,"))]
+            head += [f"{name}: {line}" for line in own]
+        return "\n".join(head)
 
 
 def _combination(direction: Mapping[str, float]) -> str:

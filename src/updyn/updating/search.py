@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -25,8 +25,8 @@ from scipy.stats import qmc
 from updyn.errors import SolverError
 from updyn.updating.fit import descend
 from updyn.updating.identifiability import analyse
+from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
-from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError, is_solved, with_prior
 from updyn.updating.session import Recent, Record, Session, Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
@@ -36,7 +36,7 @@ __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search"]
 _Vector = NDArray[np.float64]
 _Points: TypeAlias = "Generator[_Vector, None, None]"
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
-_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
+_Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Vector]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
 SEARCH_LINES = 400
@@ -80,7 +80,7 @@ class Search:
     def _settings(self) -> TrustRegion:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
-    def run(self, problem: Problem, monitor: Monitor) -> _Vector:
+    def run(self, problem: Task, monitor: Monitor) -> _Vector:
         """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
         best: Outcome | None = None
@@ -101,7 +101,7 @@ class Search:
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         return np.clip(start if best is None else best.x, lower, upper)
 
-    def _try_from(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
+    def _try_from(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a descent from x ends, or None where the model cannot be solved there."""
 
         def evaluate(at: _Vector) -> Local | None:
@@ -115,10 +115,10 @@ class Search:
         relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
         return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
-    def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
+    def _descend(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, LogError(), x, monitor, self._settings)
 
-    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector]) -> _Points:
+    def _ahead(self, attempt: _Attempt, problem: Task, points: Iterable[_Vector]) -> _Points:
         """Yield points; where workers are free, what an attempt from each evaluates has been evaluated by then."""
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
@@ -131,11 +131,11 @@ class Search:
             for x, k in zip(points, known, strict=True):
                 if not k:
                     found = next(results)
-                    session.lines_solved += len(found) * len(problem.frf.freq)
+                    session.lines_solved += len(found) * problem.n_lines
                     session.remember(found)
                 yield x
 
-    def _points(self, problem: Problem) -> Iterator[_Vector]:
+    def _points(self, problem: Task) -> Iterator[_Vector]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         loss = ~problem.coordinates.parameters.is_factor
@@ -151,7 +151,7 @@ class Search:
                 moved = start + self.spread * (2.0 * draw - 1.0)
                 yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
 
-    def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
+    def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
 
         Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each such unknown is moved
@@ -179,9 +179,9 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Vector]:
+    def _neighbours(problem: Task, at: Outcome) -> Iterator[_Vector]:
         lower, upper = problem.coordinates.bounds
-        unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.frf.values.size - problem.n, 1))
+        unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         analysis = analyse(at.local.R / unit, problem.coordinates.parameters.names)
         std = np.where(analysis.involved, 0.0, np.sqrt(np.diag(analysis.covariance)))
         for i in np.argsort(-std)[:_HOPS]:
@@ -192,45 +192,54 @@ class Search:
                     yield np.clip(moved, lower, upper)
 
     @staticmethod
-    def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
+    def _believed(problem: Task, best: _Vector, costs: list[float]) -> bool:
         """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
         agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
         return agree >= 3 or Search._rms(problem, best) < _EXACT or (agree == 2 and Search._is_noise(problem, best))
 
     @staticmethod
-    def _rms(problem: Problem, x: _Vector) -> float:
-        return float(np.sqrt(np.mean(np.abs(_log_misfit(problem, x)) ** 2)))
+    def _rms(problem: Task, x: _Vector) -> float:
+        return float(np.sqrt(_power(_log_misfits(problem, x))))
 
     @staticmethod
-    def _is_noise(problem: Problem, x: _Vector) -> bool:
+    def _is_noise(problem: Task, x: _Vector) -> bool:
         """Whether what is left looks like noise: small, and not correlated from line to line."""
-        r = _log_misfit(problem, x)
-        power = float(np.mean(np.abs(r) ** 2))
-        if len(r) < 8 or power > 0.3**2:
+        misfits = _log_misfits(problem, x)
+        power = _power(misfits)
+        if min(len(r) for r in misfits) < 8 or power > 0.3**2:
             return False
-        return float(np.mean((r[1:] * r[:-1].conj()).real)) < 0.3 * power
+        products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
+        return float(np.mean(products)) < 0.3 * power
 
 
-def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+def _try(problem: Task, item: tuple[Search, _Vector]) -> _Found:
     """Make a try elsewhere; return all that it evaluated."""
     search, x = item
     return _recorded(problem, lambda alone: search._try_from(alone, x, Monitor(alone)))
 
 
-def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+def _descend(problem: Task, item: tuple[Search, _Vector]) -> _Found:
     """Descend elsewhere; return all that it evaluated."""
     search, x = item
     return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
 
-def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
+def _recorded(problem: Task, work: Callable[[Task], object]) -> _Found:
     memory = Recent(limit=np.inf)
     with suppress(SolverError):  # to be met again when its turn comes
-        work(replace(problem, session=Session(memory=memory)))
+        work(problem.with_session(Session(memory=memory)))
     return memory.items
 
 
-def _log_misfit(problem: Problem, x: _Vector) -> NDArray[np.complex128]:
-    H, measured = problem.responses(x), problem.frf.values
-    usable = (H != 0) & (measured != 0)
-    return np.where(usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0)
+def _log_misfits(problem: Task, x: _Vector) -> list[NDArray[np.complex128]]:
+    """Return ln(H_A / H_X) of each part, 0 where either is zero."""
+    out = []
+    for part in problem.parts:
+        H, measured = part.responses(x), part.frf.values
+        usable = (H != 0) & (measured != 0)
+        out.append(np.where(usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0))
+    return out
+
+
+def _power(misfits: list[NDArray[np.complex128]]) -> float:
+    return float(np.mean(np.concatenate([np.abs(r).ravel() for r in misfits]) ** 2))

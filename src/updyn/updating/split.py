@@ -20,6 +20,8 @@ class Split:
 
     Attributes
     ----------
+    whole : FRF
+        All data.
     fitted : FRF
         What is fitted.
     responses : tuple of str
@@ -30,6 +32,7 @@ class Split:
         What is held out.
     """
 
+    whole: FRF
     fitted: FRF
     responses: tuple[str, ...] = ()
     band: tuple[float, float] | None = None
@@ -55,7 +58,7 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
     """
     given = [] if validation is None else list(validation)
     if not given:
-        return Split(frf)
+        return Split(frf, frf)
     if all(isinstance(v, int | float) for v in given):
         if len(given) != 2:
             raise DataError(f"validation {given!r}: expected two frequencies in Hz, or response labels")
@@ -64,11 +67,11 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
         kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
         if kept.size == 0:
             raise DataError(f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit")
-        return Split(frf.select(lines=kept), band=(low, high), held=held)
+        return Split(frf, frf.select(lines=kept), band=(low, high), held=held)
     chosen = DofSet(given)  # type: ignore[arg-type]
     at = np.sort(frf.responses.match(chosen, "validation response").index)
     rest = np.setdiff1d(np.arange(len(frf.responses)), at)
     if rest.size == 0:
         raise DataError("validation holds out all responses: nothing is left to fit")
     held_set, fitted_set = frf.responses[at], frf.responses[rest]
-    return Split(frf.select(responses=fitted_set), tuple(held_set.labels), held=frf.select(responses=held_set))
+    return Split(frf, frf.select(responses=fitted_set), tuple(held_set.labels), held=frf.select(responses=held_set))

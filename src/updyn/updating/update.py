@@ -1,45 +1,32 @@
-"""`update`: from a model, a measurement and unknowns to a result."""
+"""`update` and `update_jointly`: from models, measurements and unknowns to results."""
 
 from __future__ import annotations
 
-import platform
-import time
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
-from updyn import __version__
 from updyn.dofs import Dof
 from updyn.dynamics.fields import ACCURACY
-from updyn.engines import Engine, choose_engine
-from updyn.errors import OptionError, ParameterError, SolverError
+from updyn.engines import Engine
+from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.fit import Fit, Method
-from updyn.updating.journal import Journal, fingerprint
-from updyn.updating.judge import at_start, judge
-from updyn.updating.lines import choose_lines
-from updyn.updating.methods import make_method
-from updyn.updating.monitor import Monitor, Progress
-from updyn.updating.noise import NoiseModel, choose_noise
+from updyn.updating.judge import at_start
+from updyn.updating.monitor import Progress
+from updyn.updating.noise import choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
-from updyn.updating.reducing import Reducing, fallback, is_reduced
-from updyn.updating.result import Identifiability, UpdateResult
-from updyn.updating.session import Recent, Session, Stopped
-from updyn.updating.split import split_data
-from updyn.updating.verdict import verdict
+from updyn.updating.result import Identifiability, JointResult, UpdateResult
+from updyn.updating.run import Test, check, on_lines, run
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["identifiability", "update"]
+__all__ = ["identifiability", "update", "update_jointly"]
 
 
 def update(
@@ -117,75 +104,87 @@ def update(
     SolverError
         If the model cannot be solved at a line where it starts.
     """
-    begun = time.perf_counter()
-    strategy = make_method(method, options)
-    _check(model, frf, parameters)
-    held: Any = validation if validation is None else list(validation)
-    split = split_data(frf, held)
-    noise_model = choose_noise(noise, split.fitted)
-    with ExitStack() as ending:
-        session = Session(_engine(engine, ending), Recent())
-        reducing = is_reduced(tier, model.n_dofs, len(frf.freq), method)
-        exact = "sparse" if reducing else tier
-        whole = Problem.build(model, split.fitted, parameters, tier=exact, backend=backend, session=session)
-        reduced = Reducing(whole.with_data(frf), accuracy) if reducing else None
-        options_used = {
-            **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
-            "lines": lines if isinstance(lines, str) or lines is None else "list",
-            "tier": "reduced" if reducing else whole.solver.tier,
-            "backend": whole.solver.backend if whole.solver.tier == "sparse" else "lapack",
-        }
-        if checkpoint is not None:
-            decisive = {k: v for k, v in options_used.items() if k != "max_iterations"}
-            listed = lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
-            decisive |= {"method": method, "lines": listed, "noise": noise, "validation": held, "accuracy": accuracy}
-            session.memory = Journal(Path(checkpoint), fingerprint(whole, frf, decisive), resume=resume)
-            ending.callback(session.memory.close)
-        elif resume:
-            raise OptionError("resume: name the checkpoint to go on from")
-        monitor = Monitor(whole, callback)
-        problem, fit = _fitted(whole, lines, strategy, noise_model, monitor, reduced)
-        with monitor.stage("judge"):
-            found = judge(problem, frf, split, fit, noise_model, None if reduced is None else reduced.first)
-        if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
-            session.memory.keep()
-    fit = found.fit
-    status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
-    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
-    # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
-    after = parameters.apply(model, np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
-    return UpdateResult(
-        status=status,
-        message=message,
-        remedy=remedy,
-        method=method,
-        options=options_used | {"engine": session.engine.name} | _solved(whole, reduced),
-        start=model,
-        model=after,
-        frf=frf,
-        lines=problem.frf.freq,
-        fitted_responses=tuple(split.fitted.responses.labels),
-        validation_responses=split.responses,
-        validation_band=split.band,
-        parameters=parameters,
-        values=dict(zip(parameters.names, values.tolist(), strict=True)),
-        std=dict(zip(parameters.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)),
-        covariance=found.covariance,
-        at_bound=found.at_bound,
-        identifiability=replace(found.analysis.report, advice=found.advice),
-        history=tuple(monitor.history),
-        noise=dict(fit.noise),
-        correlation=found.correlation,
-        timing_s={**monitor.timing_s, "total": time.perf_counter() - begun},
-        versions={
-            "updyn": __version__,
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "python": platform.python_version(),
-            "platform": platform.platform(terse=True),
-        },
+    test = Test(model, frf, "", lines, noise, validation)
+    (result,) = run(
+        [test],
+        parameters,
+        method,
+        options,
+        engine=engine,
+        callback=callback,
         title=title,
+        tier=tier,
+        backend=backend,
+        accuracy=accuracy,
+        checkpoint=checkpoint,
+        resume=resume,
     )
+    return result
+
+
+def update_jointly(
+    tests: Sequence[Test],
+    parameters: ParameterSet,
+    method: str = "maximum-likelihood",
+    engine: int | Client | Engine | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = ACCURACY,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    **options: Any,
+) -> JointResult:
+    """Find the unknowns with which several models answer as one structure does in several tests.
+
+    The same structure is tested in several configurations: rotor locked and free, dish up and down, with and without an
+    added mass. Each has its model, with the same group names, its data and its noise; there is one set of unknowns.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        At least one; names differ. What an unknown acts on has to be in the model of one of them, not of all.
+    parameters : ParameterSet
+        The unknowns.
+    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, **options
+        As for `update`. The reduced tier is chosen by the largest of the models.
+
+    Returns
+    -------
+    JointResult
+        One `UpdateResult` for each test, with the same values.
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of another run.
+    SolverError
+        If a model cannot be solved at a line where it starts.
+    """
+    listed = list(tests)
+    if not listed or not all(isinstance(test, Test) for test in listed):
+        raise OptionError("update_jointly: expected a sequence of at least one Test")
+    named = [replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)]
+    twice = [test.name for i, test in enumerate(named) if test.name in [other.name for other in named[:i]]]
+    if twice:
+        raise OptionError(f"update_jointly: two tests are called {twice[0]!r}")
+    results = run(
+        named,
+        parameters,
+        method,
+        options,
+        engine=engine,
+        callback=callback,
+        title=title,
+        tier=tier,
+        backend=backend,
+        accuracy=accuracy,
+        checkpoint=checkpoint,
+        resume=resume,
+    )
+    return JointResult({test.name: result for test, result in zip(named, results, strict=True)}, title)
 
 
 def identifiability(
@@ -214,69 +213,7 @@ def identifiability(
     SolverError
         If the model cannot be solved at a line.
     """
-    _check(model, frf, parameters)
-    problem = _on_lines(Problem.build(model, frf, parameters), lines)
-    analysis, advice = at_start(problem, choose_noise(noise, problem.frf))
+    check([Test(model, frf)], parameters)
+    problem = on_lines(Problem.build(model, frf, parameters), lines)
+    analysis, advice = at_start(problem, [choose_noise(noise, problem.frf)])
     return replace(analysis.report, advice=advice)
-
-
-def _solved(whole: Problem, reduced: Reducing | None) -> dict[str, Any]:
-    """Return, for the record, how it was solved beyond what was asked for."""
-    return fallback(whole.solver.used, whole.solver.backend) if reduced is None else reduced.record
-
-
-def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
-    """Return the engine, closed in the end unless the caller made it."""
-    made = choose_engine(engine)
-    if made is not engine:
-        ending.callback(made.close)
-    return made
-
-
-def _fitted(
-    whole: Problem,
-    lines: str | ArrayLike | None,
-    strategy: Method,
-    noise: NoiseModel,
-    monitor: Monitor,
-    reduced: Reducing | None,
-) -> tuple[Problem, Fit]:
-    """Choose the lines and fit; return the problem on these lines, too."""
-    x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
-    try:
-        with monitor.stage("start"):
-            if reduced is not None:
-                reduced.begin()
-                problem = whole = reduced.inside(whole)
-            problem = monitor.problem = _on_lines(whole, lines)
-            problem.responses(x)  # a start that cannot be solved is the user's to know
-        try:
-            if reduced is not None:
-                return reduced.fit(problem, strategy, noise, monitor)
-            return problem, strategy.fit(problem, noise, monitor, strategy.search(problem, monitor))
-        except SolverError as error:
-            return problem, Fit.blind(x, "failed", str(error))
-    except Stopped:
-        return problem, Fit.blind(x, "stopped")
-
-
-def _check(model: Model, frf: FRF, parameters: ParameterSet) -> None:
-    for given, kind in ((model, Model), (frf, FRF), (parameters, ParameterSet)):
-        if not isinstance(given, kind):
-            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
-    for p in parameters:
-        for d in p.acts_on:
-            group = model.group(d.group)
-            if getattr(group, "stiffness" if d.quantity == "loss_factor" else d.quantity) is None:
-                raise ParameterError(f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model")
-    model.dofs.match(frf.responses, "response")
-    model.dofs.match(frf.references, "reference")
-
-
-def _on_lines(problem: Problem, lines: str | ArrayLike | None) -> Problem:
-    at = choose_lines(lines, problem)
-    return (
-        problem
-        if len(at) == len(problem.frf.freq)
-        else replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
-    )

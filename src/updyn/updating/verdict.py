@@ -80,18 +80,21 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
     weak = [f"{n} ({100 * s:.0f} %)" for n, s in zip(names, std, strict=True) if s > _WEAK]
     if weak:
         message += f" Only weakly: the standard deviation is large for {', '.join(weak)}."
-    length = float(fit.noise.get("correlation_length", 1.0))
+    # Of several tests: the same for all but the kind of their noise.
+    noise = fit.noise[0] if fit.noise else {}
+    length = float(noise.get("correlation_length", 1.0))
     if length > _ALIKE:
         message += (
             f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
             f"standard deviations were widened {np.sqrt(length):.2g} times for it."
         )
-    if misfit > _FAR and fit.noise.get("kind") not in ("stated", "variance", "coherence"):
+    known = ("stated", "variance", "coherence")
+    if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
         message += (
             f" But the model still misses the data: half of the values are off by more than {100 * misfit:.0f} %."
         )
         remedy = f"{_LOOK} {fit.note}".strip()
-    chi_square = float(fit.noise.get("chi_square", 1.0))
+    chi_square = float(noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
         message += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "

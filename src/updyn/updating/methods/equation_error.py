@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.updating.fit import Fit, descend_to_scale, spread_of
+from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
-from updyn.updating.problem import Problem
 from updyn.updating.residuals import EquationError, solved
 from updyn.updating.session import Record, Stopped
 from updyn.updating.trust_region import Local, Step, TrustRegion
@@ -47,11 +48,11 @@ class EquationErrorMethod:
         if self.solver not in self.SOLVERS:
             raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
             raise OptionError("solver 'gauss-newton' is the plain iteration and knows no priors; use 'trust-region'")
@@ -62,8 +63,9 @@ class EquationErrorMethod:
             else:
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 try:
-                    residual.check(problem)
-                    solved(residual, problem, x)  # a start that cannot be condensed is said with its line
+                    for part in problem.parts:
+                        residual.check(part)
+                        solved(residual, part, x)  # a start that cannot be condensed is said with its line
                     outcome = descend_to_scale(problem, residual, x, monitor, settings)
                 except Stopped:
                     return Fit.blind(x, "stopped")
@@ -73,17 +75,17 @@ class EquationErrorMethod:
         except Stopped:
             return Fit.blind(x, "stopped")
         assert local is not None
-        sigma = spread_of(local, problem.frf.values.size, problem.n)
+        sigma = spread_of(local, problem.n_values, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
         note = (
             "The equation error is biased by noise in the measurement, and its standard deviations do not show that; "
             "use maximum likelihood where the data are noisy."
         )
-        return Fit(x, reason, local.R / sigma if sigma > 0 else local.R, record, note)
+        return Fit(x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note)
 
 
 def _gauss_newton(
-    problem: Problem, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
+    problem: Task, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
 ) -> tuple[NDArray[np.float64], str]:
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
@@ -116,9 +118,9 @@ def _gauss_newton(
     return x, "max-iterations"
 
 
-def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
+def _plain_step(problem: Task, x: NDArray[np.float64]) -> Record:
     """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
-    parts = list(EquationError().blocks(problem, x))
+    parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
     r = np.concatenate([p[0].ravel() for p in parts])
     S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
     A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])

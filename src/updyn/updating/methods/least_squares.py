@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.fit import Fit, descend_to_scale, known_length, spread_of, stopped_at
+from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError, OutputError, Residual
+from updyn.updating.residuals import Each, LogError, OutputError, Residual
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
@@ -40,7 +41,7 @@ class LogMethod:
     starts: int = 8
     seed: int = 0
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
@@ -52,7 +53,7 @@ class LogMethod:
                     x = search.escape(rough, x, monitor)
         return x
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as relative and equal everywhere."""
         with monitor.stage("log"):
             try:
@@ -79,34 +80,34 @@ class OutputMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        weight = np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape)
+        weights = [np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts]
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("output-error"):
             try:
-                return _descend(problem, OutputError(weight), x, monitor, settings)
+                return _descend(problem, Each(tuple(map(OutputError, weights))), x, monitor, settings)
             except Stopped:
                 return Fit.blind(x, "stopped")
 
 
-def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
+def _descend(problem: Task, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
     outcome = descend_to_scale(problem, residual, x, monitor, settings)
     try:
         local = residual.local(problem, outcome.x)
     except Stopped:
         return Fit.blind(outcome.x, "stopped")
     assert local is not None
-    measured = problem.frf.values
 
-    def difference(H: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        measured = problem.parts[part].frf.values
         return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
 
-    sigma = spread_of(local, measured.size, problem.n)
+    sigma = spread_of(local, problem.n_values, problem.n)
     known = known_length(problem, outcome.x, difference)
     length = known.get("correlation_length", 1.0)
     record = {
@@ -117,4 +118,4 @@ def _descend(problem: Problem, residual: Residual, x: np.ndarray, monitor: Monit
         "inflation": float(np.sqrt(length)),
     }
     unit = sigma * float(np.sqrt(length))
-    return Fit(outcome.x, outcome.reason, local.R / unit if unit > 0 else local.R, record)
+    return Fit(outcome.x, outcome.reason, local.R / unit if unit > 0 else local.R, (record,) * len(problem.parts))

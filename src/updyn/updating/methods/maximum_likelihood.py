@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -9,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.fit import Fit, descend, known_length, stopped_at
+from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError, OutputError
+from updyn.updating.residuals import Each, LogError, OutputError
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
@@ -49,12 +50,12 @@ class MaximumLikelihood:
     starts: int = 8
     seed: int = 0
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,).
 
         Parameters
         ----------
-        problem : Problem
+        problem : Task
             Model, data and unknowns.
         monitor : Monitor
             Who watches.
@@ -75,15 +76,15 @@ class MaximumLikelihood:
                     x = search.escape(rough, x, monitor)
         return x
 
-    def fit(self, problem: Problem, noise: NoiseModel, monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
         """Fit the unknowns.
 
         Parameters
         ----------
-        problem : Problem
+        problem : Task
             Model, data and unknowns.
-        noise : NoiseModel
-            How uncertain the data are.
+        noises : sequence of NoiseModel
+            How uncertain the data of each part are.
         monitor : Monitor
             Who watches.
         x : ndarray of float, shape (n,)
@@ -94,29 +95,27 @@ class MaximumLikelihood:
         Fit
         """
         with monitor.stage("maximum-likelihood"):
-            x, reason, weighted = self._weighted(problem, noise, x, monitor)
+            x, reason, weighted = self._weighted(problem, noises, x, monitor)
             if weighted is not None:
                 with suppress(Stopped):
                     return self._judge(problem, x, *weighted, reason)
             return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
 
     def _weighted(
-        self, problem: Problem, noise: NoiseModel, x: NDArray[np.float64], monitor: Monitor
-    ) -> tuple[NDArray[np.float64], str, tuple[NoiseModel, OutputError] | None]:
+        self, problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64], monitor: Monitor
+    ) -> tuple[NDArray[np.float64], str, tuple[Sequence[NoiseModel], Each] | None]:
         """Return the estimate, why it ended, and the noise and weights of its last descent."""
         left, reason = self.max_iterations, "converged"
-        weighted: tuple[NoiseModel, OutputError] | None = None
+        weighted: tuple[Sequence[NoiseModel], Each] | None = None
         try:
             for number in range(_ROUNDS):
-                H = problem.responses(x)
-                noise = noise.refit(H, problem.frf, problem.n)
-                residual = OutputError(np.sqrt(2.0 / noise.variance(H, problem.frf)), "maximum-likelihood")
+                noises, residual = _weigh(problem, noises, x)
                 if monitor.stopped or left <= 0:
-                    return x, "stopped" if monitor.stopped else "max-iterations", (noise, residual)
+                    return x, "stopped" if monitor.stopped else "max-iterations", (noises, residual)
                 before = len(monitor.history)
                 settings = TrustRegion(left, self.tolerance, fall=_FALL)
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
-                weighted = noise, residual
+                weighted = noises, residual
                 left -= len(monitor.history) - before
                 moved, x, reason = outcome.x - x, outcome.x, outcome.reason
                 if reason in ("stopped", "max-iterations"):
@@ -129,24 +128,34 @@ class MaximumLikelihood:
         return x, reason, weighted
 
     def _judge(
-        self, problem: Problem, x: NDArray[np.float64], noise: NoiseModel, residual: OutputError, reason: str
+        self, problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel], residual: Each, reason: str
     ) -> Fit:
         local = residual.local(problem, x)
         assert local is not None
-        freedom = 2 * residual.weight.size - problem.n
+        freedom = 2 * problem.n_values - problem.n
         # Without a value to spare the misfit says nothing about the noise.
         chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
-        known = known_length(problem, x, lambda H: residual.weight * (H - problem.frf.values))
+        known = known_length(problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values))
         length = known.get("correlation_length", 1.0)
         # More misfit than the noise explains widens the error bars; less of it narrows them only where the scale of the
         # noise was not known. Misfit that is alike from line to line holds less information than independent noise.
-        scale = max(chi_square, 1.0) if noise.scale_known else chi_square
+        scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
         inflation = float(np.sqrt(scale * length))
         record = {
-            "kind": noise.kind,
-            **noise.figures(),
             **({"chi_square": chi_square} if freedom > 0 else {}),
             **known,
             "inflation": inflation,
         }
-        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, record)
+        by_part = tuple({"kind": noise.kind, **noise.figures(), **record} for noise in noises)
+        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, by_part)
+
+
+def _weigh(problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]) -> tuple[Sequence[NoiseModel], Each]:
+    """Return the noise models after a look at the residual, and the weights that follow from them at x."""
+    looked, errors = [], []
+    for part, noise in zip(problem.parts, noises, strict=True):
+        H = part.responses(x)
+        # Each part pays for its share of the unknowns.
+        looked.append(noise.refit(H, part.frf, -(-problem.n * part.n_values // problem.n_values)))
+        errors.append(OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood"))
+    return looked, Each(tuple(errors))

@@ -1,0 +1,282 @@
+"""The run of an update: tests and unknowns in, one result for each test out."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from updyn import __version__
+from updyn.dofs import Dof
+from updyn.engines import Engine, choose_engine
+from updyn.errors import OptionError, ParameterError, SolverError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.fit import Fit, Method
+from updyn.updating.joint import Task, together
+from updyn.updating.journal import Journal, fingerprint
+from updyn.updating.judge import judge
+from updyn.updating.lines import choose_lines
+from updyn.updating.methods import make_method
+from updyn.updating.monitor import Monitor, Progress
+from updyn.updating.noise import NoiseModel, choose_noise
+from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem import Problem
+from updyn.updating.reducing import Reducing, fallback, is_reduced
+from updyn.updating.result import UpdateResult
+from updyn.updating.session import Recent, Session, Stopped
+from updyn.updating.split import split_data
+from updyn.updating.verdict import verdict
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["Test", "check", "on_lines", "run"]
+
+_Lines = str | ArrayLike | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Test:
+    """One test: the structure in one configuration, and what was measured on it.
+
+    Parameters
+    ----------
+    model : Model
+        The model of that configuration. Groups are told by their names.
+    frf : FRF
+        The measurement.
+    name : str
+        What the test is called.
+    lines, noise, validation
+        As for `updyn.update`.
+    """
+
+    __test__ = False  # not a test, whatever its name suggests to pytest
+
+    model: Model
+    frf: FRF
+    name: str = ""
+    lines: _Lines = None
+    noise: Mapping[str, float] | str | None = None
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None
+
+
+def run(
+    tests: Sequence[Test],
+    parameters: ParameterSet,
+    method: str,
+    options: Mapping[str, Any],
+    *,
+    engine: int | Client | Engine | None,
+    callback: Callable[[Progress], bool | None] | None,
+    title: str,
+    tier: str | None,
+    backend: str | None,
+    accuracy: float,
+    checkpoint: str | Path | None,
+    resume: bool,
+) -> list[UpdateResult]:
+    """Fit the unknowns to all tests; the parameters are those of `updyn.update`.
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of another run.
+    SolverError
+        If a model cannot be solved at a line where it starts.
+    """
+    begun = time.perf_counter()
+    strategy = make_method(method, options)
+    check(tests, parameters)
+    held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
+    splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
+    noises = [choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)]
+    with ExitStack() as ending:
+        session = Session(_engine(engine, ending), Recent())
+        largest = max(test.model.n_dofs for test in tests)
+        reducing = is_reduced(tier, largest, sum(len(test.frf.freq) for test in tests), method)
+        problems = [
+            Problem.build(
+                test.model,
+                split.fitted,
+                parameters,
+                tier="sparse" if reducing else tier,
+                backend=backend,
+                session=session,
+                name=test.name,
+            )
+            for test, split in zip(tests, splits, strict=True)
+        ]
+        whole = together(problems)
+        all_data = together([p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)])
+        reduced = Reducing(all_data, accuracy) if reducing else None
+        used = [
+            {
+                **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
+                "lines": test.lines if isinstance(test.lines, str) or test.lines is None else "list",
+                "tier": "reduced" if reducing else problem.solver.tier,
+                "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
+            }
+            for test, problem in zip(tests, problems, strict=True)
+        ]
+        if checkpoint is not None:
+            decisive: dict[str, object] = {k: v for k, v in used[0].items() if k != "max_iterations"}
+            decisive |= {"method": method, "accuracy": accuracy}
+            decisive["lines"] = [_listed(test.lines) for test in tests]
+            decisive |= {"noise": [test.noise for test in tests], "validation": held}
+            told = fingerprint(whole, [test.frf for test in tests], decisive)
+            session.memory = Journal(Path(checkpoint), told, resume=resume)
+            ending.callback(session.memory.close)
+        elif resume:
+            raise OptionError("resume: name the checkpoint to go on from")
+        monitor = Monitor(whole, callback)
+        problem, fit = _fitted(whole, [test.lines for test in tests], strategy, noises, monitor, reduced)
+        with monitor.stage("judge"):
+            found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
+        if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
+            session.memory.keep()
+    fit = found.fit
+    status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
+    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
+    changes = parameters.changes(np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
+    common: dict[str, Any] = {
+        "status": status,
+        "message": message,
+        "remedy": remedy,
+        "method": method,
+        "parameters": parameters,
+        "values": dict(zip(parameters.names, values.tolist(), strict=True)),
+        "std": dict(zip(parameters.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)),
+        "covariance": found.covariance,
+        "at_bound": found.at_bound,
+        "identifiability": replace(found.analysis.report, advice=found.advice),
+        "history": tuple(monitor.history),
+        "timing_s": {**monitor.timing_s, "total": time.perf_counter() - begun},
+        "versions": {
+            "updyn": __version__,
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+            "python": platform.python_version(),
+            "platform": platform.platform(terse=True),
+        },
+    }
+    return [
+        UpdateResult(
+            **common,
+            title=f"{title}: {test.name}".removeprefix(": ") if test.name else title,
+            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced),
+            start=test.model,
+            model=test.model.scaled(_own(changes, test.model)),
+            frf=test.frf,
+            lines=problem.parts[i].frf.freq,
+            fitted_responses=tuple(splits[i].fitted.responses.labels),
+            validation_responses=splits[i].responses,
+            validation_band=splits[i].band,
+            noise=dict(fit.noise[i]) if fit.noise else {},
+            correlation=found.correlation[i],
+        )
+        for i, test in enumerate(tests)
+    ]
+
+
+def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
+    """Check that tests and unknowns fit together.
+
+    Raises
+    ------
+    InputError
+        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is no DOF of its model.
+    """
+    kinds = [(test.model, Model) for test in tests] + [(test.frf, FRF) for test in tests] + [(parameters, ParameterSet)]
+    for given, kind in kinds:
+        if not isinstance(given, kind):
+            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+    for p in parameters:
+        for d in p.acts_on:
+            if not any(_has(test.model, d.group, d.quantity) for test in tests):
+                tests[0].model.group(d.group)  # names the nearest where there is none
+                raise ParameterError(f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model")
+    for test in tests:
+        test.model.dofs.match(test.frf.responses, "response")
+        test.model.dofs.match(test.frf.references, "reference")
+
+
+def on_lines(problem: Problem, lines: _Lines) -> Problem:
+    """Return the problem on chosen lines of its data.
+
+    Raises
+    ------
+    InputError
+        If the choice is not understood, or a line is not in the data.
+    """
+    at = choose_lines(lines, problem)
+    if len(at) == len(problem.frf.freq):
+        return problem
+    return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
+
+
+def _has(model: Model, group: str, quantity: str) -> bool:
+    found = model.groups.get(group)
+    return found is not None and getattr(found, "stiffness" if quantity == "loss_factor" else quantity) is not None
+
+
+def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
+    """Return what of the changes is in a model: a configuration may lack a group."""
+    own = {g: {q: v for q, v in change.items() if _has(model, g, q)} for g, change in changes.items()}
+    return {g: change for g, change in own.items() if change}
+
+
+def _listed(lines: _Lines) -> object:
+    return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
+
+
+def _solved(problem: Problem, reduced: Reducing | None) -> dict[str, Any]:
+    """Return, for the record, how it was solved beyond what was asked for."""
+    return fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
+
+
+def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
+    """Return the engine, closed in the end unless the caller made it."""
+    made = choose_engine(engine)
+    if made is not engine:
+        ending.callback(made.close)
+    return made
+
+
+def _fitted(
+    whole: Task,
+    lines: Sequence[_Lines],
+    strategy: Method,
+    noises: Sequence[NoiseModel],
+    monitor: Monitor,
+    reduced: Reducing | None,
+) -> tuple[Task, Fit]:
+    """Choose the lines and fit; return the problem on these lines, too."""
+    x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
+    try:
+        with monitor.stage("start"):
+            if reduced is not None:
+                reduced.begin()
+                problem = whole = reduced.inside(whole)
+            problem = together([on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)])
+            monitor.problem = problem
+            for part in problem.parts:
+                part.responses(x)  # a start that cannot be solved is the user's to know
+        try:
+            if reduced is not None:
+                return reduced.fit(problem, strategy, noises, monitor)
+            return problem, strategy.fit(problem, noises, monitor, strategy.search(problem, monitor))
+        except SolverError as error:
+            return problem, Fit.blind(x, "failed", str(error))
+    except Stopped:
+        return problem, Fit.blind(x, "stopped")
