@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_cards import Card, Row, number, whole
 
-__all__ = ["Deck", "Elements", "Section", "edges", "read_deck", "split_steps"]
+__all__ = ["Deck", "Elements", "Section", "edges", "read_deck", "read_members", "read_nodes", "split_steps"]
 
 #: Nodes of the solids, and which of them are corners of which shape.
 SOLIDS = {
@@ -155,7 +155,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
     numbers, places, blocks, sections = [], [], [], []
     for card in model:
         if card.name == "NODE":
-            own, xyz = _nodes(card)
+            own, xyz = read_nodes(card)
             numbers.append(own)
             places.append(xyz)
             _add(nsets, card.get("NSET"), own)
@@ -165,7 +165,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
             _add(elsets, card.get("ELSET"), block.numbers)
         elif card.name in ("NSET", "ELSET"):
             sets = nsets if card.name == "NSET" else elsets
-            _add(sets, card.need(card.name), _members(card, sets))
+            _add(sets, card.need(card.name), read_members(card, sets))
         elif card.name == "SOLID SECTION":
             sections.append(Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card))
     if not numbers:
@@ -208,7 +208,14 @@ def edges(deck: Deck) -> NDArray[np.int64]:
 
 
 # -- cards -------------------------------------------------------------------------------------------------
-def _nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the numbers and the positions of a ``*NODE`` card, in the deck's unit of length.
+
+    Raises
+    ------
+    FormatError
+        If a line is not as expected, or the positions are in a system of their own.
+    """
     card.only("NSET")
     numbers, places = [], []
     for row in card.rows:
@@ -257,8 +264,15 @@ def _why_not(kind: str) -> str:
     return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
 
 
-def _members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
-    card.only(card.name, "GENERATE", "UNSORTED")
+def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
+    """Return the members of an ``*NSET`` or ``*ELSET`` card, which may name sets that stand above it.
+
+    Raises
+    ------
+    FormatError
+        If a line is not as expected, or names a set that is not there.
+    """
+    card.only(card.name, "GENERATE", "UNSORTED", "INTERNAL")
     found: list[NDArray[np.int64]] = []
     for row in card.rows:
         fields = row.fields
@@ -324,15 +338,15 @@ def _check_sections(deck: Deck) -> None:
         members.append(deck.elsets[section.elset])
     taken = np.concatenate([np.empty(0, dtype=np.int64), *members])
     if (twice := _twice(taken)) is not None:
-        both = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
-        raise both[1].card.error(
-            f"*SOLID SECTION: element {twice} is of {both[0].elset!r} (line {both[0].card.line}) and of "
-            f"{both[1].elset!r}; an element has one section"
+        *_, one, two = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
+        raise two.card.error(
+            f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of {two.elset!r}; "
+            "an element has one section"
         )
     for block in deck.elements:
-        without = block.numbers[~np.isin(block.numbers, taken)] if block.type in SOLIDS else ()
-        if len(without):
+        without = block.numbers[~np.isin(block.numbers, taken)]
+        if block.type in SOLIDS and without.size:
             raise block.card.error(
-                f"*ELEMENT: element {without[0]} has no *SOLID SECTION ({len(without)} such)",
+                f"*ELEMENT: element {without[0]} has no *SOLID SECTION ({without.size} such)",
                 _row_of(block.card, int(without[0])),
             )

@@ -59,7 +59,7 @@ class Property:
         Position of its first card among those of the model.
     cards : tuple of Card
         Its cards, which follow each other.
-    first : int
+    start : int
         Of a spring: the line, counted from 0, from which on spring constants stand; above it are its directions.
     """
 
@@ -67,7 +67,7 @@ class Property:
     kind: str
     at: int
     cards: tuple[Card, ...]
-    first: int = 0
+    start: int = 0
 
     def card(self, name: str) -> Card | None:
         """Return the card of a name, or None."""
@@ -99,6 +99,10 @@ class Property:
             If one is not a number.
         """
         return [number(card.rows[i].fields[j], card, card.rows[i]) for card, i, j in self._places(what)]
+
+    def first(self, what: str) -> float | None:
+        """Return the first modulus or density, None where there is none."""
+        return next(iter(self.values(what)), None)
 
     def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
         """Return the cards with all moduli and all densities multiplied; numbers that stay are left as written.
@@ -149,7 +153,7 @@ class Property:
             return [(self.cards[0], i, 0) for i in range(len(self.cards[0].rows))] if what == "mass" else []
         if self.kind == "spring":
             own = self.cards[0]
-            return [(own, i, 0) for i in range(self.first, len(own.rows))] if what == "stiffness" else []
+            return [(own, i, 0) for i in range(self.start, len(own.rows))] if what == "stiffness" else []
         card = self.card("ELASTIC" if what == "stiffness" else "DENSITY")
         if card is None:
             return []

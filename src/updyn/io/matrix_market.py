@@ -15,7 +15,8 @@
     mass = "M_housing.mtx"
     loss_factor = 0.02                # optional, 0 where absent
 
-File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general.
+File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
+those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`.
 """
 
 from __future__ import annotations
@@ -30,8 +31,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, ModelError, suggest
+from updyn.errors import FormatError, ModelError, OptionError, suggest
 from updyn.geometry import Geometry
+from updyn.io import abaqus_toml
+from updyn.io.abaqus_matrix import is_abaqus
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
 from updyn.io.guard import library, placed
@@ -47,13 +50,15 @@ _GROUP = ("name", *_MATRICES, "loss_factor")
 _DIGITS = 17  # enough for any double to come back as it was
 
 
-def read_model(path: str | Path) -> Model:
-    """Read a model from its TOML file.
+def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> Model:
+    """Read a model from its TOML file. Matrix files of Abaqus, told by their content, are read by `updyn.io.abaqus`.
 
     Parameters
     ----------
     path : path
-        The TOML file.
+        The TOML file; or a matrix file as Abaqus names it, ``job_STIF1.mtx``.
+    unit, internal : str
+        As `updyn.io.abaqus.read_model`, of a matrix file of Abaqus; a TOML file says its own.
 
     Returns
     -------
@@ -64,8 +69,16 @@ def read_model(path: str | Path) -> Model:
     ------
     FormatError
         If a key is unknown, a file is missing, or a matrix or a table is not valid; the message says file and line.
+    OptionError
+        If an option has no place.
     """
     path = Path(path)
+    if path.suffix.lower() == ".mtx" and is_abaqus(path):
+        from updyn.io import abaqus
+
+        return abaqus.read_model(path, unit=unit, internal=internal)
+    if (unit, internal) != ("m", "keep"):
+        raise OptionError(f"{path}: unit and internal are of matrix files of Abaqus; a TOML file says its own")
     text = _source(path)
     try:
         table = tomllib.loads(text)
@@ -77,7 +90,15 @@ def read_model(path: str | Path) -> Model:
             f"looks like a job file (it has {found[0]!r}), not a model: updyn check {path.name}",
             path,
         )
-    entry = _Entry(path, text)
+    entry = Entry(path, text)
+    groups_are_tables = isinstance(table.get("group"), list)
+    if groups_are_tables and abaqus_toml.names_abaqus_files(table, path.parent):
+        return abaqus_toml.read_table(
+            entry,
+            table,
+            _dofs(entry, table) if "dofs" in table else None,
+            _geometry(entry, table["geometry"]) if "geometry" in table else None,
+        )
     entry.only_known(table, _TOP, "")
     if "group" not in table:
         raise FormatError(f"no [[group]]; a model needs at least one, with {', '.join(_GROUP)}", path)
@@ -114,7 +135,7 @@ def _source(path: Path) -> str:
         raise FormatError(f"not a text in UTF-8 ({error.reason} at byte {error.start})", path) from error
 
 
-class _Entry:
+class Entry:
     """The TOML file: checks of its keys, with the lines on which they stand."""
 
     def __init__(self, path: Path, text: str) -> None:
@@ -136,6 +157,7 @@ class _Entry:
         return header
 
     def only_known(self, table: Mapping[str, Any], known: tuple[str, ...], name: str, number: int = 0) -> None:
+        """Refuse keys that mean nothing here; the nearest known one is named."""
         for key in table:
             if key not in known:
                 where = f" in [{name}]" if name else ""
@@ -144,6 +166,7 @@ class _Entry:
                 )
 
     def text(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> str:
+        """Return the value of a key, which has to be a text."""
         value = table[key]
         if not isinstance(value, str):
             raise FormatError(f"{key} is {value!r}; expected a text", self.path, self.line(key, name, number))
@@ -161,7 +184,7 @@ class _Entry:
         return found
 
 
-def _dofs(entry: _Entry, table: Mapping[str, Any]) -> DofSet:
+def _dofs(entry: Entry, table: Mapping[str, Any]) -> DofSet:
     if "dofs" not in table:
         raise FormatError(
             'no \'dofs\': expected dofs = "dofs.csv" (a table) or dofs = ["1:X", "1:Y"] (the labels)', entry.path
@@ -172,7 +195,7 @@ def _dofs(entry: _Entry, table: Mapping[str, Any]) -> DofSet:
     return read_dofs(entry.file(table, "dofs"))
 
 
-def _geometry(entry: _Entry, table: Any) -> Geometry:
+def _geometry(entry: Entry, table: Any) -> Geometry:
     if not isinstance(table, dict) or "nodes" not in table:
         raise FormatError(
             "[geometry] needs nodes = 'nodes.csv', and may have lines", entry.path, entry.line("geometry")
@@ -182,7 +205,7 @@ def _geometry(entry: _Entry, table: Any) -> Geometry:
     return read_geometry(entry.file(table, "nodes", "geometry"), lines)
 
 
-def _group(entry: _Entry, parts: Mapping[str, Any], number: int) -> tuple[str, Group]:
+def _group(entry: Entry, parts: Mapping[str, Any], number: int) -> tuple[str, Group]:
     entry.only_known(parts, _GROUP, "group", number)
     if "name" not in parts:
         raise FormatError(f"[[group]] number {number + 1} has no name", entry.path, entry.line("name", "group", number))

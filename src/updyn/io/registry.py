@@ -63,6 +63,7 @@ FORMATS = (
     Format("ansys-full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
     Format("ansys-emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
+    Format("abaqus", "updyn.io.abaqus", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
 )
 
 

@@ -10,8 +10,10 @@ from updyn.io.keyword_cards import Card, number
 from updyn.io.keyword_deck import split_steps
 from updyn.io.keyword_properties import LINEAR, NONLINEAR
 
-__all__ = ["check_model", "storage_deck"]
+__all__ = ["ABAQUS", "check_model", "storage_deck"]
 
+#: Cards that CalculiX does not have and that tell a deck of Abaqus.
+ABAQUS = ("MATRIX INPUT", "MATRIX ASSEMBLE", "MATRIX GENERATE", "PART", "ASSEMBLY", "INSTANCE")
 _STRUCTURE = (
     "HEADING",
     "NODE",
@@ -33,7 +35,6 @@ _STRUCTURE = (
 #: Says nothing of stiffness and mass.
 _IDLE = ("AMPLITUDE", "TIME POINTS", "PHYSICAL CONSTANTS", "INITIAL CONDITIONS", "PREPRINT")
 _EXPANDED = "beams and shells are expanded into solids with hidden nodes, whose DOFs are not those of the deck"
-_FLAT = "parts and instances are of Abaqus; write the deck flat, without them"
 _REFUSED = {
     "RIGID BODY": "its reference nodes carry rotations under the names of translations; write the ties as *EQUATION",
     "COUPLING": "its reference nodes carry rotations under the names of translations; write the ties as *EQUATION",
@@ -51,9 +52,6 @@ _REFUSED = {
     "BEAM GENERAL SECTION": _EXPANDED,
     "SHELL SECTION": _EXPANDED,
     "MEMBRANE SECTION": _EXPANDED,
-    "PART": _FLAT,
-    "ASSEMBLY": _FLAT,
-    "INSTANCE": _FLAT,
 }
 
 

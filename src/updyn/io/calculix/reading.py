@@ -8,7 +8,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.io.calculix.cards import check_model, storage_deck
+from updyn.io.calculix.cards import ABAQUS, check_model, storage_deck
 from updyn.io.calculix.program import Matrices, find_program
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
@@ -32,6 +32,9 @@ def read_model(
     timeout: float = 600.0,
 ) -> Model:
     """Read a deck of solids by running ``ccx`` on it.
+
+    A deck that holds ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is one of Abaqus and is handed to
+    `updyn.io.abaqus`.
 
     Parameters
     ----------
@@ -66,11 +69,16 @@ def read_model(
     """
     path = Path(path)
     cards = read_cards(path)
+    if any(card.name in ABAQUS for card in cards):
+        from updyn.io import abaqus
+
+        return abaqus.read_model(path, unit=unit)
     units = system(unit)
     model, step, deck, parts = read_parts(path, cards)
     alpha, beta = _rayleigh(model)
     program = find_program(ccx, timeout, path)
-    check_materials([_of_material(p) for p in parts.values() if p.kind == "material"], units, path)
+    materials = [p for p in parts.values() if p.kind == "material"]
+    check_materials([(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path)
 
     def run(changed: Property | None = None) -> Matrices:
         return program.matrices([*_lines(model, changed), *step])
@@ -139,11 +147,6 @@ def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
     if changed is not None:
         cards[changed.at : changed.at + len(changed.cards)] = changed.scaled(2.0, 2.0)
     return [line for card in cards for line in card.text()]
-
-
-def _of_material(part: Property) -> tuple[str, float | None, float | None]:
-    E, rho = part.values("stiffness"), part.values("mass")
-    return part.name, E[0] if E else None, rho[0] if rho else None
 
 
 def _rayleigh(model: Sequence[Card]) -> tuple[float, float]:

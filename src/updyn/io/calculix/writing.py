@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from updyn.io.calculix.cards import ABAQUS
 from updyn.io.calculix.reading import read_parts
 from updyn.io.keyword_cards import read_cards
 from updyn.io.keyword_changes import write_changes
@@ -16,6 +17,7 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
     """Write the materials, springs and masses that changed as a file for ``*INCLUDE``.
 
     It takes the place of their old cards in the deck: CalculiX uses the first of two materials of one name.
+    A deck of Abaqus is handed to `updyn.io.abaqus`.
 
     Parameters
     ----------
@@ -33,5 +35,11 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
         If the deck cannot be read, has no such group (the nearest is named) or no place for the change.
     """
     deck = Path(deck)
-    parts = read_parts(deck, read_cards(deck))[3]
+    cards = read_cards(deck)
+    if any(card.name in ABAQUS for card in cards):
+        from updyn.io import abaqus
+
+        abaqus.write_properties(changes, deck, path)
+        return
+    parts = read_parts(deck, cards)[3]
     write_changes(changes, parts, deck, Path(path), rayleigh=False)
