@@ -181,6 +181,14 @@ def test_what_is_written_back_gives_the_frequencies_of_the_updated_model(deck, m
         assert abs(A - B).max() < 1e-12 * abs(A).max()
 
 
+@needs_ccx
+def test_as_a_deck_of_abaqus_the_model_keeps_the_frequencies_of_the_program(deck, model, tmp_path):
+    updyn.write_model(model, tmp_path / "case.inp")
+    back = updyn.read_model(tmp_path / "case.inp")
+    assert list(back.groups) == list(model.groups)
+    np.testing.assert_allclose(updyn.modes(back, 10).frequency, own_frequencies(deck), rtol=PRINTED)
+
+
 def test_the_written_file_says_old_and_new(tmp_path):
     (tmp_path / "bar.inp").write_text(bar())
     write_properties({"alu": {"stiffness": 1.5, "mass": 2.0}}, tmp_path / "bar.inp", tmp_path / "new.inp")

@@ -1,0 +1,55 @@
+"""A whole job on a CalculiX deck: measured on another deck, updated, written back, run again."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
+
+import updyn
+from updyn.io.calculix import read_model
+
+STIFFER, HEAVIER, LOSS = (0.82, 1.31, 1.12), (1.0, 1.15, 0.9), (0.004, 0.012, 0.007)
+SENSORS = ["14:Y", "27:Z", "30:Y", "42:Y", "42:Z", "37:X"]
+
+
+def deck_of_the_real_thing(path: Path) -> None:
+    """Write a deck with other moduli, densities and loss factors than the first."""
+    text = bar(per_part=3)
+    for E, rho, k, m, gamma in zip(MODULI, DENSITIES, STIFFER, HEAVIER, LOSS, strict=True):
+        old = f"*ELASTIC\n{E:.10g}, 0.3\n*DENSITY\n{rho:.10g}\n"
+        assert old in text
+        text = text.replace(
+            old, f"*ELASTIC\n{E * k:.10g}, 0.3\n*DENSITY\n{rho * m:.10g}\n*DAMPING, STRUCTURAL={gamma}\n"
+        )
+    path.write_text(text)
+
+
+@needs_ccx
+def test_a_deck_is_updated_to_another_and_written_back(tmp_path: Path) -> None:
+    deck, real = tmp_path / "bar.inp", tmp_path / "real.inp"
+    deck.write_text(bar(per_part=3))
+    deck_of_the_real_thing(real)
+    lines = np.linspace(60.0, 4200.0, 120)
+    frf = updyn.response(read_model(real), lines, SENSORS, ["42:Y", "42:Z"])
+    model = read_model(deck)
+    unknowns = updyn.parameters(model, stiffness="all", mass=["alu", "BRONZE"], loss_factor="all")
+    result = updyn.update(model, frf, unknowns)
+    assert result.status == "converged"
+    for name, k, m, gamma in zip(NAMES, STIFFER, HEAVIER, LOSS, strict=True):
+        # As far as the digits go that ccx prints, and that the numbers of the decks have.
+        np.testing.assert_allclose(result.values[f"{name}.stiffness"], k, rtol=1e-6)
+        np.testing.assert_allclose(result.values[f"{name}.loss_factor"], gamma, rtol=1e-4)
+        if name != "Steel":
+            np.testing.assert_allclose(result.values[f"{name}.mass"], m, rtol=1e-6)
+    updyn.write_properties(result, deck, tmp_path / "updated.inp")
+    text = deck.read_text()
+    for name in NAMES:
+        text = re.sub(rf"\*MATERIAL, NAME={name}\n\*ELASTIC\n.*\n\*DENSITY\n.*\n", "", text)
+    again = tmp_path / "again.inp"
+    again.write_text(text.replace("*Solid section", "*INCLUDE, INPUT=updated.inp\n*Solid section", 1))
+    np.testing.assert_allclose(own_frequencies(again), own_frequencies(real), rtol=1e-6)
+    for name, group in read_model(again).groups.items():
+        np.testing.assert_allclose(group.loss_factor, result.values[f"{name}.loss_factor"], rtol=1e-12)
