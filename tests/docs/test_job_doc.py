@@ -111,6 +111,7 @@ def test_every_option_of_a_reader_can_be_given_in_a_job() -> None:
         duplicates="x",
         scalar_direction="x",
         scale=1.0,
+        local_axes=True,
         response_labels=("x",),
         reference_labels=("x",),
         order=("x",),

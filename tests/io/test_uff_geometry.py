@@ -5,7 +5,7 @@ import pytest
 import uff_samples as uff
 
 import updyn
-from updyn.errors import FormatError
+from updyn.errors import FormatError, OptionError
 from updyn.io import read_geometry
 
 Y = np.array([1.5 - 2j, -0.25 + 1e-3j])
@@ -88,9 +88,9 @@ def test_lengths_are_converted_to_metres_wherever_the_units_stand(path):
 
 
 # -- together with FRFs ----------------------------------------------------------------------------------------
-def read(path, *parts):
+def read(path, *parts, **options):
     path.write_bytes(b"".join(parts))
-    return updyn.read_frf(path)
+    return updyn.read_frf(path, **options)
 
 
 def test_the_geometry_comes_with_the_frf(path):
@@ -121,6 +121,21 @@ def test_a_direction_within_1e_6_of_an_axis_passes_and_one_beyond_does_not(path)
         else:
             with pytest.raises(FormatError, match=r"response 1:X is oblique: .*along none of the axes"):
                 read(path, *parts)
+
+
+def test_local_directions_are_kept_with_their_axes_where_that_is_asked_for(path):
+    systems = uff.systems2420((5, 0, QUARTER, (0, 0, 0)), (6, 0, TILTED, (0, 0, 0)))
+    nodes = uff.nodes15((1, 0, 0, 0, 0, 1), (2, 0, 5, 1, 0, 1), (3, 0, 6, 2, 0, 1))
+    parts = [systems, nodes, uff.binary58(Y, (2, 1), (1, 1)), uff.binary58(Y, (3, -1), (1, 1))]
+    found = read(path, *parts, local_axes=True)
+    assert found.responses.labels == ["2:X", "3:-X"]
+    np.testing.assert_array_equal(found.geometry.axes, [np.eye(3), QUARTER, TILTED])
+    with pytest.raises(FormatError, match=r"response 3:-X is oblique: .*local_axes=True"):
+        read(path, *parts)
+    with pytest.raises(FormatError, match="node 4"):
+        read(path, *parts, uff.binary58(Y, (4, 1), (1, 1)), local_axes=True)
+    with pytest.raises(OptionError, match="local_axes 'yes': expected True or False"):
+        read(path, *parts, local_axes="yes")
 
 
 def test_oblique_directions_that_no_function_uses_do_not_matter(path):

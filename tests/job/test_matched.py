@@ -243,3 +243,31 @@ def test_local_axes_in_a_separate_universal_file(folder: Path, tmp_path: Path) -
     ready = prepare(job_at(folder, 'by = "coordinates"\ngeometry = "points.unv"\n'))
     assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
     assert not any(m.turned for m in ready.matching.table)
+
+
+def test_local_axes_in_the_universal_file_of_the_test(folder: Path) -> None:
+    """As a laboratory delivers it: functions, nodes and their systems in one file; one of them oblique."""
+    data = measured()
+    tilted = np.array([[0.8, 0, -0.6], [0, 1, 0], OBLIQUE])
+    axes = np.array([QUARTER.T, QUARTER.T, tilted, np.eye(3)])
+    told = FRF(
+        data.freq,
+        data.values,
+        data.responses,
+        data.references,
+        data.quantity,
+        geometry=Geometry([1, 2, 3, 4], XYZ, axes=axes),
+    )
+    updyn.write_frf(told, folder / "test.unv")
+    path = folder / "job.toml"
+    text = BASE.format(match='by = "coordinates"', test="{}").replace("test.npz", "test.unv")
+    path.write_text(text.format(""), encoding="utf-8")
+    with pytest.raises(JobError, match=r"response 3:Z is oblique: .*local_axes=True"):
+        prepare(load_job(path))
+    path.write_text(text.format("local_axes = true"), encoding="utf-8")
+    ready = prepare(load_job(path))
+    assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
+    assert [m.turned for m in ready.matching.table] == [False, False, True, False]
+    result = run_job(load_job(path), folder / "out")
+    assert result.values == pytest.approx({"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7)
+    assert "local_axes = true" in (folder / "out" / "job.toml").read_text(encoding="utf-8")

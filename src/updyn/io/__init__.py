@@ -58,8 +58,8 @@ def read_frf(
         DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the values change sign.
         Of a universal file only that part has to be complete.
     **options
-        What the reader of that format takes besides, checked by name: ``scalar_direction`` and ``scale`` of a
-        universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of bare arrays
+        What the reader of that format takes besides, checked by name: ``scalar_direction``, ``scale`` and
+        ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of bare arrays
         (`updyn.io.npz`, `updyn.io.mat`).
 
     Returns

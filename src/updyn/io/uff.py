@@ -15,7 +15,8 @@ What is read, and how:
   "lbf") is refused, unless ``scale=`` says by what to multiply.
 - With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a displacement
   system of its own are expressed in the global one, where they coincide with its axes to 1e-6; oblique ones are
-  refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them.
+  refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them. ``local_axes=True`` keeps
+  labels and ``axes`` as the file has them, for `updyn.match`.
 
 The files are taken apart here and not by pyuff, which the tests use as a second opinion (`tests/io/test_pyuff.py` holds
 what follows). Of deviations that real files have, pyuff 2.5.8
@@ -71,6 +72,7 @@ def read_frf(
     references: Iterable[str | Dof] | None = None,
     scalar_direction: str | None = None,
     scale: float | None = None,
+    local_axes: bool = False,
 ) -> FRF:
     """Read the FRFs of a universal file.
 
@@ -90,6 +92,9 @@ def read_frf(
         What direction code 0 stands for, for instance "Z" or "-RX".
     scale : float, optional
         Factor that turns the values of the file into SI. It replaces dataset 164 and the check of unit labels.
+    local_axes : bool
+        Keep the directions of nodes with a displacement system of their own, as ``axes`` of the geometry: then
+        `updyn.match` has to be told of the measurement before anything else uses it.
 
     Returns
     -------
@@ -122,7 +127,9 @@ def read_frf(
         if function.kind in (4, 6):
             _check_axes(function, found, collector.units, scale, path)
     geometry = collector.geometry()
-    directions = Directions(path, scalar, geometry)
+    if not isinstance(local_axes, bool):
+        raise OptionError(f"local_axes {local_axes!r}: expected True or False")
+    directions = Directions(path, scalar, geometry, local_axes)
     parts = assemble(
         measured,
         [f for f in functions if f.kind == 6],
@@ -140,7 +147,9 @@ def read_frf(
             parts.references,
             found,
             coherence=parts.coherence,
-            geometry=None if geometry is None else Geometry(geometry.nodes, geometry.xyz, geometry.lines),
+            geometry=geometry
+            if geometry is None or local_axes
+            else Geometry(geometry.nodes, geometry.xyz, geometry.lines),
             source=_source(path, measured[0], others),
         )
 

@@ -24,7 +24,7 @@ _PARALLEL = 1e-6
 
 
 class Directions:
-    """Turns node and direction code of a file into a DOF of the global system.
+    """Turns node and direction code of a file into a DOF, of the global system or of that of its node.
 
     Parameters
     ----------
@@ -34,10 +34,12 @@ class Directions:
         Direction and sign that code 0 stands for.
     geometry : Geometry or None
         The nodes of the file, with their displacement directions.
+    local : bool
+        Whether directions stay those of the node.
     """
 
-    def __init__(self, path: str | Path, scalar: Dof | None, geometry: Geometry | None) -> None:
-        self.path, self.scalar, self.geometry = path, scalar, geometry
+    def __init__(self, path: str | Path, scalar: Dof | None, geometry: Geometry | None, local: bool = False) -> None:
+        self.path, self.scalar, self.geometry, self.local = path, scalar, geometry, local
         self._row = {} if geometry is None else {int(n): i for i, n in enumerate(geometry.nodes)}
 
     def dof(self, what: str, node: int, code: int, line: int) -> Dof:
@@ -56,7 +58,7 @@ class Directions:
         ------
         FormatError
             If the code is none, is 0 and nothing says what it stands for, the node is not in the geometry, or the
-            direction is oblique to the global axes.
+            direction is oblique to the global axes and is not to stay as it is.
         """
         at = line + 6
         if not -6 <= code <= 6:
@@ -79,7 +81,7 @@ class Directions:
                 geometry.position([dof.node])
             except InputError as error:
                 raise FormatError(f"record 6: {what} {dof}: {error}", self.path, at) from error
-        if geometry.axes is None:
+        if geometry.axes is None or self.local:
             return dof
         axis = DIRECTIONS.index(dof.direction)
         vector = geometry.axes[self._row[dof.node], axis % 3] * dof.sign
@@ -90,7 +92,8 @@ class Directions:
             shown = ", ".join(f"{v:.6g}" for v in vector)
             raise FormatError(
                 f"record 6: {what} {dof} is oblique: its displacement system turns it to ({shown}) in the global one, "
-                "along none of the axes; transform the measurement to global directions first",
+                "along none of the axes; keep the directions of nodes with local_axes=True and match them with "
+                "updyn.match ([match] of a job), or transform the measurement to global directions first",
                 self.path,
                 at,
             )

@@ -131,6 +131,7 @@ class TestTable(_Table):
     duplicates: str | None = None
     scalar_direction: str | None = None
     scale: float | None = Field(default=None, gt=0)
+    local_axes: bool | None = None
     response_labels: Texts | None = None  # of a file that holds bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
@@ -148,6 +149,7 @@ class TestTable(_Table):
             "duplicates": self.duplicates,
             "scalar_direction": self.scalar_direction,
             "scale": self.scale,
+            "local_axes": self.local_axes,
             "response_labels": self.response_labels,
             "reference_labels": self.reference_labels,
             "order": self.order,
