@@ -184,6 +184,9 @@ def test_an_equation_ties_dofs():
 
 def test_grounds_hold_a_node_or_a_dof():
     beams = Beam("b", [[10, 11]], E, RHO, tube(0.1))
+    both = structure(NODES, [beams], grounded=[10, "10:X", "10:-Y", 10])  # held twice is held
+    assert both.dofs.labels[0] == "11:X"
+    assert both.n_dofs == 6
     assert structure(NODES, [beams], grounded=[10]).dofs.labels[0] == "11:X"
     assert structure(NODES, [beams], grounded=["10:X", "10:RZ"]).dofs.labels[:4] == ["10:Y", "10:Z", "10:RX", "10:RY"]
     assert deflection(structure(NODES, [beams], grounded=[10]), {"11:X": 1.0})["11:X"] > 0
@@ -250,7 +253,8 @@ def free(*parts, **kw):
         (free(links=[RigidLink(10, [11])], grounded=["11:X"]), "DOF 11:X is held and tied"),
         (free(grounded=[12]), "grounded: nothing touches node 12"),
         (free(grounded=[True]), "grounded True: expected a DOF such as '3:X', or a node number"),
-        (free(grounded=[10, 11]), "every DOF of the model is held or tied"),
+        (free(grounded=[10, 11]), "every DOF of the structure is held: nothing is left to move"),
+        (free(links=[RigidLink(10, [11])], grounded=[10]), "every DOF of the model is held or tied"),
         (free(equations=[Equation("11:X", {"55:X": 1.0})]), "equation: node 55 is not among the 5 nodes"),
     ],
 )

@@ -20,6 +20,8 @@ from updyn.model import Group, Model
 
 __all__ = ["structure"]
 
+_LOOSE = 4_000_000  # entries of element matrices that wait to be summed up
+
 
 def structure(
     nodes: Mapping[int, ArrayLike] | ArrayLike | Geometry,
@@ -73,9 +75,17 @@ def structure(
         touch(item, table, touched)
     geometry = Geometry(table.numbers, table.xyz, lines_of(items))
     ties = _ties(table, geometry, list(links), list(equations), touched)
-    free = Model(_groups(items, table, touched), _dofs(table, touched), geometry, title)
-    held = constrain(free, ties, _held(table, touched, grounded))
-    return Model.from_groups(held.groups, held.dofs, geometry=geometry, title=title)
+    dofs = _dofs(table, touched)
+    held = _held(table, touched, dofs, grounded)
+    # What is held and in no tie is never assembled; the rest is left to the transformation.
+    tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
+    gone = np.zeros(len(dofs), dtype=np.bool_)
+    gone[dofs.match([dof for dof in held if dof not in tied]).index] = True
+    if gone.all():
+        raise ModelError("every DOF of the structure is held: nothing is left to move")
+    free = Model(_groups(items, table, touched, gone), dofs[np.flatnonzero(~gone)], geometry, title)
+    out = constrain(free, ties, [dof for dof in held if dof in tied])
+    return Model.from_groups(out.groups, out.dofs, geometry=geometry, title=title)
 
 
 def _nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> Nodes:
@@ -146,11 +156,12 @@ def _dofs(table: Nodes, touched: NDArray[np.bool_]) -> DofSet:
     return DofSet.from_arrays(table.numbers[node], axis)
 
 
-def _held(table: Nodes, touched: NDArray[np.bool_], grounded: Iterable[str | Dof | int]) -> list[str | Dof]:
-    out: list[str | Dof] = []
+def _held(table: Nodes, touched: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]) -> list[Dof]:
+    out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
-            out.append(item)
+            dof = Dof.parse(item)
+            out.append(dof if dof.sign > 0 else -dof)
             continue
         if isinstance(item, bool) or not isinstance(item, int | np.integer):
             raise ModelError(f"grounded {item!r}: expected a DOF such as '3:X', or a node number")
@@ -159,14 +170,20 @@ def _held(table: Nodes, touched: NDArray[np.bool_], grounded: Iterable[str | Dof
         if not own:
             raise ModelError(f"grounded: nothing touches node {item}")
         out += own
-    return out
+    once = list(dict.fromkeys(out))
+    dofs.match(once, "grounded DOF")
+    return once
 
 
 # -- groups ------------------------------------------------------------------------------------------------
-def _groups(parts: Sequence[Part], table: Nodes, touched: NDArray[np.bool_]) -> dict[str, Group]:
-    n = int(touched.sum())
+def _groups(
+    parts: Sequence[Part], table: Nodes, touched: NDArray[np.bool_], gone: NDArray[np.bool_]
+) -> dict[str, Group]:
+    n = int((~gone).sum())
+    number = np.full(len(gone), -1, dtype=np.int32)
+    number[~gone] = np.arange(n, dtype=np.int32)
     place = np.full(touched.shape, -1, dtype=np.int32)
-    place[touched] = np.arange(n, dtype=np.int32)
+    place[touched] = number
     loss = _loss_factors(parts)
     groups: dict[str, Group] = {}
     for name in dict.fromkeys(part.name for part in parts):
@@ -194,22 +211,35 @@ def _loss_factors(parts: Sequence[Part]) -> dict[str, float]:
 
 
 class _Sum:
-    """A sparse sum of element matrices, merged in pairs of like size: no more than twice the result is held."""
+    """A sparse sum of symmetric element matrices, merged in pairs of like size.
+
+    The upper half is summed, with half the diagonal, so that the whole is symmetric to the last bit.
+    """
 
     def __init__(self, n: int) -> None:
         self.n = n
+        self.loose: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
         self.waiting: list[tuple[int, Any]] = []
 
     def add(self, A: NDArray[np.float64] | None, at: NDArray[np.int32]) -> None:
-        """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1: nowhere, the entry being 0."""
+        """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1: nowhere."""
         if A is None:
             return
-        keep = (A != 0.0) & (at >= 0)[:, :, None] & (at >= 0)[:, None, :]
-        element, row, column = np.nonzero(keep)
-        coo = sp.coo_array((A[keep], (at[element, row], at[element, column])), shape=(self.n, self.n))
-        self._push(1, sp.csr_array(coo))
+        s = at.shape[1]
+        values, rows, columns = A.ravel(), np.repeat(at, s, axis=1).ravel(), np.tile(at, (1, s)).ravel()
+        keep = np.flatnonzero((values != 0.0) & (rows >= 0) & (columns >= rows))
+        values, rows, columns = values[keep], rows[keep], columns[keep]
+        values[rows == columns] *= 0.5
+        self.loose.append((values, rows, columns))
+        if sum(len(values) for values, _, _ in self.loose) > _LOOSE:
+            self._gather()
 
-    def _push(self, weight: int, matrix: Any) -> None:
+    def _gather(self) -> None:
+        if not self.loose:
+            return
+        values, rows, columns = (np.concatenate(some) for some in zip(*self.loose, strict=True))
+        self.loose = []
+        weight, matrix = 1, sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(self.n, self.n)))
         while self.waiting and self.waiting[-1][0] <= weight:
             more, other = self.waiting.pop()
             weight, matrix = weight + more, other + matrix
@@ -217,9 +247,10 @@ class _Sum:
 
     def total(self) -> Any:
         """Return the sum, a `csr_array` of shape (n, n); None where nothing was added."""
+        self._gather()
         if not self.waiting:
             return None
         out = self.waiting[-1][1]
         for _, other in reversed(self.waiting[:-1]):
             out = out + other
-        return out
+        return sp.csr_array(out + out.T)
