@@ -381,6 +381,13 @@ def test_a_tolerance_that_is_none(tolerance: Any) -> None:
         match(block(), sensors(CORNERS), by="coordinates", tolerance=tolerance)
 
 
+def test_the_measurement_keeps_a_record_of_its_labels() -> None:
+    frf = data(["1:X", "12:Y"], ["11:X"])
+    found = match(structure(), frf, table={"1:X": "13:-Z"}, directions={"12:Y": B})
+    assert found.frf.source == "matched by label, test = model: 1:X = 13:-Z, 12:Y = 12:Y (turned)"
+    assert match(structure(), data(["11:X"], ["12:X"])).frf.source == ""
+
+
 def test_what_is_too_far_is_listed_with_the_nearest() -> None:
     xyz = CORNERS.copy()
     xyz[1] += [0.1, 0, 0]

@@ -114,7 +114,8 @@ def match(
     named = _named(frf, aims, seats, bool(table))
     rows = tuple(_row(a, s, placed) for a, s in zip(aims, seats, strict=True))
     drawn = _drawn(told, aims, changed, aligned, moved=by != "label" or changed is not model)
-    return Matching(changed, replace(named, geometry=drawn), rows, by, aligned, (*notes, *more))
+    named = replace(named, geometry=drawn, source=_record(frf.source, by, rows))
+    return Matching(changed, named, rows, by, aligned, (*notes, *more))
 
 
 def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: Any) -> None:
@@ -175,6 +176,16 @@ def _row(aim: Aim, found: Seat, placed: Mapping[int, Placed]) -> SensorMatch:
         v,
         at.note if at is not None and here else "",
     )
+
+
+def _record(source: str, by: str, rows: Sequence[SensorMatch]) -> str:
+    """Return where the data came from, with what became of the labels of the test: results and reports keep it."""
+    changed = [
+        f"{r.sensor} = {r.dof}" + (" (turned)" if r.turned else "") for r in rows if r.turned or r.sensor != r.dof
+    ]
+    if not changed:
+        return source
+    return "; ".join([*([source] if source else []), f"matched by {by}, test = model: {', '.join(changed)}"])
 
 
 def _drawn(told: Told, aims: Sequence[Aim], model: Model, aligned: Alignment | None, moved: bool) -> Geometry | None:
