@@ -46,6 +46,7 @@ class Format:
 
 _FRF = ("read_frf", "write_frf")
 _MODEL = ("read_model", "write_model")
+_NASTRAN = ("read_model", "read_geometry", "write_properties")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
@@ -60,8 +61,10 @@ FORMATS = (
     Format("mat", "updyn.io.mat", (".mat",), _MATLAB, (*_FRF, *_MODEL)),
     Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
+    Format("ansys", "updyn.io.ansys", (".cdb", ".mac"), (), ("write_properties",)),
     Format("ansys-full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
     Format("ansys-emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
+    Format("nastran", "updyn.io.nastran.bdf", (".bdf", ".nas", ".dat"), (), _NASTRAN),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
     Format("abaqus", "updyn.io.abaqus", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
 )
