@@ -123,6 +123,14 @@ def test_the_inertia_of_a_shaft_is_that_of_its_body():
     assert_allclose(matrix(model, "s")[0, 2], -5 * 80e9 * np.pi * (0.06**4 - 0.03**4) / 32 / 0.8, rtol=1e-12)
 
 
+def test_the_damping_of_a_shaft_is_that_between_its_ends():
+    shaft = Shaft("s", 1, 2, 300.0, inertia=0.1, viscous=7.0, loss_factor=0.1, n_elements=4)
+    model = drivetrain([shaft], held=[1])
+    for what, total in (("stiffness", 300.0), ("viscous", 7.0)):
+        turned = np.linalg.solve(matrix(model, "s", what), [1.0, 0, 0, 0])  # 2:RZ, then the inner nodes
+        assert_allclose(turned[0], 1 / total, rtol=1e-12)
+
+
 def test_a_disc_by_geometry():
     disc = Inertia("d", 1, rho=7800.0, outer_diameter=0.3, inner_diameter=0.05, length=0.02)
     body = 7800.0 * 0.02 * np.pi * (0.3**2 - 0.05**2) / 4
@@ -200,6 +208,15 @@ def test_a_dual_drive_is_two_meshes_and_opens_at_its_preload():
     assert_allclose(1e8 * base[1] * turn * base[0], 4.0, rtol=1e-12)
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_the_opening_torque_takes_the_bias_off_one_mesh(factor):
+    """Pinions held, gear under the torque: share of each mesh, at its pinion."""
+    dual = DualDrive("d", 1, 2, 3, ratio=5.0, torsional_stiffness=1e6, second_factor=factor, preload=4.0)
+    turn = dual.opening_torque / (1e6 * (1 + factor))
+    at_pinions = np.array([1.0, factor]) * 1e6 * turn / 5.0
+    assert_allclose(at_pinions.max(), 4.0, rtol=1e-12)
+
+
 def test_reaction_on_a_housing_that_turns():
     """Held shafts and a housing that turns by itself: no torque sums are left over, seen from outside."""
     parts = [
@@ -261,6 +278,13 @@ def test_a_rigid_pair_behind_a_locked_motor_stands_still():
     parts = [Motor("motor", 1, 0.1, rotor="locked"), GearPair("x", 1, 2, ratio=3.0, rigid=True)]
     model = drivetrain([*parts, Shaft("s", 2, 3, 10.0), Inertia("load", 3, 1.0)])
     assert model.dofs.labels == ["3:RZ"]
+
+
+def test_two_locked_motors_may_stop_the_housing_between_them():
+    """Rotors that can only turn in opposite senses, both locked to one housing: nothing of it can turn."""
+    motors = [Motor(f"motor {n}", n, 0.1, rotor="locked", housing=9) for n in (1, 2)]
+    parts = [*motors, GearPair("x", 1, 2, ratio=2.0, rigid=True), Shaft("s", 9, 3, 10.0), Inertia("load", 3, 1.0)]
+    assert drivetrain(parts).dofs.labels == ["3:RZ"]
 
 
 @pytest.mark.parametrize("keep", [[1, 2], [2, 1]])

@@ -157,6 +157,10 @@ def test_a_mesh_on_a_housing_counts_as_one_on_the_ground():
     assert carried.stiffness == pytest.approx(plain.stiffness, rel=1e-9)
     assert values(carried) == pytest.approx(values(plain), rel=1e-9)
     assert carried.ratios[1] == pytest.approx(-6.0)
+    free = reflected([*train(9), Inertia("house", 9, 40.0)], 3)  # ratios are those against the housing
+    assert free.stiffness is None
+    assert free.ratios[1] == pytest.approx(-6.0)
+    assert free.ratios[9] == 0.0
     soft = reflected([*train(9), Ground("mount", 9, 3e4)], 3)  # the mount takes the load's torque
     assert soft.stiffness == pytest.approx(1 / (1 / plain.stiffness + 1 / 3e4), rel=1e-9)
 
