@@ -163,6 +163,48 @@ def test_quadratic_elements_and_rotated_supports(tmp_path):
     np.testing.assert_allclose(updyn.modes(read_model(path), 4).frequency, own_frequencies(path), rtol=PRINTED)
 
 
+SETS = """*NSET, NSET=tip
+37, 38, 39, 40, 41, 42
+*NSET, NSET=root
+1, 2, 3, 4, 5, 6
+*SURFACE, NAME=face, TYPE=NODE
+root
+"""
+BODY = "*RIGID BODY, NSET=tip, REF NODE=901\n"
+COUPLING = "*COUPLING, REF NODE=903, SURFACE=face, CONSTRAINT NAME=c\n*KINEMATIC\n1, 3\n"
+HUB = """*ELEMENT, TYPE=MASS, ELSET=Hub
+904, 901
+*MASS, ELSET=Hub
+0.8
+"""
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    "ties", [BODY.replace("901", "901, ROT NODE=902") + COUPLING, BODY + COUPLING, COUPLING + BODY]
+)
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_rotations_of_rigid_bodies(tmp_path, ties, unit):
+    path, metre = tmp_path / "rigid.inp", 1.0 if unit == "m" else 1e3
+    nodes = "".join(
+        f"{n}, {x * metre}, {0.02 * metre}, {0.04 * metre}\n" for n, x in ((901, 0.34), (902, 0.0), (903, -0.03))
+    )
+    text = bar(unit=MM if unit == "mm" else (1.0, 1.0, 1.0)).replace("*ELEMENT", nodes + "*ELEMENT", 1)
+    text = text.replace("*BOUNDARY\nFixed, 1, 3\n", SETS + ties + HUB)
+    path.write_text(text.replace("\n0.8\n", "\n0.8E-3\n") if unit == "mm" else text)
+    model = read_model(path, unit=unit)
+    labels = model.dofs.labels
+    assert {"901:RX", "901:RZ", "903:X", "903:RY"} <= set(labels)
+    assert not {"37:X", "1:X", "902:X"} & set(labels)
+    # A rotation of the whole about the origin strains nothing.
+    turn, at = np.array([0.3, -0.5, 0.7]), model.geometry.position(model.dofs.nodes)
+    axis = np.array(model.dofs.axes)
+    motion = np.where(axis < 3, np.cross(turn, at)[np.arange(len(axis)), axis % 3], turn[axis % 3])
+    assert abs(model.stiffness @ motion).max() < 1e-9 * abs(model.stiffness).max() * abs(motion).max()
+    own = own_frequencies(path)
+    np.testing.assert_allclose(updyn.modes(model, 10).frequency[6:], own[6:], rtol=PRINTED)
+
+
 @needs_ccx
 def test_what_is_written_back_gives_the_frequencies_of_the_updated_model(deck, model, tmp_path):
     changes = {

@@ -107,7 +107,7 @@ FAULTS = [
     ("TYPE=C3D8", "TYPE=B31", r"B31 is a beam or truss: it is expanded into solids"),
     ("TYPE=C3D8", "TYPE=C3D4", r"bar.inp:48: \*ELEMENT: 8 nodes; C3D4 has 4"),
     ("*NSET, NSET=Fixed", "*SHELL SECTION, ELSET=A\n0.1\n*NSET, NSET=Fixed", r"\*SHELL SECTION is not read: beams and"),
-    ("*NSET, NSET=Fixed", "*RIGID BODY, NSET=A\n*NSET, NSET=Fixed", r"\*RIGID BODY is not read: its reference nodes"),
+    ("*NSET, NSET=Fixed", "*DISTRIBUTING\n*NSET, NSET=Fixed", r"\*DISTRIBUTING is not read: its reference node has"),
     ("*NSET, NSET=Fixed", "*PLASTIC\n1.,0.\n*NSET, NSET=Fixed", r"\*PLASTIC: only linear elastic materials"),
     ("*NSET, NSET=Fixed", "*DENSITY\n1.\n*NSET, NSET=Fixed", r"\*DENSITY stands below no \*MATERIAL"),
     ("2.1e+11", "2.le+11", r"bar.inp:\d+: \*ELASTIC: '2.le\+11' is not a number"),

@@ -29,6 +29,9 @@ _STRUCTURE = (
     "EQUATION",
     "MPC",
     "TIE",
+    "RIGID BODY",
+    "COUPLING",
+    "KINEMATIC",
     "TRANSFORM",
     "ORIENTATION",
 )
@@ -36,11 +39,8 @@ _STRUCTURE = (
 _IDLE = ("AMPLITUDE", "TIME POINTS", "PHYSICAL CONSTANTS", "INITIAL CONDITIONS", "PREPRINT")
 _EXPANDED = "beams and shells are expanded into solids with hidden nodes, whose DOFs are not those of the deck"
 _REFUSED = {
-    "RIGID BODY": "its reference nodes carry rotations under the names of translations; write the ties as *EQUATION",
-    "COUPLING": "its reference nodes carry rotations under the names of translations; write the ties as *EQUATION",
-    "KINEMATIC": "write the ties as *EQUATION",
-    "DISTRIBUTING": "write the ties as *EQUATION",
-    "DISTRIBUTING COUPLING": "write the ties as *EQUATION",
+    "DISTRIBUTING": "its reference node has no place in the matrices; use *KINEMATIC or *EQUATION",
+    "DISTRIBUTING COUPLING": "its reference node has no place in the matrices; use *COUPLING or *EQUATION",
     "CONTACT PAIR": "contact is not linear; use *TIE where the faces stick together",
     "SURFACE INTERACTION": "contact is not linear; use *TIE where the faces stick together",
     "GAP": "contact is not linear",

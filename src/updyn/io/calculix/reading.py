@@ -10,6 +10,7 @@ from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.calculix.cards import ABAQUS, check_model, storage_deck
 from updyn.io.calculix.program import Matrices, find_program
+from updyn.io.calculix.rotations import read_rotations
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.guard import placed
@@ -51,8 +52,9 @@ def read_model(
     -------
     Model
         Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes that are neither held
-        nor tied; geometry: all nodes, with the edges of the elements. ``*DAMPING, STRUCTURAL=`` is the loss factor of
-        a material, ALPHA and BETA (of the whole deck) the viscous damping of each group.
+        nor tied, and rotations of the reference nodes of rigid bodies; geometry: all nodes, with the edges of the
+        elements. ``*DAMPING, STRUCTURAL=`` is the loss factor of a material, ALPHA and BETA (of the whole deck) the
+        viscous damping of each group.
 
     Raises
     ------
@@ -76,6 +78,7 @@ def read_model(
     units = system(unit)
     model, step, deck, parts = read_parts(path, cards)
     alpha, beta = _rayleigh(model)
+    rotations = read_rotations(model, path)
     program = find_program(ccx, timeout, path)
     materials = [p for p in parts.values() if p.kind == "material"]
     check_materials([(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path)
@@ -84,6 +87,7 @@ def read_model(
         return program.matrices([*_lines(model, changed), *step])
 
     total = run()
+    dofs = rotations.renamed(total.dofs, deck)
 
     def doubled(name: str) -> tuple[Matrix, Matrix]:
         one = run(parts[name])
@@ -91,13 +95,13 @@ def read_model(
             raise FormatError(f"group {name!r}: the degrees of freedom change with its stiffness", path)
         return one.stiffness, one.mass
 
-    split = groups_by_difference(parts, (total.stiffness, total.mass), doubled, total.dofs, path, _TOLERANCE)
+    split = groups_by_difference(parts, (total.stiffness, total.mass), doubled, dofs, path, _TOLERANCE)
     groups = {}
     for name, (K, M) in split.items():
         if K is None and M is None:
             _warn(path, f"{parts[name].name!r} has neither stiffness nor mass at the free DOFs: left out")
             continue
-        K, M = (None if A is None else units.to_si(A, total.dofs) for A in (K, M))
+        K, M = (None if A is None else units.to_si(A, dofs) for A in (K, M))
         viscous = [f * A for f, A in ((alpha, M), (beta, K)) if f and A is not None]
         gamma = parts[name].damping("STRUCTURAL") if K is not None else 0.0
         with placed(path, f"group {parts[name].name!r}"):
@@ -105,7 +109,7 @@ def read_model(
     heading = next((row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), "")
     with placed(path):
         drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
-        return Model.from_groups(groups, total.dofs, geometry=drawn, title=heading)
+        return Model.from_groups(groups, dofs, geometry=drawn, title=heading)
 
 
 def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
