@@ -181,6 +181,33 @@ def test_oblique_sensors_and_forces_read_the_combination_of_three_dofs(axes: Any
     assert next(m.direction for m in found.table) == pytest.approx(tuple(A))
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_any_directions_at_one_node(seed: int) -> None:
+    """One to three of translations and of rotations, some along DOFs, some shared by sensor and force, any sense."""
+    rng = np.random.default_rng(seed)
+    model = structure(axes=None if seed % 2 else Rotation.random(4, random_state=seed).as_matrix())
+    frames = np.tile(np.eye(3), (4, 1, 1)) if model.geometry.axes is None else model.geometry.axes
+    directions = {}
+    for part in ("", "R"):
+        some = [unit(*rng.standard_normal(3)) for _ in range(rng.integers(1, 4))]
+        if rng.random() < 0.5:
+            some[0] = rng.choice([-1, 1]) * frames[1][rng.integers(3)]
+        while np.linalg.svd(np.array(some), compute_uv=False)[-1] < 0.05:  # nearly of one plane: refused
+            some[-1] = unit(*rng.standard_normal(3))
+        directions |= {f"12:{part}{'XYZ'[k]}": v for k, v in enumerate(some)}
+    labels = [f"{d[:3]}{rng.choice(['', '-'])}{d[3:]}" for d in directions]
+    loads = [*rng.permutation(labels)[: rng.integers(1, len(labels) + 1)].tolist(), "14:Z"]
+    found = match(model, data(labels, loads), directions=directions)
+
+    def vector(label: str) -> np.ndarray:
+        plain = label.replace("-", "")
+        a = directions.get(plain, np.eye(3)[2] @ frames[3])
+        node = int(plain[:2])
+        return (-1.0 if "-" in label else 1.0) * along(model, node, frames[node - 11] @ a, 3 if "R" in plain else 0)
+
+    check_exact(model, found, {x: vector(x) for x in labels}, {x: vector(x) for x in loads})
+
+
 def test_the_whole_model_is_the_same_in_other_coordinates() -> None:
     model = structure()
     found = match(model, data(["11:X", "12:Z"], ["13:Y"]), directions={"11:X": A, "12:Z": B})
@@ -248,6 +275,8 @@ def test_a_planar_model_stays_planar() -> None:
     text = r"12:X along \(0\.7071, 0\.7071, 0\) is 45 degrees off 12:X, and a part of 0\.707 is along what node 12 of "
     with pytest.raises(MatchError, match=text + r"the model lacks; it has 12:X, 12:Z, 12:RY"):
         match(model, data(["11:X"], ["12:X"]), directions={"12:X": [1, 1, 0]})
+    with pytest.raises(MatchError, match=r"2.86 degrees off 12:X, .*; with angle = 3 it is taken along that"):
+        match(model, data(["11:X"], ["12:X"]), directions={"12:X": [1, 0.05, 0]})
     with pytest.raises(MatchError, match=r"is 45 degrees off 12:RY, and a part of 0.707"):
         match(model, data(["11:X"], ["12:RX"]), directions={"12:RX": [1, 1, 0]})
 
@@ -526,6 +555,7 @@ def test_two_nodes_equally_near_are_told_apart_by_the_user() -> None:
     assert rows(found)["5:Z"] == "12:Z"
     xyz[1] = 0.6 * CORNERS[0] + 0.4 * CORNERS[1]
     found = match(block(), sensors(xyz[:2], "Y"), by="coordinates", tolerance=1.0, table={"3": "14"})
+    assert found.table[0].distance == pytest.approx(np.linalg.norm(CORNERS[3]))
     assert found.table[1].note == "node 15 is at 0.653 m"
 
 

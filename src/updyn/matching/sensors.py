@@ -112,7 +112,8 @@ def match(
     changed, seats, more = seat(model, aims, near)
     _warn_of_angles(aims, seats)
     named = _named(frf, aims, seats, bool(table))
-    rows = tuple(_row(a, s, placed) for a, s in zip(aims, seats, strict=True))
+    at = [told.placed(a, placed, model, aligned) for a in aims]
+    rows = tuple(_row(a, s, p) for a, s, p in zip(aims, seats, at, strict=True))
     drawn = _drawn(told, aims, changed, aligned, moved=by != "label" or changed is not model)
     named = replace(named, geometry=drawn, source=_record(frf.source, by, rows))
     return Matching(changed, named, rows, by, aligned, (*notes, *more))
@@ -162,19 +163,17 @@ def _named(frf: FRF, aims: Sequence[Aim], seats: Sequence[Seat], by_table: bool)
     return replace(frf, **sets)
 
 
-def _row(aim: Aim, found: Seat, placed: Mapping[int, Placed]) -> SensorMatch:
-    at = placed.get(aim.sensor.node)
-    here = at is not None and at.node == found.dof.node
+def _row(aim: Aim, found: Seat, at: Placed) -> SensorMatch:
     v = None if aim.vector is None else (float(aim.vector[0]), float(aim.vector[1]), float(aim.vector[2]))
     return SensorMatch(
         str(aim.sensor),
         aim.role,
         str(found.dof),
-        at.distance if at is not None and here else float("nan"),
+        at.distance,
         found.angle,
         found.turned,
         v,
-        at.note if at is not None and here else "",
+        at.note,
     )
 
 

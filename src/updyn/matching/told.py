@@ -155,6 +155,13 @@ class Told:
             placed[node] = Placed(new, _distance(self.geometry, node, model.geometry, new, aligned))
         return placed, aligned, notes
 
+    def placed(self, aim: Aim, placed: Mapping[int, Placed], model: Model, aligned: Alignment | None) -> Placed:
+        """Return where a sensor sits in the model and how far from it it stands."""
+        found = placed.get(aim.sensor.node)
+        if found is not None and found.node == aim.dof.node:
+            return found
+        return Placed(aim.dof.node, _distance(self.geometry, aim.sensor.node, model.geometry, aim.dof.node, aligned))
+
     def aim(
         self, sensor: Dof, role: str, placed: Mapping[int, Placed], R: NDArray[np.float64], by: str, model: Model
     ) -> Aim:

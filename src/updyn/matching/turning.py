@@ -26,6 +26,7 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["Aim", "Seat", "seat"]
 
+_NEARLY = 10.0  # degrees off a DOF up to which a message says how to take a sensor along it
 _APART = 1.0  # degrees below which two directions are too much alike to be two DOFs
 _INDEPENDENT = 0.01  # smallest singular value of the directions at a node
 _RIGHT_ANGLES = 5e-5  # within what a geometry takes for orthonormal
@@ -182,6 +183,7 @@ def _local(model: Model, aim: Aim, frame: NDArray[np.float64], have: tuple[int, 
             f"{aim.role} {aim.sensor} along {vector_text(aim.vector)} is {off:.3g} degrees off "
             f"{aim.dof.node}:{DIRECTIONS[part + k]}, and a part of {missing:.3g} is along what node {aim.dof.node} of "
             f"the model lacks; it has {names}"
+            + (f"; with angle = {np.ceil(off):g} it is taken along that" if off <= _NEARLY else "")
         )
     c = np.where(here, c, 0.0)
     return _Local(aim, part, c / np.linalg.norm(c), off)
