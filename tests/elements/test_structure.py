@@ -16,13 +16,14 @@ from updyn.elements.structure import (
     PointMass,
     RigidLink,
     Section,
+    Shell,
     Spring,
     Truss,
     rectangle,
     structure,
     tube,
 )
-from updyn.errors import DofError, ModelError
+from updyn.errors import DofError, ModelError, UpdynError
 
 E, RHO = 2.1e11, 7850.0
 TALL = rectangle(0.1, 0.04)
@@ -102,6 +103,12 @@ def test_parts_of_one_name_are_one_group_and_sum_up():
     assert list(both.groups) == ["a"]
     assert abs(one.stiffness - both.stiffness).max() == 0.0
     assert list(structure(NODES, PARTS).groups) == ["legs", "mast", "stay", "joint", "strut", "motor"]
+
+
+def test_a_part_may_be_without_mass():
+    model = structure(NODES, [Beam("b", [[10, 11]], E, 0.0, tube(0.1)), PointMass("m", 11, 2.0)], grounded=[10])
+    assert model.group("b").mass is None
+    assert rigid_inertia(model)[0, 0] == pytest.approx(2.0)
 
 
 def test_dofs_that_nothing_touches_are_left_out():
@@ -281,3 +288,23 @@ def test_parts_are_not_changed_from_outside():
     assert part.connectivity.tolist() == [[10, 11]]
     with pytest.raises(ValueError, match="read-only"):
         part.connectivity[0, 0] = 5
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: PointMass([], 1, 1.0),
+        lambda: Spring(None, 1, stiffness=(1.0,) * 6),
+        lambda: PointMass("m", 10**30, 1.0),
+        lambda: PointMass("m", 1, 10**400),
+        lambda: Truss("t", [[1, 10**30]], E, RHO, 1.0),
+        lambda: tube(1e300),
+        lambda: rectangle(1e300, 1e300),
+        lambda: RigidLink(1, [2], True),
+        lambda: structure(NODES, PARTS, grounded=[10**30]),
+        lambda: structure(NODES, [Shell("s", [[10, 11, 12]], 1e300, RHO, 0.1)]),
+    ],
+)
+def test_absurd_values_are_errors_of_the_input(build):
+    with pytest.raises(UpdynError):
+        build()

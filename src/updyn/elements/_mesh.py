@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
@@ -220,7 +221,7 @@ def number(what: str, name: str, value: Any) -> float:
         If it is not one.
     """
     real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
-    if not (real and np.isfinite(value)):
+    if not (real and abs(value) <= sys.float_info.max):  # a whole number may be of any size
         raise ModelError(f"{what}: {name} {value!r}; expected a finite number")
     return float(value)
 

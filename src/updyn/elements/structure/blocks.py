@@ -130,7 +130,7 @@ def _elements(what: str, part: Beam | Truss | Shell | Solid, at: NDArray[np.intp
     else:
         _check_length(what, part, xyz)
         K, M = beam_matrices(part, xyz) if isinstance(part, Beam) else truss_matrices(part, xyz)
-    return Blocks(at, _axes_of(part), K, M)
+    return Blocks(at, _axes_of(part), K, M if part.rho else None)
 
 
 def _check_length(what: str, part: Beam | Truss, ends: NDArray[np.float64]) -> None:

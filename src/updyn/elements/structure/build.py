@@ -165,8 +165,9 @@ def _held(table: Nodes, touched: NDArray[np.bool_], dofs: DofSet, grounded: Iter
             continue
         if isinstance(item, bool) or not isinstance(item, int | np.integer):
             raise ModelError(f"grounded {item!r}: expected a DOF such as '3:X', or a node number")
-        (place,) = table.find("grounded", np.array([int(item)])).tolist()
-        own = [Dof(int(item), d) for i, d in enumerate(DIRECTIONS) if touched[place, i]]
+        number = Dof(int(item), "X").node
+        (place,) = table.find("grounded", np.array([number])).tolist()
+        own = [Dof(number, d) for i, d in enumerate(DIRECTIONS) if touched[place, i]]
         if not own:
             raise ModelError(f"grounded: nothing touches node {item}")
         out += own

@@ -10,10 +10,19 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, whole_numbers
-from updyn.elements._mesh import not_negative, number, positive
+from updyn.elements._mesh import not_negative, positive
+from updyn.elements.structure.checks import (
+    check_name,
+    connectivity,
+    floats,
+    material,
+    node_number,
+    six,
+    store,
+    vector,
+)
 from updyn.elements.structure.sections import Section
 from updyn.errors import ModelError, suggest
 
@@ -33,7 +42,7 @@ class Beam:
     connectivity : array_like of int, shape (m, 2)
         Node numbers of each element; local x runs from the first to the second.
     E, rho : float
-        Young's modulus in Pa and density in kg/m3.
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
     section : Section
         Area, second moments, torsion constant, shear coefficients.
     nu : float
@@ -64,11 +73,11 @@ class Beam:
 
     def __post_init__(self) -> None:
         what = f"beam {self.name!r}"
-        _set(self, connectivity=_connectivity(what, self.connectivity, (2,)), **_material(what, self))
+        store(self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self))
         if not isinstance(self.section, Section):
             raise ModelError(f"{what}: section {self.section!r}; expected a Section, a rectangle(...) or a tube(...)")
         if self.orientation is not None:
-            _set(self, orientation=_vector(what, "orientation", self.orientation))
+            store(self, orientation=vector(what, "orientation", self.orientation))
         elif not self.section.is_round:
             raise ModelError(
                 f"{what}: an orientation (a vector in its local xy plane) is needed, as Iyy and Izz differ"
@@ -91,7 +100,7 @@ class Truss:
     connectivity : array_like of int, shape (m, 2)
         Node numbers of each bar.
     E, rho : float
-        Young's modulus in Pa and density in kg/m3.
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
     A : float
         Area in m2.
     loss_factor : float
@@ -112,8 +121,8 @@ class Truss:
 
     def __post_init__(self) -> None:
         what = f"truss {self.name!r}"
-        _set(self, connectivity=_connectivity(what, self.connectivity, (2,)), **_material(what, self))
-        _set(self, A=positive(what, "A", self.A))
+        store(self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self))
+        store(self, A=positive(what, "A", self.A))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +136,7 @@ class Shell:
     connectivity : array_like of int, shape (m, 3) or (m, 4)
         Node numbers of each element, in order around it. Triangles and quadrilaterals go into two parts of one name.
     E, rho : float
-        Young's modulus in Pa and density in kg/m3.
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
     thickness : float
         In m.
     nu : float
@@ -151,8 +160,8 @@ class Shell:
 
     def __post_init__(self) -> None:
         what = f"shell {self.name!r}"
-        _set(self, connectivity=_connectivity(what, self.connectivity, (3, 4)), **_material(what, self))
-        _set(self, thickness=positive(what, "thickness", self.thickness))
+        store(self, connectivity=connectivity(what, self.connectivity, (3, 4)), **material(what, self))
+        store(self, thickness=positive(what, "thickness", self.thickness))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +176,7 @@ class Solid:
         Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio: corners, then the
         middles of the edges (of hexahedra those of the first face, of the second, and between them).
     E, rho : float
-        Young's modulus in Pa and density in kg/m3.
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
     nu : float
         Poisson's ratio, below 0.5.
     loss_factor : float
@@ -191,7 +200,7 @@ class Solid:
 
     def __post_init__(self) -> None:
         what = f"solid {self.name!r}"
-        _set(self, connectivity=_connectivity(what, self.connectivity, (4, 8, 10, 20)), **_material(what, self))
+        store(self, connectivity=connectivity(what, self.connectivity, (4, 8, 10, 20)), **material(what, self))
         if not self.nu < 0.5:
             raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
         if not isinstance(self.lumped, bool):
@@ -238,15 +247,16 @@ class Spring:
 
     def __post_init__(self) -> None:
         what = f"spring {self.name!r}"
-        _set(self, first=_node(what, "first", self.first))
+        check_name(what, self.name)
+        store(self, first=node_number(what, "first", self.first))
         if self.second is not None:
-            _set(self, second=_node(what, "second", self.second))
+            store(self, second=node_number(what, "second", self.second))
             if self.second == self.first:
                 raise ModelError(f"{what}: both ends are node {self.first}; leave second out for a spring to ground")
-        _set(self, stiffness=_six(what, "stiffness", self.stiffness), viscous=_six(what, "viscous", self.viscous))
+        store(self, stiffness=six(what, "stiffness", self.stiffness), viscous=six(what, "viscous", self.viscous))
         if not self.stiffness.any() and not self.viscous.any():
             raise ModelError(f"{what} has neither stiffness nor viscous damping; give one above 0 or leave it out")
-        not_negative(what, "loss_factor", self.loss_factor)
+        store(self, loss_factor=not_negative(what, "loss_factor", self.loss_factor))
         self._check_axes(what)
 
     def _check_axes(self, what: str) -> None:
@@ -261,13 +271,13 @@ class Spring:
             if np.any(np.asarray(self.stiffness)[across]) or np.any(np.asarray(self.viscous)[across]):
                 raise ModelError(f"{what}: axes 'line' leaves y and z open; give two vectors for stiffness across it")
             return
-        pair = _floats(what, "axes", self.axes)
+        pair = floats(what, "axes", self.axes)
         if pair.shape != (2, 3):
             raise ModelError(f"{what}: axes of shape {pair.shape}; expected two vectors, (2, 3)")
         x, v = pair
         if np.linalg.norm(np.cross(x, v)) <= _ALIKE * np.linalg.norm(x) * np.linalg.norm(v):
             raise ModelError(f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane")
-        _set(self, axes=pair)
+        store(self, axes=pair)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,20 +312,21 @@ class PointMass:
 
     def __post_init__(self) -> None:
         what = f"mass {self.name!r}"
-        _set(self, node=_node(what, "node", self.node), mass=not_negative(what, "mass", self.mass))
-        tensor = _floats(what, "inertia", self.inertia)
+        check_name(what, self.name)
+        store(self, node=node_number(what, "node", self.node), mass=not_negative(what, "mass", self.mass))
+        tensor = floats(what, "inertia", self.inertia)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0):
             raise ModelError(f"{what}: inertia {self.inertia!r}; expected three moments or a symmetric (3, 3) tensor")
         if np.linalg.eigvalsh(tensor)[0] < -_ALIKE * np.abs(tensor).max():
             raise ModelError(f"{what}: inertia {self.inertia!r} is negative about some axis")
-        offset = _floats(what, "offset", self.offset)
+        offset = floats(what, "offset", self.offset)
         if offset.shape != (3,):
             raise ModelError(f"{what}: offset {self.offset!r}; expected three numbers")
         if not self.mass and not tensor.any():
             raise ModelError(f"{what} has neither mass nor inertia")
-        _set(self, inertia=tensor, offset=offset)
+        store(self, inertia=tensor, offset=offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,78 +357,17 @@ class RigidLink:
         slaves = np.atleast_1d(whole_numbers(self.slaves, f"{what}: slaves", ModelError))
         if slaves.ndim != 1 or not slaves.size:
             raise ModelError(f"{what}: slaves {self.slaves!r}; expected at least one node number")
-        _set(self, master=_node(what, "master", self.master), slaves=slaves)
+        store(self, master=node_number(what, "master", self.master), slaves=slaves)
         if self.directions is not None:
-            wanted = self.directions.split() if isinstance(self.directions, str) else tuple(self.directions)
+            wanted = self.directions.split() if isinstance(self.directions, str) else self.directions
+            if not isinstance(wanted, Iterable):
+                raise ModelError(f"{what}: directions {wanted!r}; expected some of {' '.join(DIRECTIONS)}")
+            wanted = tuple(wanted)
             for name in wanted:
                 if name not in DIRECTIONS:
                     raise ModelError(f"{what}: direction {name!r}; {suggest(str(name), DIRECTIONS)}")
-            _set(self, directions=tuple(wanted))
+            store(self, directions=tuple(wanted))
 
 
 #: Parts that belong to a group.
 Part: TypeAlias = Beam | Truss | Shell | Solid | Spring | PointMass
-
-
-# -- checks ------------------------------------------------------------------------------------------------
-def _set(part: Any, **values: Any) -> None:
-    for name, value in values.items():
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-        object.__setattr__(part, name, value)
-
-
-def _material(what: str, part: Any) -> dict[str, float]:
-    if not isinstance(part.name, str):
-        raise ModelError(f"{what}: expected a text as its name")
-    out = {name: positive(what, name, getattr(part, name)) for name in ("E", "rho")}
-    if getattr(part, "G", None) is not None:
-        out["G"] = positive(what, "G", part.G)
-    if hasattr(part, "nu"):
-        out["nu"] = number(what, "nu", part.nu)
-        if not -1.0 < out["nu"] <= 0.5:
-            raise ModelError(f"{what}: nu {part.nu!r}; expected above -1 and at most 0.5")
-    return out | {"loss_factor": not_negative(what, "loss_factor", part.loss_factor)}
-
-
-def _connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
-    nodes = np.atleast_2d(whole_numbers(given, f"{what}: connectivity", ModelError))
-    if nodes.ndim != 2 or nodes.shape[1] not in widths or not len(nodes):
-        expected = " or ".join(f"(m, {k})" for k in widths)
-        raise ModelError(f"{what}: connectivity of shape {nodes.shape}; expected {expected} node numbers")
-    ordered = np.sort(nodes, axis=1)
-    twice = (np.diff(ordered, axis=1) == 0).any(axis=1)
-    if twice.any():
-        at = int(np.flatnonzero(twice)[0])
-        raise ModelError(f"{what}: element {at + 1} names a node twice: {nodes[at].tolist()}")
-    return nodes
-
-
-def _node(what: str, name: str, given: Any) -> int:
-    if isinstance(given, bool) or not isinstance(given, int | np.integer):
-        raise ModelError(f"{what}: {name} {given!r}; expected a node number")
-    return int(given)
-
-
-def _floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
-    try:
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{what}: {name} {given!r}; expected numbers") from error
-    if not np.isfinite(array).all():
-        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers")
-    return array
-
-
-def _vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
-    vector = _floats(what, name, given)
-    if vector.shape != (3,) or not vector.any():
-        raise ModelError(f"{what}: {name} {given!r}; expected three numbers that are not all 0")
-    return vector
-
-
-def _six(what: str, name: str, given: Any) -> NDArray[np.float64]:
-    six = _floats(what, name, given)
-    if six.shape != (6,) or (six < 0).any():
-        raise ModelError(f"{what}: {name} {given!r}; expected six numbers of at least 0")
-    return six

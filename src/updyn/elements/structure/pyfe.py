@@ -110,7 +110,10 @@ def plate_matrices(part: Shell, local: NDArray[np.float64]) -> tuple[NDArray[np.
         Positions of the 3 or 4 nodes in m, the third of each 0.
     """
     fe = _library()
-    prop = fe.shellprop_utils.isotropic_plate(part.thickness, part.E, part.nu, rho=part.rho)
+    try:
+        prop = fe.shellprop_utils.isotropic_plate(part.thickness, part.E, part.nu, rho=part.rho)
+    except ValueError as error:
+        raise ModelError(f"shell {part.name!r}: thickness, E and nu give no plate ({error})") from error
     count, k = local.shape[:2]
     if k == 4:
         prop.A44 = prop.A45 = prop.A55 = 0.0

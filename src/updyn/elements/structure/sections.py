@@ -80,9 +80,9 @@ def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
     h, w = positive("rectangle", "height", height), positive("rectangle", "width", width)
     a, b = max(h, w), min(h, w)
     series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 40, 2))
-    J = a * b**3 / 3 * (1 - 192 / math.pi**5 * b / a * series)
+    J = a * b * b * b / 3 * (1 - 192 / math.pi**5 * b / a * series)
     kappa = 10 * (1 + _poisson("rectangle", nu)) / (12 + 11 * nu)
-    return Section(h * w, h * w**3 / 12, w * h**3 / 12, J, kappa, kappa)
+    return Section(h * w, h * w * w * w / 12, w * h * h * h / 12, J, kappa, kappa)
 
 
 def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
@@ -110,8 +110,8 @@ def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
         raise ModelError(f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one, {outer!r} m")
     v, m = _poisson("tube", nu), (d / D) ** 2
     kappa = 6 * (1 + v) * (1 + m) ** 2 / ((7 + 6 * v) * (1 + m) ** 2 + (20 + 12 * v) * m)
-    second = math.pi * (D**4 - d**4) / 64
-    return Section(math.pi * (D**2 - d**2) / 4, second, second, 2 * second, kappa, kappa)
+    second = math.pi * (D * D + d * d) * (D * D - d * d) / 64
+    return Section(math.pi * (D * D - d * d) / 4, second, second, 2 * second, kappa, kappa)
 
 
 def _poisson(what: str, nu: float) -> float:

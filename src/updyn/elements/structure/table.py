@@ -116,7 +116,7 @@ def _section(where: str, given: Any) -> Section:
         check_keys(f"{where}: section", given, own[:4], own)
         return Section(**given)
     shape = given["shape"]
-    if shape not in _SHAPES:
+    if not isinstance(shape, str) or shape not in _SHAPES:
         raise ModelError(f"{where}: section.shape {shape!r}: {suggest(str(shape), _SHAPES)}")
     make, required, optional = _SHAPES[shape]
     sizes = {k: v for k, v in given.items() if k != "shape"}
