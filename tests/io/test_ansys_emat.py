@@ -312,7 +312,7 @@ class TestChecks:
         whole = (folder / "beam.emat").read_bytes()
         (tmp_path / "cut.emat").write_bytes(whole[: int(len(whole) * share)])
         with pytest.raises(FormatError):
-            updyn.read_model(tmp_path / "cut.emat", groups=HALVES, format="ansys-emat")
+            updyn.read_model(tmp_path / "cut.emat", groups=HALVES, format="ansys_emat")
 
     def test_bytes_turned_over(self, elements, tmp_path):
         """Whatever a damaged file says, it is an error of ours or a model, never a crash."""

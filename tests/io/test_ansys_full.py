@@ -148,7 +148,7 @@ def test_cut_short(tmp_path, size):
     file = tmp_path / "short.full"
     file.write_bytes(FULL.read_bytes()[:size])
     with pytest.raises(FormatError):
-        updyn.read_model(file, format="ansys-full")
+        updyn.read_model(file, format="ansys_full")
 
 
 def test_other_degrees_of_freedom_are_refused_by_name(tmp_path):
@@ -164,13 +164,13 @@ def test_other_degrees_of_freedom_are_refused_by_name(tmp_path):
 
 def test_another_file_of_ansys_is_named():
     with pytest.raises(FormatError, match=r"is a \.rst file of Ansys by its header, expected \.full"):
-        updyn.read_model(RST, format="ansys-full")
+        updyn.read_model(RST, format="ansys_full")
 
 
 def test_the_other_byte_order_is_refused(tmp_path):
     (tmp_path / "big.full").write_bytes(struct.pack(">i", 100) + bytes(1000))
     with pytest.raises(FormatError, match="big-endian"):
-        updyn.read_model(tmp_path / "big.full", format="ansys-full")
+        updyn.read_model(tmp_path / "big.full", format="ansys_full")
 
 
 class TestUnits:
