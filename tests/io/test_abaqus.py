@@ -302,7 +302,7 @@ LINE = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
 
 def test_element_sets_of_steps_are_groups_and_add_up(tmp_path):
     (tmp_path / "rod.inp").write_text(
-        GENERATE + STEP.format(", ELSET=Left") + STEP.format(", ELSET=Right") + STEP.format("")
+        GENERATE + STEP.format(", ELSET=Left") + STEP.format(", ELSET=rod-1.Right") + STEP.format("")
     )
     job(tmp_path, "rod", 1, stiffness=rows(2.1e7 * ONE, LEFT), mass=rows(0.785 * LINE, LEFT))
     job(tmp_path, "rod", 2, stiffness=rows(1e7 * ONE, RIGHT), mass=rows(0.85 * LINE, RIGHT))
@@ -473,6 +473,8 @@ def test_matrices_in_the_deck_scaled_and_supported(tmp_path):
     assert model.dofs.labels == ["1:X", "7:X", "7:RZ"]
     at = np.ix_([0, 2, 3], [0, 2, 3])
     check(model, 2 * K[at], M[at], "K")
+    with pytest.raises(FormatError, match=r"use.inp: the deck is put together of matrices.*write_model\(result.model"):
+        updyn.write_properties({"K": {"stiffness": 2.0}}, tmp_path / "use.inp", tmp_path / "new.inp")
 
 
 @pytest.mark.parametrize(

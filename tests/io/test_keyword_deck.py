@@ -41,6 +41,20 @@ def test_an_included_file_stands_in_place_and_keeps_its_lines(tmp_path):
     (tmp_path / "sub" / "more.inp").write_text("** more\n3,0,0,0\n")
     (card,) = read_cards(tmp_path / "d.inp")
     assert [(r.line, r.fields[0]) for r in card.rows] == [(2, "1"), (2, "3"), (4, "2")]
+    (tmp_path / "sub" / "more.inp").write_text("** more\nthree,0,0,0\n")
+    with pytest.raises(FormatError, match=r"sub/more.inp:2: \*NODE: 'three' is not a whole number"):
+        read_deck(tmp_path / "d.inp", read_cards(tmp_path / "d.inp"))
+
+
+def test_nodes_of_another_file(tmp_path):
+    (tmp_path / "d.inp").write_text("*NODE, NSET=a, INPUT=nodes.txt\n*NSET, NSET=b\n2\n")
+    (tmp_path / "nodes.txt").write_text("1, 0., 0., 0.\n2, 1., 0., 0.\n")
+    node, _ = cards = read_cards(tmp_path / "d.inp")
+    assert node.text() == ["*NODE, NSET=a", "1, 0., 0., 0.", "2, 1., 0., 0."]
+    np.testing.assert_array_equal(read_deck(tmp_path / "d.inp", cards).nsets["A"], [1, 2])
+    (tmp_path / "nodes.txt").unlink()
+    with pytest.raises(FormatError, match=r"d.inp:1: \*NODE: no such file 'nodes.txt'"):
+        read_cards(tmp_path / "d.inp")
 
 
 @pytest.mark.parametrize(
@@ -123,6 +137,7 @@ FAULTS = [
         r"bar.inp:48: \*ELEMENT: element 1 names node 3, which is not in the deck",
     ),
     ("\n2, 3, 9", "\n1, 3, 9", r"bar.inp:49: \*ELEMENT: element 1 stands twice"),
+    ("NAME=alu", "NAME=al.6061", r"material 'al.6061' holds '.': unknowns are called name.quantity"),
     ("NAME=alu", "NAME=steel", r"\*MATERIAL: 'steel' stands twice, also on line"),
     (
         "*STEP",

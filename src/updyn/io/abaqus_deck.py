@@ -139,6 +139,12 @@ class DeckFacts:
         FormatError
             If an element set shares its material with another one that does not change alike.
         """
+        if self.assemblies:
+            raise FormatError(
+                "the deck is put together of matrices and has no materials; write the updated model instead: "
+                "updyn.write_model(result.model, 'updated.inp')",
+                self.path,
+            )
         out: dict[str, Mapping[str, float]] = {}
         for name, change in changes.items():
             material = None if name.upper() in self.properties else self.sections.get(name.upper())

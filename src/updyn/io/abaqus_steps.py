@@ -58,7 +58,8 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
         if "ELEMENT BY ELEMENT" in card.parameters:
             parts += _by_material(facts, card, files)
         elif elset := card.get("ELSET"):
-            parts.append(Part(elset, files))
+            # A set of an instance is called "instance.set"; groups have no dots.
+            parts.append(Part(elset.rpartition(".")[2], files))
         else:
             whole = files
     if not parts and not whole:

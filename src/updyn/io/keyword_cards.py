@@ -2,7 +2,7 @@
 
 A card is a line that starts with ``*``, with parameters between commas, and the data lines below it. ``**`` starts a
 comment. Case and blanks do not matter, a keyword line that ends with a comma goes on in the next line, and
-``*INCLUDE, INPUT=file`` is replaced by what is in that file.
+``*INCLUDE, INPUT=file`` is replaced by what is in that file, as is ``INPUT=file`` of nodes, elements and sets.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 #: Both programs read the first twenty characters of a field; CalculiX drops what follows without a word.
 FIELD_WIDTH = 20
 _DEEPEST = 20  # files that include files
+#: Keywords whose data lines Abaqus may read from another file, INPUT=.
+_DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +33,13 @@ class Row:
         Where it stands in its file.
     text : str
         As it is written.
+    path : Path, optional
+        The file, where it is not that of its keyword.
     """
 
     line: int
     text: str
+    path: Path | None = None
 
     @property
     def fields(self) -> list[str]:
@@ -98,7 +103,9 @@ class Card:
 
     def error(self, message: str, row: Row | None = None) -> FormatError:
         """Return an error that names file and line: of the row, else of the keyword."""
-        return FormatError(message, self.path, self.line if row is None else row.line)
+        if row is None:
+            return FormatError(message, self.path, self.line)
+        return FormatError(message, row.path or self.path, row.line)
 
     def text(self) -> list[str]:
         """Return the card as lines of a deck."""
@@ -146,14 +153,15 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple
         if joined.endswith(","):
             continue
         whole_line, joined = joined, ""
-        if _name(whole_line) == "INCLUDE":
-            inner = _included(whole_line, path, start, folder)
+        name, given = _name(whole_line), _parameters(whole_line).get("INPUT", "")
+        if name != "INCLUDE":
+            yield path, start, whole_line
+        if name == "INCLUDE" or (given and name in _DATA_ELSEWHERE):
+            inner = _included(name, given, path, start, folder)
             chain = (*within, path)
             if inner.resolve() in [p.resolve() for p in chain] or len(chain) > _DEEPEST:
-                raise FormatError(f"*INCLUDE, INPUT={inner.name}: the file includes itself", path, start)
+                raise FormatError(f"*{name}, INPUT={inner.name}: the file includes itself", path, start)
             yield from _lines(inner, folder, chain)
-        else:
-            yield path, start, whole_line
     if joined:
         raise FormatError(f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start)
 
@@ -171,15 +179,14 @@ def _source(path: Path) -> str:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error
 
 
-def _included(line: str, path: Path, at: int, folder: Path) -> Path:
-    given = _parameters(line).get("INPUT", "")
+def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
     if not given:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
     if not inner.is_file():
         near = sorted(p.name for p in inner.parent.iterdir() if p.is_file()) if inner.parent.is_dir() else []
         close = suggest(inner.name, near) if near else "its folder does not exist or is empty"
-        raise FormatError(f"*INCLUDE: no such file {given!r}; {close}", path, at)
+        raise FormatError(f"*{name}: no such file {given!r}; {close}", path, at)
     return inner
 
 
@@ -197,7 +204,7 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
                 f"found {text[:40]!r} before the first keyword; expected a line that starts with *", path, at
             )
         else:
-            rows.append(Row(at, text))
+            rows.append(Row(at, text, None if path == head[0] else path))
     if head is None:
         raise FormatError("not an input deck: there is no keyword in it", deck)
     return [*cards, _card(head, rows)]
@@ -205,7 +212,10 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
 
 def _card(head: tuple[Path, int, str], rows: list[Row]) -> Card:
     path, at, text = head
-    return Card(_name(text), MappingProxyType(_parameters(text)), tuple(rows), path, at)
+    name, parameters = _name(text), _parameters(text)
+    if name in _DATA_ELSEWHERE:
+        parameters.pop("INPUT", None)  # whose lines are here now
+    return Card(name, MappingProxyType(parameters), tuple(rows), path, at)
 
 
 def _name(text: str) -> str:

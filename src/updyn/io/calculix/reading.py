@@ -125,7 +125,13 @@ def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str]
     deck = read_deck(path, model)
     types = {name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))}
     found = read_properties(model, types)
-    materials = {name for name, p in found.items() if p.kind == "material"}
+    for part in found.values():
+        if bad := sorted(set(part.name) & set(".*?[]")):
+            raise part.cards[0].error(
+                f"{part.kind} {part.name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen by glob; "
+                "rename it in the deck"
+            )
+    materials = [name for name, p in found.items() if p.kind == "material"]
     for section in deck.sections:
         if section.material not in materials:
             raise section.card.error(
