@@ -247,6 +247,15 @@ def test_the_written_file_says_old_and_new(tmp_path):
     assert "** old density: 2700.0" in text
 
 
+def test_damping_of_the_whole_deck_stays_where_it_is(tmp_path):
+    (tmp_path / "bar.inp").write_text(bar().replace("\n8900\n", "\n8900\n*DAMPING, ALPHA=3., BETA=2.E-6\n"))
+    write_properties({"BRONZE": {"mass": 2.0}}, tmp_path / "bar.inp", tmp_path / "new.inp")
+    text = (tmp_path / "new.inp").read_text()
+    assert "17800.0" in text
+    assert "*DAMPING" not in text
+    assert "** ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness." in text
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

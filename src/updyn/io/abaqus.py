@@ -114,4 +114,4 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
     """
     deck = Path(deck)
     facts: DeckFacts = read_facts(deck, read_cards(deck))
-    write_changes(facts.by_material(changes), facts.properties, deck, Path(path), rayleigh=True)
+    write_changes(facts.by_material(changes), facts.properties, deck, Path(path), own_rayleigh=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from updyn.errors import FormatError, suggest
@@ -16,7 +16,13 @@ _QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
 
 
 def write_changes(
-    changes: Mapping[str, Mapping[str, float]], parts: Mapping[str, Property], deck: Path, path: Path, *, rayleigh: bool
+    changes: Mapping[str, Mapping[str, float]],
+    parts: Mapping[str, Property],
+    deck: Path,
+    path: Path,
+    *,
+    own_rayleigh: bool,
+    remarks: Sequence[str] = (),
 ) -> None:
     """Write the cards of the parts that change, with their old values as comments.
 
@@ -30,8 +36,10 @@ def write_changes(
         The deck, for messages and for the heading.
     path : Path
         The file to write.
-    rayleigh : bool
+    own_rayleigh : bool
         Whether a material has its own ALPHA and BETA; else a factor on viscous damping is refused.
+    remarks : sequence of str
+        What the heading says besides.
 
     Raises
     ------
@@ -44,21 +52,20 @@ def write_changes(
         if part is None:
             near = suggest(name, [p.name for p in parts.values()])
             raise FormatError(f"the deck has no material, spring or mass {name!r}; {near}", deck)
-        _check(part, change, deck, rayleigh)
-        blocks.append(_block(part, change, _changed(part, change, rayleigh)))
+        _check(part, change, deck, own_rayleigh)
+        blocks.append(_block(part, change, _changed(part, change, own_rayleigh)))
     names = ", ".join(parts[name.upper()].name for name in changes)
     heading = [
         f"** New properties for {deck.name}: {names}.",
-        "** They take the place of the cards of the same names there: delete those, and write *INCLUDE,",
-        f"** INPUT={path.name} where the first of them stood.",
+        "** They take the place of the cards of the same names there: delete those, and where the first stood write",
+        f"** *INCLUDE, INPUT={path.name}",
+        *(f"** {remark}" for remark in remarks),
     ]
-    if not rayleigh and any(p.damping(k) for p in parts.values() for k in ("ALPHA", "BETA")):
-        heading.append("** ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness.")
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join([*heading, *(line for b in blocks for line in b)]) + "\n", encoding="utf-8")
 
 
-def _check(part: Property, change: Mapping[str, float], deck: Path, rayleigh: bool) -> None:
+def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh: bool) -> None:
     where = f"group {part.name!r}"
     for quantity, value in change.items():
         if quantity not in _QUANTITIES:
@@ -74,7 +81,7 @@ def _check(part: Property, change: Mapping[str, float], deck: Path, rayleigh: bo
     if change.get("loss_factor") and part.kind != "material":
         raise part.cards[0].error(f"{where}: *{part.cards[0].name} has no place for a loss factor")
     if change.get("viscous", 1.0) != 1.0:
-        if part.kind != "material" or not rayleigh:
+        if part.kind != "material" or not own_rayleigh:
             raise part.cards[0].error(
                 f"{where}: ALPHA and BETA hold for the whole deck, so that the viscous damping of one group cannot be "
                 "changed in it"
@@ -83,7 +90,7 @@ def _check(part: Property, change: Mapping[str, float], deck: Path, rayleigh: bo
             raise part.cards[0].error(f"{where} has no *DAMPING with ALPHA or BETA to change")
 
 
-def _changed(part: Property, change: Mapping[str, float], rayleigh: bool) -> tuple[Card, ...]:
+def _changed(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
     stiffness, mass, viscous = (change.get(k, 1.0) for k in ("stiffness", "mass", "viscous"))
     cards = part.scaled(stiffness, mass)
     values = {}
@@ -93,7 +100,7 @@ def _changed(part: Property, change: Mapping[str, float], rayleigh: bool) -> tup
         values["STRUCTURAL"] = float(gamma)
     # C = ALPHA M + BETA K of the new M and K, and is to be the factor times the old C.
     for name, factor in (("ALPHA", viscous / mass), ("BETA", viscous / stiffness)):
-        if rayleigh and part.damping(name) and factor != 1.0:
+        if own_rayleigh and part.damping(name) and factor != 1.0:
             values[name] = part.damping(name) * factor
     return part.damped(cards, values) if part.kind == "material" else cards
 

@@ -176,7 +176,9 @@ def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
     return _MODULI[kind]
 
 
-def read_properties(model: Sequence[Card], springs_between: Mapping[str, str] | None = None) -> dict[str, Property]:
+def read_properties(
+    model: Sequence[Card], springs_between: Mapping[str, str] | None = None, *, own_rayleigh: bool = True
+) -> dict[str, Property]:
     """Find the materials, springs and point masses of a deck.
 
     Parameters
@@ -186,6 +188,9 @@ def read_properties(model: Sequence[Card], springs_between: Mapping[str, str] | 
     springs_between : mapping of str to str, optional
         Element type by element set in capitals. Springs of type SPRINGA have no line of directions; where the type
         is not known a first line of whole numbers is one.
+    own_rayleigh : bool
+        Whether ALPHA and BETA of ``*DAMPING`` are of the material above (Abaqus), or of the deck wherever they stand
+        (CalculiX).
 
     Returns
     -------
@@ -203,6 +208,8 @@ def read_properties(model: Sequence[Card], springs_between: Mapping[str, str] | 
             stop = at + 1
             while stop < len(model) and model[stop].name in (*LINEAR, *NONLINEAR, *_OTHER):
                 stop += 1
+            while not own_rayleigh and model[stop - 1].name == "DAMPING" and not model[stop - 1].get("STRUCTURAL"):
+                stop -= 1
             found = Property(card.need("NAME"), "material", at, tuple(model[at:stop]))
         elif card.name == "SPRING":
             name = card.need("ELSET")

@@ -19,7 +19,7 @@ from updyn.io.keyword_deck import Deck, edges, read_deck
 from updyn.io.keyword_properties import Property, read_properties
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["read_model", "read_parts"]
+__all__ = ["read_model", "read_parts", "read_rayleigh"]
 
 #: ccx prints 14 digits: an entry is off by up to 5e-14 of itself, a difference of two by 1e-13 of the larger.
 _TOLERANCE = 1e-10
@@ -77,7 +77,7 @@ def read_model(
         return abaqus.read_model(path, unit=unit)
     units = system(unit)
     model, step, deck, parts = read_parts(path, cards)
-    alpha, beta = _rayleigh(model)
+    alpha, beta = read_rayleigh(model)
     rotations = read_rotations(model, path)
     program = find_program(ccx, timeout, path)
     materials = [p for p in parts.values() if p.kind == "material"]
@@ -124,7 +124,7 @@ def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str]
     check_model(model)
     deck = read_deck(path, model)
     types = {name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))}
-    found = read_properties(model, types)
+    found = read_properties(model, types, own_rayleigh=False)
     for part in found.values():
         if bad := sorted(set(part.name) & set(".*?[]")):
             raise part.cards[0].error(
@@ -159,8 +159,14 @@ def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
     return [line for card in cards for line in card.text()]
 
 
-def _rayleigh(model: Sequence[Card]) -> tuple[float, float]:
-    """Return ALPHA (1/s) and BETA (s) of the deck; ccx takes them for the whole, wherever they stand."""
+def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
+    """Return ALPHA (1/s) and BETA (s) of the deck; ccx takes them for the whole, wherever they stand.
+
+    Raises
+    ------
+    FormatError
+        If two cards say them, or one is not a number.
+    """
     found = [c for c in model if c.name == "DAMPING" and {"ALPHA", "BETA"} & set(c.parameters)]
     if len(found) > 1:
         raise found[1].error(f"*DAMPING with ALPHA and BETA stands twice, also on line {found[0].line}")

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from updyn.io.calculix.cards import ABAQUS
-from updyn.io.calculix.reading import read_parts
+from updyn.io.calculix.reading import read_parts, read_rayleigh
 from updyn.io.keyword_cards import read_cards
 from updyn.io.keyword_changes import write_changes
 
 __all__ = ["write_properties"]
+
+_FOLLOWS = "ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness."
 
 
 def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path) -> None:
@@ -41,5 +43,6 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
 
         abaqus.write_properties(changes, deck, path)
         return
-    parts = read_parts(deck, cards)[3]
-    write_changes(changes, parts, deck, Path(path), rayleigh=False)
+    model, _, _, parts = read_parts(deck, cards)
+    remarks = [_FOLLOWS] if any(read_rayleigh(model)) else []
+    write_changes(changes, parts, deck, Path(path), own_rayleigh=False, remarks=remarks)
