@@ -89,7 +89,7 @@ SOLIDS = {
     "150k": (30, 30, 52),
     "300k": (38, 38, 66),
     "500k": (45, 45, 80),
-    "1M": (45, 45, 166),  # slender: the factor of a stout one (57 x 57 x 99) takes 17 GiB
+    "1M": (32, 32, 310),  # slender: the factor of a stout one (57 x 57 x 99) takes 17 GiB
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import pytest
 
 import updyn
 from updyn.demos import chain
+from updyn.elements.constraints import add_masses, constrain
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
-from updyn.job import load_job, prepare, run_job
+from updyn.job import job_identifiability, load_job, prepare, run_job
 
 BASE = """\
 [model]
@@ -365,3 +367,87 @@ def test_a_run_that_is_refused_leaves_no_journal(folder: Path) -> None:
     with pytest.raises(JobError, match="reference 12:X is not among the responses"):
         run_job(job, folder / "out")
     assert not (folder / "out").exists()
+
+
+SEVERAL = """\
+[model]
+file = "in/chain.h5"
+[[test]]
+name = "as it stands"
+file = "in/chain.npz"
+[[test]]
+name = "tip held"
+file = "in/held.npz"
+grounded = ["12:X"]
+masses = {{ "3:X" = 0.4 }}
+noise = {{ relative = 0.02 }}
+validation = ["5:X"]
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+{more}
+"""
+
+
+def several(folder: Path, more: str = "") -> Any:
+    """A chain as it stands, and with its tip held and a mass added, both of the same truth."""
+    loaded = add_masses(chain.build(), {"3:X": 0.4})
+    truth = constrain(loaded, grounded=["12:X"]).scaled(chain.TRUTH)
+    exact = updyn.response(truth, np.linspace(0.7, 22.0, 50), ["2:X", "5:X", "7:X"], ["2:X"], quantity="accelerance")
+    draw = np.random.default_rng(5).standard_normal((2, *exact.values.shape))
+    values = exact.values * (1.0 + 0.02 * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
+    held = FRF(exact.freq, values, exact.responses, exact.references, "accelerance")
+    updyn.write_frf(held, folder / "in" / "held.npz")
+    path = folder / "job.toml"
+    path.write_text(SEVERAL.format(more=more), encoding="utf-8")
+    return load_job(path)
+
+
+EVERYTHING = """[[parameter]]
+groups = "all"
+quantity = "mass"
+[[parameter]]
+groups = "all"
+quantity = "loss_factor"
+"""
+
+
+def test_several_tests_of_one_structure(folder: Path) -> None:
+    job = several(folder, EVERYTHING)
+    ready = prepare(job)
+    assert [t.name for t in ready.tests] == ["as it stands", "tip held"]
+    assert [t.model.n_dofs for t in ready.tests] == [12, 11]
+    assert "added mass.mass" not in ready.parameters.names
+    assert job_identifiability(ready).complete
+    result = run_job(job, out=folder / "out", report=updyn.write_report)
+    assert result.ok, result.summary()
+    off = [(result.values[p.name] - chain.TRUTH[p.group][p.quantity]) / result.std[p.name] for p in result.parameters]
+    assert np.abs(off).max() < 4.0
+    held = result["tip held"]
+    assert held.validation_responses == ("5:X",)
+    assert held.noise["kind"] == "stated"
+    out = folder / "out"
+    assert sorted(p.name for p in out.iterdir()) == [
+        "as it stands",
+        "job.toml",
+        "report.html",
+        "result.json",
+        "tip held",
+    ]
+    for name in ("as it stands", "tip held"):
+        assert sorted(p.name for p in (out / name).iterdir()) == ["model.h5", "report.html", "run.nc"]
+        assert updyn.read_result(out / name / "run.nc").values == result.values
+    written = json.loads((out / "result.json").read_text())
+    assert list(written["tests"]) == ["as it stands", "tip held"]
+    assert written["tests"]["tip held"]["correlation"]["validation"]["after"]["frac_median"] > 0.99
+    page = (out / "report.html").read_text()
+    assert 'href="tip%20held/report.html"' in page
+    again = load_job(out / "job.toml")
+    assert [p.test.grounded for p in again.parts] == [None, ("12:X",)]
+    assert run_job(again, out=folder / "twice", report=updyn.write_report).values == result.values
+
+
+def test_a_single_test_may_have_a_configuration(folder: Path) -> None:
+    held = 'grounded = ["12:X"]\nresponses = ["2:X", "5:X"]\nreferences = ["2:X"]'
+    ready = prepare(job_at(folder, test=held))
+    assert ready.model.dofs.labels == [f"{i}:X" for i in range(1, 12)]

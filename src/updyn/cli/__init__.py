@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.job import Job, Prepared
-    from updyn.updating.result import UpdateResult
+    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["BAD_INPUT", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
 
@@ -124,8 +124,8 @@ def check(job: Path, /) -> int:
     out = check_out(loaded, default_out(loaded))
     found = job_identifiability(ready)
     _say(_overview(ready))
-    _say("")
-    _say(str(ready.matching))
+    for test in ready.tests:
+        _say(f"\n{test.name}\n{test.matching}" if test.name else f"\n{test.matching}")
     _say("")
     _say(describe_parameters(ready.parameters))
     _say("\nAt the start of the unknowns:")
@@ -262,17 +262,22 @@ def correlate(job: Path, /) -> int:
     from updyn.job import load_job, prepare
 
     ready = prepare(load_job(job))
-    found = compare(ready.model, ready.frf)
     _say(_overview(ready))
-    _say("\n" + table(("figure", "value"), [[k, f"{v:.4g}"] for k, v in found.figures().items()]))
-    rows = found.by_response()
-    names = list(next(iter(rows.values())))
-    _say("\n" + table(("response", *names), [[label, *(f"{v:.4g}" for v in r.values())] for label, r in rows.items()]))
+    for test in ready.tests:
+        found = compare(test.model, test.frf)
+        _say(f"\n{test.name}" if test.name else "")
+        _say(table(("figure", "value"), [[k, f"{v:.4g}"] for k, v in found.figures().items()]))
+        rows = found.by_response()
+        names = list(next(iter(rows.values())))
+        said = [[label, *(f"{v:.4g}" for v in r.values())] for label, r in rows.items()]
+        _say("\n" + table(("response", *names), said))
     return DONE
 
 
 # -- what they share ---------------------------------------------------------------------------------------
-def _run(job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False) -> UpdateResult:
+def _run(
+    job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
+) -> UpdateResult | JointResult:
     from updyn.cli.progress import watch
     from updyn.job import check_out, default_out, prepare, run_job
     from updyn.report import write_report
@@ -290,23 +295,24 @@ def _run(job: Job, out: Path | None, *, engine: Engine | None = None, resume: bo
     return result
 
 
-def _exit_code(result: UpdateResult) -> int:
+def _exit_code(result: UpdateResult | JointResult) -> int:
     return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
 
 
 def _overview(ready: Prepared) -> str:
-    frf, fitted, job = ready.frf, ready.fitted, ready.job
-    held = job.method.validation
-    return "\n".join(
-        [
-            f"{job.title or job.path.stem}: {job.method.name}",
-            f"model: {ready.model!r}",
-            f"test: {frf!r}, all matched to DOFs of the model",
+    job = ready.job
+    lines = [f"{job.title or job.path.stem}: {job.method.name}"]
+    for test in ready.tests:
+        held, fitted = test.job.validation, test.fitted
+        lines += [
+            *([f"{test.name}:"] if test.name else []),
+            f"model: {test.model!r}",
+            f"test: {test.frf!r}, all matched to DOFs of the model",
             f"fit: {len(fitted.freq)} lines, {len(fitted.responses)} responses, lines to use: "
             + (job.method.lines if isinstance(job.method.lines, str) else str(len(job.method.lines or fitted.freq)))
             + ("" if held is None else f"; held out: {', '.join(str(h) for h in held)}"),
         ]
-    )
+    return "\n".join(lines)
 
 
 def _stderr() -> Console:
@@ -316,7 +322,7 @@ def _stderr() -> Console:
 
 
 def _note(text: str, style: str | None = None) -> None:
-    _stderr().print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+    _stderr().print(text, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def _complain(message: str) -> int:

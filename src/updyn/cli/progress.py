@@ -51,7 +51,7 @@ class Watch:
         first = progress.stage != stage or shown < 0 <= step
         if first or pause >= (_EVERY_S if step != shown else _WITHIN_S):
             self._shown = progress.stage, step, time.monotonic()
-            self.console.print(f"{text}  {solved}", markup=False, highlight=False, soft_wrap=True)
+            self.console.print(f"{text}  {solved}", markup=False, emoji=False, highlight=False, soft_wrap=True)
         return self.stopping
 
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:

@@ -13,12 +13,9 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from updyn.errors import InputError, suggest
-
-if TYPE_CHECKING:
-    from updyn.updating.result import UpdateResult
 
 __all__ = ["DEMOS", "Demo", "find_demo"]
 
@@ -56,12 +53,12 @@ class Demo:
         """
         return Path(importlib.import_module(self.module).write_inputs(folder))
 
-    def next_job(self, results: Sequence[UpdateResult], folder: Path) -> Path | None:
+    def next_job(self, results: Sequence[Any], folder: Path) -> Path | None:
         """Return the job to run next, if the example has another.
 
         Parameters
         ----------
-        results : sequence of UpdateResult
+        results : sequence of UpdateResult or JointResult
             Of the runs so far, in order.
         folder : Path
             Where its inputs are; the job, and what it names, may be written now.
@@ -75,12 +72,12 @@ class Demo:
         job = None if go_on is None else go_on(results, folder)
         return None if job is None else Path(job)
 
-    def epilogue(self, results: Sequence[UpdateResult], folder: Path) -> str:
+    def epilogue(self, results: Sequence[Any], folder: Path) -> str:
         """Return what the example has to say about its results beyond their summaries.
 
         Parameters
         ----------
-        results : sequence of UpdateResult
+        results : sequence of UpdateResult or JointResult
             Of all runs, in order.
         folder : Path
             Where its inputs are.

@@ -21,7 +21,7 @@ from updyn.errors import ModelError, suggest
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["Equation", "about_axis", "along_axis", "constrain", "join", "rigid_link"]
+__all__ = ["Equation", "about_axis", "add_masses", "along_axis", "constrain", "join", "rigid_link"]
 
 _SHOWN = 6  # equations of a loop that are named
 _TRANSLATIONS, _ROTATIONS = ("X", "Y", "Z"), ("RX", "RY", "RZ")
@@ -125,7 +125,7 @@ def _once(equations: Iterable[Equation]) -> list[Equation]:
 def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDArray[np.intp]]:
     """Return T, shape (N, q), and the DOFs that are left, shape (q,)."""
     n = len(dofs)
-    own = dofs.match([t.dof for t in ties], "tied DOF").index
+    own = dofs.match([t.dof for t in ties], "held or tied DOF").index
     owner = np.repeat(np.arange(len(ties)), [len(t.terms) for t in ties])
     others = dofs.match([*dict.fromkeys(d for t in ties for d in t.terms)], "DOF of an equation")
     place = dict(zip(dict.fromkeys(d for t in ties for d in t.terms), others.index.tolist(), strict=True))
@@ -260,6 +260,36 @@ def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
         raise ModelError(f"axis of {dof}: {axis!r}; expected three finite numbers that are not all 0")
     unit = vector / np.linalg.norm(vector)
     return Equation(dof, {f"{node}:{name}": float(a) for name, a in zip(names, unit, strict=True) if a != 0.0})
+
+
+def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
+    """Return the model with masses on some of its DOFs, a group of their own: sensors, trial masses.
+
+    Parameters
+    ----------
+    model : Model
+        The model without them.
+    masses : mapping of str to float
+        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all directions is named for
+        each of them.
+    name : str
+        Of the group.
+
+    Raises
+    ------
+    ModelError
+        If a mass is not a number above 0, or the model has a group of that name.
+    DofError
+        If a DOF is not in the model.
+    """
+    if name in model.groups:
+        raise ModelError(f"the model has a group {name!r} already")
+    for dof, mass in masses.items():
+        if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0.0 < mass < np.inf:
+            raise ModelError(f"mass at {dof}: {mass!r}; expected a number above 0")
+    at = model.dofs.match(masses, "DOF of a mass").index
+    M = sp.csr_array((np.array(list(masses.values()), dtype=np.float64), (at, at)), shape=(model.n_dofs,) * 2)
+    return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)
 
 
 def join(models: Iterable[Model], title: str = "") -> Model:

@@ -9,18 +9,18 @@ from typing import Any
 
 from updyn.io.atomic import atomic_path
 from updyn.io.values_text import plain
-from updyn.updating.result import UpdateResult
+from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["result_to_json", "write_result_json"]
 
 
-def result_to_json(result: UpdateResult) -> dict[str, Any]:
+def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     """Return the outcome as a dict that `json.dumps` writes without inf or nan.
 
     Parameters
     ----------
-    result : UpdateResult
-        The outcome.
+    result : UpdateResult or JointResult
+        The outcome. Of several tests, ``correlation`` and ``noise`` are those of the first.
 
     Returns
     -------
@@ -30,8 +30,12 @@ def result_to_json(result: UpdateResult) -> dict[str, Any]:
         ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a
         linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
         ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
-        ``timing_s`` in s; ``versions``.
+        ``timing_s`` in s; ``versions``. Of several tests also ``tests``: ``correlation`` and ``noise`` by name.
     """
+    if isinstance(result, JointResult):
+        own = {name: result_to_json(one) for name, one in result.results.items()}
+        tests = {name: {key: one[key] for key in ("correlation", "noise")} for name, one in own.items()}
+        return {**next(iter(own.values())), "title": result.title, "tests": tests}
     ident = result.identifiability
     return {
         "status": result.status,
@@ -88,12 +92,12 @@ def _parameter(result: UpdateResult, name: str) -> dict[str, Any]:
     }
 
 
-def write_result_json(result: UpdateResult, path: str | Path) -> None:
+def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> None:
     """Write `result_to_json` to a file, replaced as a whole once it is complete.
 
     Parameters
     ----------
-    result : UpdateResult
+    result : UpdateResult or JointResult
         The outcome.
     path : path
         File to write, usually ``result.json``.

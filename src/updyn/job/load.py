@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from updyn.errors import JobError, OptionError, suggest
-from updyn.job.schema import KINDS, Job, MethodTable, complaints
-from updyn.job.toml_lines import read_toml
+from updyn.job.complaints import complaints
+from updyn.job.schema import KINDS, Job, MethodTable
+from updyn.job.toml_lines import Place, read_toml
 
 __all__ = ["load_job"]
 
+_NAME = re.compile(r"[\w-][\w -]*(?<! )")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
@@ -43,13 +46,18 @@ def load_job(path: str | Path) -> Job:
         document, lines = read_toml(text)
     except tomllib.TOMLDecodeError as error:
         raise _not_toml(error, text, path) from error
-    try:
-        job = Job.model_validate(document).with_source(path, lines)
-    except ValidationError as error:
-        raise _joined(complaints(error, lines), path) from error
-    _check_model(job)
-    _check_method(job)
-    return job
+    jobs, found = [], dict[tuple[int | None, str], None]()
+    for one, own in _each_test(document, lines):
+        try:
+            jobs.append(Job.model_validate(one).with_source(path, own))
+        except ValidationError as error:
+            found |= dict.fromkeys(complaints(error, own))
+    if found:
+        raise _joined(list(found), path)
+    _check_model(jobs[0])
+    _check_method(jobs[0])
+    _check_tests(jobs)
+    return jobs[0].with_others(tuple(jobs[1:]))
 
 
 def _text(path: Path) -> str:
@@ -79,6 +87,34 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
 def _joined(found: Sequence[tuple[int | None, str]], path: Path) -> JobError:
     (line, first), *others = found
     return JobError("\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line)
+
+
+def _each_test(document: dict[str, Any], lines: dict[Place, int]) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
+    """Yield the document with each of its tests, and where its parts stand then."""
+    tests = document.get("test")
+    if not (isinstance(tests, list) and tests and all(isinstance(t, dict) for t in tests)):
+        yield document, lines
+        return
+    for i, test in enumerate(tests):
+        elsewhere = {place: at for place, at in lines.items() if place[:1] != ("test",)}
+        here = {("test", *place[2:]): at for place, at in lines.items() if place[:2] == ("test", i)}
+        yield document | {"test": test}, elsewhere | here
+
+
+def _check_tests(jobs: Sequence[Job]) -> None:
+    """Check that several tests are told apart by names that can name folders."""
+    seen: set[str] = set()
+    for job in jobs if len(jobs) > 1 else ():
+        name = job.test.name
+        if not name:
+            raise job.error("one of several tests without a name; give each [[test]] its own", "test")
+        if not _NAME.fullmatch(name):
+            raise job.error(
+                f"test.name = {name!r}: expected letters, digits, blanks, - and _, as it names a folder", "test", "name"
+            )
+        if name.casefold() in seen:
+            raise job.error(f"test.name = {name!r}: another test has that name", "test", "name")
+        seen.add(name.casefold())
 
 
 def _check_model(job: Job) -> None:

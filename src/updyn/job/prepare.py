@@ -20,9 +20,39 @@ from updyn.model import Model
 from updyn.updating.choice import link, parameters
 from updyn.updating.parameters import Parameter, ParameterSet
 
-__all__ = ["Prepared", "prepare"]
+__all__ = ["Prepared", "PreparedTest", "prepare"]
 
 _QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedTest:
+    """One test of a job, with its configuration of the model.
+
+    Attributes
+    ----------
+    job : Job
+        The job, with this test.
+    model : Model
+        Where the update starts; DOFs of nodes with oblique sensors are turned along them.
+    frf : FRF
+        The data in the job's band, named as the model names its DOFs.
+    fitted : FRF
+        Of these, what is fitted: all but what is held out for validation.
+    matching : Matching
+        Who sits where.
+    """
+
+    job: Job
+    model: Model
+    frf: FRF
+    fitted: FRF
+    matching: Matching
+
+    @property
+    def name(self) -> str:
+        """What the test is called; empty where it is the only one."""
+        return self.job.test.name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,28 +63,39 @@ class Prepared:
     ----------
     job : Job
         The job.
-    model : Model
-        Where the update starts; DOFs of nodes with oblique sensors are turned along them.
-    frf : FRF
-        The data in the job's band, named as the model names its DOFs.
-    fitted : FRF
-        Of these, what is fitted: all but what is held out for validation.
+    tests : tuple of PreparedTest
+        Its tests.
     parameters : ParameterSet
         The unknowns.
-    matching : Matching
-        Who sits where.
     """
 
     job: Job
-    model: Model
-    frf: FRF
-    fitted: FRF
+    tests: tuple[PreparedTest, ...]
     parameters: ParameterSet
-    matching: Matching
+
+    @property
+    def model(self) -> Model:
+        """The model of the first test."""
+        return self.tests[0].model
+
+    @property
+    def frf(self) -> FRF:
+        """The data of the first test."""
+        return self.tests[0].frf
+
+    @property
+    def fitted(self) -> FRF:
+        """What is fitted of the first test."""
+        return self.tests[0].fitted
+
+    @property
+    def matching(self) -> Matching:
+        """Who sits where in the first test."""
+        return self.tests[0].matching
 
 
 def prepare(job: Job) -> Prepared:
-    """Read the model and the measurement of a job, match them, and choose the unknowns.
+    """Read the model and the measurements of a job, match them, and choose the unknowns.
 
     Parameters
     ----------
@@ -72,11 +113,15 @@ def prepare(job: Job) -> Prepared:
         the like; the message says on which line of the job, and where in the file.
     """
     model = _model(job)
-    matching = matched(job, model, _measurement(job))
-    model, frf = matching.model, matching.frf
-    fitted = _fitted(job, frf)
+    tests = tuple(_test(part, model) for part in job.parts)
+    return Prepared(job, tests, _parameters(job, model))
+
+
+def _test(job: Job, model: Model) -> PreparedTest:
+    matching = matched(job, _configured(job, model), _measurement(job))
+    fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
-    return Prepared(job, model, frf, fitted, _parameters(job, model), matching)
+    return PreparedTest(job, matching.model, matching.frf, fitted, matching)
 
 
 @contextmanager
@@ -106,6 +151,19 @@ def _model(job: Job) -> Model:
     assert table.file is not None
     with _at(job, "model", "file"):
         return read_model(_existing(job, table.file, "model"), format=table.format)
+
+
+def _configured(job: Job, model: Model) -> Model:
+    """Return the model as it stands in the job's test: with what was added to it, and held."""
+    from updyn.elements.constraints import add_masses, constrain
+
+    if job.test.masses:
+        with _at(job, "test", "masses"):
+            model = add_masses(model, job.test.masses)
+    if job.test.grounded:
+        with _at(job, "test", "grounded"):
+            model = constrain(model, grounded=job.test.grounded)
+    return model
 
 
 def _measurement(job: Job) -> FRF:
@@ -142,10 +200,10 @@ def _existing(job: Job, file: str, table: str) -> Path:
 
 # -- what is fitted ----------------------------------------------------------------------------------------
 def _fitted(job: Job, frf: FRF) -> FRF:
-    held = job.method.validation
+    held = job.validation
     if held is None:
         return frf
-    with _at(job, "method", "validation"):
+    with _at(job, "method" if job.test.validation is None else "test", "validation"):
         if isinstance(held[0], str):
             at = frf.responses.match(held, "validation response").index
             keep = np.setdiff1d(np.arange(len(frf.responses)), at)
@@ -171,8 +229,8 @@ def _check_method(job: Job, fitted: FRF) -> None:
         is_reduced(job.method.tier, 0, 0, job.method.name)
     with _at(job, "method", "backend"):
         check_backend(job.method.backend)
-    with _at(job, "method", "noise"):
-        choose_noise(job.method.noise, fitted)
+    with _at(job, "method" if job.test.noise is None else "test", "noise"):
+        choose_noise(job.noise, fitted)
     if isinstance(job.method.lines, tuple):
         with _at(job, "method", "lines"):
             fitted.find_lines(job.method.lines)

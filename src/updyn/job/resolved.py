@@ -37,9 +37,11 @@ def resolved_job(job: Job, out: Path) -> str:
 
     content = job.model_dump(exclude_none=True, mode="python")
     content["title"] = job.title or job.path.stem
-    for table, key in (("model", "file"), ("test", "file"), ("match", "geometry")):
-        if key in content[table]:
-            content[table][key] = _from(out, job.beside(content[table][key]))
+    tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
+    for table, key in ((content["model"], "file"), (content["match"], "geometry"), *((t, "file") for t in tests)):
+        if key in table:
+            table[key] = _from(out, job.beside(table[key]))
+    content["test"] = tests if len(tests) > 1 else tests[0]
     defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
     content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
     document = tomlkit.document()

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.updating.monitor import Progress
-    from updyn.updating.result import Identifiability, UpdateResult
+    from updyn.updating.result import Identifiability, JointResult, UpdateResult
+    from updyn.updating.run import Test
 
 __all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "run_job"]
 
@@ -31,6 +32,17 @@ _UNFINISHED = ("stopped", "max-iterations")
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
+
+#: Of these, what each of several tests has in a folder of its own.
+OF_A_TEST = ("model.h5", "run.nc", "report.html")
+
+
+def _outputs(job: Job) -> tuple[str, ...]:
+    """Return what a run of a job writes, relative to its folder."""
+    if len(job.parts) == 1:
+        return OUTPUTS
+    own = tuple(f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST)
+    return (*own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
 
 
 def default_out(job: Job) -> Path:
@@ -75,11 +87,11 @@ def check_out(job: Job, out: str | Path) -> Path:
     parent = next(p for p in (out, *out.absolute().parents) if p.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
-    inputs = {"job file": job.path, "measurement": job.beside(job.test.file)}
+    inputs = [("job file", job.path), *(("measurement", job.beside(part.test.file)) for part in job.parts)]
     if job.model.file is not None:
-        inputs["model"] = job.beside(job.model.file)
-    for what, path in inputs.items():
-        for name in OUTPUTS:
+        inputs.append(("model", job.beside(job.model.file)))
+    for what, path in inputs:
+        for name in _outputs(job):
             if path.resolve() == (out / name).resolve():
                 raise JobError(f"the run would write over its own {what} {str(path)!r}; choose another --out", job.path)
     there = out / "job.toml"
@@ -94,11 +106,11 @@ def run_job(
     out: str | Path | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
-    report: Callable[[UpdateResult, Path], object] | None = None,
+    report: Callable[[Any, Path], object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
-) -> UpdateResult:
+) -> UpdateResult | JointResult:
     """Run a job and write its folder.
 
     Parameters
@@ -123,10 +135,11 @@ def run_job(
 
     Returns
     -------
-    UpdateResult
-        Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs again
-        from there) and, unless the job says not to, what `report` makes: ``report.html``. While it runs, and until it
-        has finished, ``run.journal`` is there, too, which `resume` needs.
+    UpdateResult or JointResult
+        The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and ``report.html`` in a folder of
+        its name. Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs
+        again from there) and, unless the job says not to, what `report` makes: ``report.html``. While it runs, and
+        until it has finished, ``run.journal`` is there, too, which `resume` needs.
 
     Raises
     ------
@@ -146,9 +159,10 @@ def run_job(
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
         with _unfinished(out) as temporary:
             _write(result, job, out, temporary)
-            _report(result, job, temporary / "report.html", report)
-            for name in OUTPUTS:
+            _report(result, job, temporary, report)
+            for name in _outputs(job):
                 if (temporary / name).exists():
+                    (out / name).parent.mkdir(exist_ok=True)
                     (temporary / name).replace(out / name)
                 else:  # of an earlier run: it would pass for a part of this one
                     (out / name).unlink(missing_ok=True)
@@ -176,40 +190,49 @@ def job_identifiability(prepared: Prepared) -> Identifiability:
     SolverError
         If the model cannot be solved at a line.
     """
-    from updyn.updating.update import identifiability
+    from updyn.updating.update import joint_identifiability
 
-    job, method = prepared.job, prepared.job.method
+    job = prepared.job
     with _method_errors(job):
-        return identifiability(prepared.model, prepared.fitted, prepared.parameters, _lines(job), method.noise)
+        return joint_identifiability(_tests(prepared, held_out=False), prepared.parameters)
 
 
-def _update(ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any) -> UpdateResult:
+def _tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
+    """Return the tests as the update takes them; without what is held out, or all with the choice."""
+    from updyn.updating.run import Test
+
+    return [
+        Test(
+            test.model,
+            test.frf if held_out else test.fitted,
+            test.name,
+            test.job.lines_to_fit,
+            test.job.noise,
+            test.job.validation if held_out else None,
+        )
+        for test in prepared.tests
+    ]
+
+
+def _update(
+    ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any
+) -> UpdateResult | JointResult:
     """Run the update; `running` says how, not what."""
-    from updyn.updating.update import update
+    from updyn.updating.update import update, update_jointly
 
     job, method = ready.job, ready.job.method
-    options: dict[str, Any] = dict(method.options)
+    options: dict[str, Any] = {"method": method.name, "callback": callback, "title": job.title or job.path.stem}
+    options |= running | method.options
     for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
+    tests = _tests(ready)
     with _method_errors(job):
-        return update(
-            ready.model,
-            ready.frf,
-            ready.parameters,
-            method=method.name,
-            lines=_lines(job),
-            noise=method.noise,
-            callback=callback,
-            validation=method.validation,
-            title=job.title or job.path.stem,
-            **running,
-            **options,
-        )
-
-
-def _lines(job: Job) -> str | list[float] | None:
-    return list(job.method.lines) if isinstance(job.method.lines, tuple) else job.method.lines
+        if len(tests) > 1:
+            return update_jointly(tests, ready.parameters, **options)
+        (test,) = tests
+        options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
+        return update(test.model, test.frf, ready.parameters, **options)
 
 
 @contextmanager
@@ -246,21 +269,37 @@ def _unfinished(out: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _write(result: UpdateResult, job: Job, out: Path, folder: Path) -> None:
+def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
     from updyn.io import write_model, write_result
     from updyn.io.result_json import write_result_json
 
-    write_model(result.model, folder / "model.h5")
-    write_result(result, folder / "run.nc")
+    for own, one in _by_folder(result, folder):
+        own.mkdir(exist_ok=True)
+        write_model(one.model, own / "model.h5")
+        write_result(one, own / "run.nc")
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 
 
-def _report(result: UpdateResult, job: Job, path: Path, report: Callable[[UpdateResult, Path], object] | None) -> None:
+def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
+    """Return the result of each test with the folder that it belongs to."""
+    from updyn.updating.result import UpdateResult
+
+    if isinstance(result, UpdateResult):
+        return [(folder, result)]
+    return [(folder / name, one) for name, one in result.results.items()]
+
+
+def _report(
+    result: UpdateResult | JointResult, job: Job, folder: Path, report: Callable[[Any, Path], object] | None
+) -> None:
     if not job.output.report:
         return
     if report is None:
         text = f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to get it"
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    report(result, path)
+    report(result, folder / "report.html")
+    for own, one in _by_folder(result, folder):
+        if own != folder:
+            report(one, own / "report.html")

@@ -14,14 +14,13 @@ from pydantic import (
     Field,
     PrivateAttr,
     Strict,
-    ValidationError,
     model_validator,
 )
 
-from updyn.errors import JobError, suggest
+from updyn.errors import JobError
 from updyn.job.toml_lines import Place, line_of
 
-__all__ = ["Job", "MatchTable", "MethodTable", "ModelTable", "OutputTable", "ParameterTable", "TestTable", "complaints"]
+__all__ = ["Job", "MatchTable", "MethodTable", "ModelTable", "OutputTable", "ParameterTable", "TestTable"]
 
 Pair = Annotated[tuple[float, float], Strict(False)]
 Texts = Annotated[tuple[str, ...], Strict(False)]
@@ -139,6 +138,11 @@ class TestTable(_Table):
     band: Pair | None = None
     responses: Texts | None = Field(default=None, min_length=1)  # labels as the file has them; all where left out
     references: Texts | None = Field(default=None, min_length=1)
+    name: str = ""
+    grounded: Texts | None = None  # the configuration: what is held, and what is added
+    masses: dict[str, float] | None = None
+    noise: Annotated[str | dict[str, float] | None, BeforeValidator(_noise)] = None  # instead of those of [method]
+    validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
 
     @property
     def reader_options(self) -> dict[str, Any]:
@@ -237,11 +241,32 @@ class Job(_Table):
 
     _path: Path = PrivateAttr(default=Path("job.toml"))
     _lines: dict[Place, int] = PrivateAttr(default_factory=dict)
+    _others: tuple[Job, ...] = PrivateAttr(default=())
 
     @property
     def path(self) -> Path:
         """Where the job was read."""
         return self._path
+
+    @property
+    def parts(self) -> tuple[Job, ...]:
+        """One job for each test, itself first; they differ in ``test`` and where that stands."""
+        return (self, *self._others)
+
+    @property
+    def lines_to_fit(self) -> str | list[float] | None:
+        """The lines of ``[method]``, as `updyn.update` takes them."""
+        return list(self.method.lines) if isinstance(self.method.lines, tuple) else self.method.lines
+
+    @property
+    def noise(self) -> str | dict[str, float] | None:
+        """The noise of this test."""
+        return self.method.noise if self.test.noise is None else self.test.noise
+
+    @property
+    def validation(self) -> tuple[str, ...] | tuple[float, float] | None:
+        """What of this test is held out."""
+        return self.method.validation if self.test.validation is None else self.test.validation
 
     def place(self, *place: str | int) -> int | None:
         """Return where something stands in the file.
@@ -329,86 +354,19 @@ class Job(_Table):
         out._path, out._lines = path, lines
         return out
 
+    def with_others(self, others: tuple[Job, ...]) -> Job:
+        """Return this job as the first of several tests.
 
-_LONGEST = 40  # characters of a value that a message repeats
-_WORDS = {
-    "bool_type": "expected true or false",
-    "dict_type": "expected a table",
-    "finite_number": "expected a finite number",
-    "float_type": "expected a number",
-    "int_type": "expected a whole number",
-    "list_type": "expected an array",
-    "model_type": "expected a table",
-    "string_type": "expected a text",
-    "too_long": "too many entries",
-    "too_short": "too few entries",
-    "tuple_type": "expected an array",
-}
+        Parameters
+        ----------
+        others : tuple of Job
+            The same job with the other tests.
 
-
-def complaints(error: ValidationError, lines: Mapping[Place, int]) -> list[tuple[int | None, str]]:
-    """Turn what pydantic says into lines and sentences, unknown keys first, then by line."""
-    found, items = [], [(tuple(item["loc"]), item) for item in error.errors()]
-    for place, item in items:
-        if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
-            continue  # an array is "too short" because of a bad item, which has its own complaint
-        found.append((item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place)))
-    return [(line or None, text) for _, line, text in sorted(found)]
-
-
-def _sentence(item: Any, place: Place) -> str:
-    kind, name, given = item["type"], _dotted(place), item["input"]
-    shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
-    if kind == "extra_forbidden":
-        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), _keys(place[:-1]))}"
-    if kind == "missing":
-        if isinstance(place[-1], int):
-            return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
-        return f"missing key {place[-1]!r}{_inside(place[:-1])}"
-    if kind == "literal_error":
-        choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
-        return f"{shown}: {suggest(str(given), choices)}"
-    if kind == "value_error" and isinstance(given, Mapping) and place and isinstance(place[-1], int):
-        return f"{item['ctx']['error']}{_inside(place)}"
-    if kind == "value_error":
-        return f"{shown}: {item['ctx']['error']}"
-    if kind in ("greater_than", "greater_than_equal"):
-        bound = next(iter(item["ctx"].values()))
-        return f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
-    return f"{shown}: {_WORDS.get(kind, item['msg'])}"
-
-
-def _inside(table: Place) -> str:
-    if not table:
-        return ""
-    return (
-        f" in [[{table[0]}]] {table[1] + 1}"
-        if len(table) == 2 and isinstance(table[1], int)
-        else f" in [{_dotted(table)}]"
-    )
-
-
-def _dotted(place: Place) -> str:
-    out = ""
-    for part in place:
-        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else str(part)
-    return out
-
-
-def _keys(place: Place) -> list[str]:
-    """Return the keys that the table at `place` may hold."""
-    table: Any = Job
-    for part in place:
-        if isinstance(part, str) and part in getattr(table, "model_fields", {}):
-            table = _TABLES.get(part, table)
-    return list(table.model_fields)
-
-
-_TABLES = {
-    "model": ModelTable,
-    "test": TestTable,
-    "match": MatchTable,
-    "parameter": ParameterTable,
-    "method": MethodTable,
-    "output": OutputTable,
-}
+        Returns
+        -------
+        Job
+            A copy.
+        """
+        out = self.with_source(self._path, self._lines)
+        out._others = others
+        return out

@@ -55,9 +55,13 @@ def swatch(kind: str) -> str:
     return f'<span class="swatch {esc(kind)}"></span>'
 
 
-def row(cells: Sequence[str], kinds: Sequence[str] = (), kind: str = "") -> str:
-    """Return a table row with its first cell as header; cells are escaped, `kinds` are classes by column."""
-    out = [f'<th scope="row">{esc(cells[0])}</th>']
+def row(cells: Sequence[str], kinds: Sequence[str] = (), kind: str = "", link: str = "") -> str:
+    """Return a table row with its first cell as header; cells are escaped, `kinds` are classes by column.
+
+    With `link` the header leads there.
+    """
+    first = f'<a href="{esc(link)}">{esc(cells[0])}</a>' if link else esc(cells[0])
+    out = [f'<th scope="row">{first}</th>']
     for i, cell in enumerate(cells[1:], 1):
         out.append(f"<td{_class(kinds[i] if i < len(kinds) else '')}>{esc(cell)}</td>")
     return f"<tr{_class(kind)}>{''.join(out)}</tr>"

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from updyn.report import markup as m
 from updyn.report.content import Content, agreement_figures, asset
 from updyn.report.data import gather
 from updyn.report.figures import all_figures, overlay
+from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
-from updyn.updating.result import UpdateResult
+from updyn.report.sections_tests import COMMON, joint_head, tests
+from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "write_report"]
 
@@ -27,7 +32,7 @@ _NO_SCRIPT = (
 )
 
 
-def write_report(result: UpdateResult, path: str | PathLike[str]) -> Path:
+def write_report(result: UpdateResult | JointResult, path: str | PathLike[str]) -> Path:
     """Write an update as one HTML page that needs nothing else: no network, no other file.
 
     The page shows the verdict, measured FRFs over those of the model before and after, the agreement channel by
@@ -36,8 +41,9 @@ def write_report(result: UpdateResult, path: str | PathLike[str]) -> Path:
 
     Parameters
     ----------
-    result : UpdateResult
-        What `updyn.update` gave, whatever its status.
+    result : UpdateResult or JointResult
+        What `updyn.update` gave, whatever its status. For several tests the page shows what they have in common, and
+        links to the page of each, ``NAME/report.html`` beside it, which is written from its own result.
     path : str or path-like
         Where to write; an existing file is replaced only once the new page is complete.
 
@@ -54,7 +60,7 @@ def write_report(result: UpdateResult, path: str | PathLike[str]) -> Path:
     from updyn.io.atomic import atomic_path
 
     target = Path(path)
-    page = render(result)
+    page = render(result) if isinstance(result, UpdateResult) else render_joint(result)
     with atomic_path(target) as temporary:
         Path(temporary).write_text(page, encoding="utf-8", newline="\n")
     return target
@@ -66,10 +72,32 @@ def render(result: UpdateResult) -> str:
     scores = agreement_figures(result, data)
     figures = all_figures(result, data)
     frfs, thinned = overlay(result, data)
-    contents = "".join(f'<li><a href="#{anchor}">{m.esc(name)}</a></li>' for anchor, name, _ in SECTIONS)
     content = Content(result, data, figures, thinned)
-    body = "".join(section(content) for _, _, section in SECTIONS)
+    sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
+    return _page(head(result, scores), sections, result, figures, frfs)
+
+
+def render_joint(result: JointResult) -> str:
+    """Return the page of what several tests have in common."""
+    first = replace(result.first, title=result.title)
+    data = gather(first)
+    figures = all_figures(first, data)
+    content = Content(first, data, figures, "")
+    common = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
+    shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
+    sections = [("tests", "Tests", tests(result)), *common]
+    return _page(joint_head(result), sections, first, shown, None)
+
+
+def _page(
+    top: str, sections: list[tuple[str, str, str]], result: UpdateResult, figures: Mapping[str, Figure], frfs: Any
+) -> str:
+    """Return a page as text; `frfs` is what the FRF overlay draws, None where there is none."""
+    contents = "".join(f'<li><a href="#{anchor}">{m.esc(name)}</a></li>' for anchor, name, _ in sections)
+    body = "".join(text for _, _, text in sections)
     version = m.esc(result.versions.get("updyn", ""))
+    drawn = "" if frfs is None else m.embedded_json("updyn-frf", frfs)
+    scripts = asset("report.js") + ("" if frfs is None else asset("overlay.js"))
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -83,7 +111,7 @@ def render(result: UpdateResult) -> str:
 <script>{asset("watch.js")}</script>
 </head>
 <body>
-{head(result, scores)}
+{top}
 <nav aria-label="Contents"><ul>{contents}</ul></nav>
 <main>
 <noscript>{m.note(_NO_SCRIPT)}</noscript>
@@ -91,9 +119,9 @@ def render(result: UpdateResult) -> str:
 </main>
 <footer>Written by updyn {version}. This page holds all its data and loads nothing from elsewhere.</footer>
 {m.embedded_json("updyn-figures", figures)}
-{m.embedded_json("updyn-frf", frfs)}
+{drawn}
 <script>{asset("plotly-cartesian.min.js")}</script>
-<script>{asset("report.js")}{asset("overlay.js")}</script>
+<script>{scripts}</script>
 </body>
 </html>
 """

@@ -15,6 +15,7 @@ from updyn.engines import Engine
 from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.updating.joint import together
 from updyn.updating.judge import at_start
 from updyn.updating.monitor import Progress
 from updyn.updating.noise import choose_noise
@@ -26,7 +27,7 @@ from updyn.updating.run import Test, check, on_lines, run
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["identifiability", "update", "update_jointly"]
+__all__ = ["identifiability", "joint_identifiability", "update", "update_jointly"]
 
 
 def update(
@@ -213,7 +214,32 @@ def identifiability(
     SolverError
         If the model cannot be solved at a line.
     """
-    check([Test(model, frf)], parameters)
-    problem = on_lines(Problem.build(model, frf, parameters), lines)
-    analysis, advice = at_start(problem, [choose_noise(noise, problem.frf)])
+    return joint_identifiability([Test(model, frf, "", lines, noise)], parameters)
+
+
+def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet) -> Identifiability:
+    """Say what several tests together could determine, at the start of the unknowns and before any fit.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        At least one; what they hold out counts as data here.
+    parameters : ParameterSet
+        The unknowns.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together.
+    SolverError
+        If a model cannot be solved at a line.
+    """
+    check(tests, parameters)
+    parts = [on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
+    noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
+    analysis, advice = at_start(together(parts), noises)
     return replace(analysis.report, advice=advice)

@@ -1,0 +1,48 @@
+"""The page of several tests: what they have in common, and where the page of each is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from urllib.parse import quote
+
+from updyn.report import markup as m
+from updyn.report import words as w
+from updyn.report.sections import head
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["COMMON", "joint_head", "tests"]
+
+#: Sections of a test's page that are the same for all tests.
+COMMON = ("unknowns", "identifiability", "convergence")
+
+_FIGURES = ("frac_median", "frac_min", "db_error_median")
+
+
+def joint_head(result: JointResult) -> str:
+    """Return title and verdict, with the agreement of the test that agrees worst."""
+    worst = min(result.results.values(), key=lambda one: _figures(one, "after").get("frac_median", 1.0))
+    figures = {when: _figures(worst, when) for when in ("before", "after", "validation")}
+    return head(replace(worst, title=result.title), figures)
+
+
+def tests(result: JointResult) -> str:
+    """Return one row a test: link, data, agreement before and after."""
+    kinds = ("text", "text", *[""] * len(_FIGURES))
+    rows = []
+    for name, one in result.results.items():
+        before, after = _figures(one, "before"), _figures(one, "after")
+        agreed = [f"{w.number(before.get(k))} → {w.number(after.get(k))}" for k in _FIGURES]
+        rows.append(m.row([name, w.extent(one.frf), *agreed], kinds, link=f"{quote(name)}/report.html"))
+    names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES)]
+    return (
+        '<section id="tests"><h2>Tests</h2>'
+        + m.paragraph("One set of unknowns was fitted to all tests together; each has a page of its own.")
+        + m.table(names, rows, caption="Agreement before → after", kinds=kinds)
+        + "</section>"
+    )
+
+
+def _figures(result: UpdateResult, when: str) -> dict[str, float]:
+    """Return figures of agreement before or after, or those after on what was held out."""
+    found = result.correlation.get(when) or {}
+    return dict((found.get("after") or {}) if when == "validation" else found)
