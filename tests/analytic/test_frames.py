@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.elements.beam import beam
 from updyn.elements.structure import Beam, PointMass, Section, Spring, Truss, rectangle, structure, tube
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "elements"))
@@ -166,3 +167,15 @@ def test_a_mass_on_a_cantilever_as_in_blevins():
     model = line(NO_SHEAR, 10, grounded=[1], more=[PointMass("tip", 11, 5 * own)])
     exact = sqrt(3 * E * FLAT.Izz / (L**3 * (5 * own + 0.24 * own))) / (2 * pi)
     assert updyn.modes(model, 1).frequency[0] == pytest.approx(exact, rel=5e-3)
+
+
+def test_a_beam_in_space_is_the_planar_one():
+    """Two builds of the same element: the planar beam of its own formulas, and this one in a plane of bending."""
+    width, height, n = 0.04, 0.06, 7
+    kappa = 10 * (1 + NU) / (12 + 11 * NU)
+    flat = beam(L, E=E, rho=RHO, width=width, height=height, nu=NU, shear_coefficient=kappa, n_elements=n)
+    across = [f"{k}:{d}" for k in range(1, n + 2) for d in ("X", "Y", "RX", "RZ")]
+    space = line(rectangle(height, width, NU), n, orientation=(0.0, 0.0, 1.0), grounded=across)
+    assert space.dofs == flat.dofs
+    for found, own in ((space.stiffness, flat.stiffness), (space.mass, flat.mass)):
+        assert abs(found - own).max() < 1e-9 * abs(own).max()

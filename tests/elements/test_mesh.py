@@ -274,3 +274,12 @@ def test_without_meshio_the_error_says_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(ModelError, match=re.escape('pip install "updyn[mesh]"')):
         read_mesh(path, unit="m")
+
+
+def test_a_mesh_that_gmsh_wrote():
+    path = Path(__file__).parents[1] / "data" / "mesh" / "bar_hex20.msh"
+    model = structure_from_mesh(path, {"steel bar": STEEL}, unit="mm", grounded=["clamp"])
+    xyz, elements = block((4, 1, 2), (1.0, 0.1, 0.08), 20)
+    held = (np.flatnonzero(xyz[:, 0] == 0) + 1).tolist()
+    same = structure(xyz, [Solid("all", elements, **STEEL)], grounded=held)
+    np.testing.assert_allclose(updyn.modes(model, 6).frequency, updyn.modes(same, 6).frequency, rtol=1e-7)
