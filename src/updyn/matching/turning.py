@@ -4,7 +4,7 @@ At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of le
 q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A force f along a_k does the work
 f q_k, so that it is a force on q_k alone: this holds whether or not the directions are at right angles. All groups
 follow as T^T K T with T = B at that node, one elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of
-Finite Element Analysis, 4th ed. 2002, section 8.2). It is exact: nothing is interpolated, and the model stays a sum of
+Finite Element Analysis, 4th ed. 2002, chapter 8). It is exact: nothing is interpolated, and the model stays a sum of
 its groups.
 """
 
