@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,10 @@ class Nodes:
 
     numbers: NDArray[np.int64]
     xyz: NDArray[np.float64]
+    _order: NDArray[np.intp] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_order", np.argsort(self.numbers))
 
     def find(self, what: str, wanted: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return the positions in the table of node numbers, of any shape.
@@ -36,9 +40,8 @@ class Nodes:
         ModelError
             If one is not there; the nearest are named.
         """
-        order = np.argsort(self.numbers)
-        at = np.minimum(np.searchsorted(self.numbers[order], wanted), len(order) - 1)
-        found = order[at]
+        at = np.searchsorted(self.numbers, wanted, sorter=self._order)
+        found = self._order[np.minimum(at, len(self._order) - 1)]
         missing = np.asarray(wanted)[self.numbers[found] != wanted]
         if missing.size:
             near = self.numbers[np.argsort(np.abs(self.numbers - missing.flat[0]), kind="stable")[:3]]
