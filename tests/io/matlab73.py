@@ -30,6 +30,17 @@ def _put(file: h5py.File, parent: h5py.Group, name: str, value: object) -> None:
         group.attrs.create("MATLAB_fields", fields, dtype=h5py.vlen_dtype(np.dtype("S1")))
         for key, item in value.items():
             _put(file, group, key, item)
+    elif isinstance(value, list) and isinstance(value[0], dict):  # a struct array: a reference a field and element
+        references = file.require_group("#refs#")
+        group = parent.create_group(name)
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for key in value[0]:
+            cells = []
+            for item in value:
+                cell = f"c{len(references)}"
+                _put(file, references, cell, item[key])
+                cells.append(references[cell].ref)
+            group.create_dataset(key, data=np.array([cells], dtype=h5py.ref_dtype))
     elif sp.issparse(value):
         csc = sp.csc_array(value)
         group = parent.create_group(name)

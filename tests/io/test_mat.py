@@ -148,8 +148,8 @@ def test_classes_that_cannot_be_used(path):
     with pytest.raises(FormatError, match="dofs: cell 1 is not a text"):
         read_model(path)
     struct_array = np.array([(1.0,), (2.0,)], dtype=[("K", object)])
-    scipy.io.savemat(path, {"groups": struct_array, "dofs": TABLE})
-    with pytest.raises(FormatError, match="groups: struct array of shape"):
+    scipy.io.savemat(path, {"parts": struct_array, "dofs": TABLE})
+    with pytest.raises(FormatError, match="parts: struct array of shape"):
         read_model(path)
 
 

@@ -30,6 +30,7 @@ _HEADER_5 = 128  # bytes
 _COMPRESSED_5 = 15
 _VARIABLES_5 = (14, _COMPRESSED_5)
 _DEPTH = 8  # structs in structs; a file that goes deeper refers to itself
+_ARRAY = "groups"  # what may be a struct array, one struct a group
 _NUMBERS = (
     "double",
     "single",
@@ -128,8 +129,13 @@ def _item_5(value: Any, name: str, path: str | Path) -> Any:
         return value
     cells = _vector(value, name, path)
     if cells and all(isinstance(c, mat_struct) for c in cells):
-        if len(cells) > 1:
+        if len(cells) > 1 and name.rpartition(".")[2] != _ARRAY:
             raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+        if len(cells) > 1:
+            return [
+                {key: _item_5(getattr(cell, key), f"{name}({i}).{key}", path) for key in cell._fieldnames}
+                for i, cell in enumerate(cells, 1)
+            ]
         return {field: _item_5(getattr(cells[0], field), f"{name}.{field}", path) for field in cells[0]._fieldnames}
     return [_cell(_item_5(c, name, path), name, i, path) for i, c in enumerate(cells)]
 
@@ -152,6 +158,8 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
             return _sparse_73(item, name, path)
         if kind != "struct":
             raise FormatError(f"{name}: {_unusable(kind)}", path)
+        if name.rpartition(".")[2] == _ARRAY and _is_array_73(item):
+            return _array_73(file, item, name, path, depth)
         return {key: _item_73(file, item[key], f"{name}.{key}", path, depth + 1) for key in _fields(item)}
     if item.attrs.get("MATLAB_empty"):
         # An empty array is stored as its size.
@@ -166,6 +174,22 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
     if kind not in _NUMBERS:
         raise FormatError(f"{name}: {_unusable(kind)}", path)
     return _complex(np.asarray(values)).T
+
+
+def _is_array_73(item: Any) -> bool:
+    """Return whether a struct is an array of them: each field is then one reference an element, of no class."""
+    return len(item) > 0 and all(
+        "MATLAB_class" not in field.attrs and getattr(field, "dtype", np.dtype("i1")).kind == "O"
+        for field in item.values()
+    )
+
+
+def _array_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> list[Any]:
+    columns = {key: [file[ref] for ref in _vector(np.asarray(item[key][()]), name, path)] for key in _fields(item)}
+    return [
+        {key: _item_73(file, column[i], f"{name}({i + 1}).{key}", path, depth + 1) for key, column in columns.items()}
+        for i in range(len(next(iter(columns.values()))))
+    ]
 
 
 def _fields(struct: Any) -> list[str]:

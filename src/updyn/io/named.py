@@ -5,6 +5,7 @@ An item is a number array, a sparse matrix, a list of texts, or a mapping of ite
     dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
     K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
     groups                  mapping of group name to K, M, C, loss_factor, name                 } these
+                            (or one of the ways in `updyn.io.named_groups`)
     nodes, xyz, lines, axes geometry, optional
     title                   optional
 
@@ -35,6 +36,7 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.io.guard import known_only, placed
 from updyn.io.items import Items, dofs, kind_of, listed, matrix, number, numbers, real, text, vector, whole
+from updyn.io.named_groups import refuse_triangle, with_groups
 from updyn.model import Group, Model
 
 __all__ = ["build_frf", "build_model", "frf_items", "model_items"]
@@ -56,6 +58,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     FormatError
         If an item is missing, unknown, of the wrong type, or not valid; the message names it.
     """
+    items = with_groups(items, path)
     _check_kind(items, "model", path)
     known_only(items, _MODEL, path)
     plain = [name for name in (*_MATRICES, "loss_factor") if name in items]
@@ -102,6 +105,8 @@ def _group(parts: Items, name: str, path: str | Path) -> Group:
     where = f"group {name!r}"
     known_only(parts, (*_MATRICES, "loss_factor"), path, where)
     matrices = {what: matrix(parts[key], f"{where}: {key}", path) for key, what in _MATRICES.items() if key in parts}
+    for what, given in matrices.items():
+        refuse_triangle(given, f"{where}: {what}", path)
     loss_factor = number(parts["loss_factor"], f"{where}: loss_factor", path) if "loss_factor" in parts else 0.0
     with placed(path, where):
         return Group(
