@@ -163,6 +163,74 @@ def test_quadratic_elements_and_rotated_supports(tmp_path):
     np.testing.assert_allclose(updyn.modes(read_model(path), 4).frequency, own_frequencies(path), rtol=PRINTED)
 
 
+ORIENTED = """*ORIENTATION, NAME=turned
+1., .2, 0., 0., 1., 0.
+*Solid section, Elset=PART3, Material=BRONZE, Orientation=turned
+"""
+CAP = """*NODE
+101, 0.3, -0.01, -0.01
+102, 0.3, 0.05, -0.01
+103, 0.3, 0.05, 0.04
+104, 0.3, -0.01, 0.04
+105, 0.36, -0.01, -0.01
+106, 0.36, 0.05, -0.01
+107, 0.36, 0.05, 0.04
+108, 0.36, -0.01, 0.04
+*ELEMENT, TYPE=C3D8, ELSET=cap
+201, 101, 102, 103, 104, 105, 106, 107, 108
+*MATERIAL, NAME=cap
+*ELASTIC
+5.E10, .3
+*DENSITY
+3000.
+*SOLID SECTION, ELSET=cap, MATERIAL=cap
+*SURFACE, NAME=slave, TYPE=NODE
+37
+38
+39
+40
+41
+42
+*SURFACE, NAME=master, TYPE=ELEMENT
+201, S1
+*TIE, NAME=glue, POSITION TOLERANCE=0.002
+slave, master
+"""
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    ("old", "new", "n_dofs"),
+    [
+        ("TYPE=C3D8", "TYPE=C3D8R", 108),
+        ("TYPE=C3D8", "TYPE=C3D8I", 108 + 12 * 9),
+        (
+            "*ELASTIC\n1.1e+11, 0.3\n",
+            "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n1.1e11,5.e10,4.e10,.3,.28,.25,3.e10,2.e10,\n1.5e10\n",
+            108,
+        ),
+        (
+            "*ELASTIC\n1.1e+11, 0.3\n",
+            "*ELASTIC, TYPE=ORTHO\n1.5e11,6e10,1.4e11,6e10,6e10,1.3e11,4e10,4.1e10,\n4.2e10\n",
+            108,
+        ),
+        ("*ELASTIC\n1.1e+11, 0.3\n", "*ELASTIC\n1.1e11, 0.3, 293.\n1.0e11, 0.3, 393.\n", 108),
+        ("*BOUNDARY\n", CAP + "*BOUNDARY\n", 108 - 18 + 24),
+    ],
+    ids=["reduced", "incompatible modes", "engineering constants", "ortho", "temperature", "tie"],
+)
+def test_elements_materials_and_ties_of_other_kinds(tmp_path, old, new, n_dofs):
+    path = tmp_path / "other.inp"
+    text = bar().replace(old, new)
+    assert text != bar()
+    if "TYPE=ENG" in new or "TYPE=ORTHO" in new:
+        text = text.replace("*Solid section, Elset=PART3, Material=BRONZE\n", ORIENTED)
+    path.write_text(text)
+    model = read_model(path)
+    assert model.n_dofs == n_dofs
+    np.testing.assert_allclose(updyn.modes(model, 10).frequency, own_frequencies(path), rtol=PRINTED)
+
+
 SETS = """*NSET, NSET=tip
 37, 38, 39, 40, 41, 42
 *NSET, NSET=root
@@ -313,6 +381,21 @@ def test_failures_of_the_program_are_told(tmp_path, script, message):
 def test_what_the_program_itself_refuses_is_told_in_its_words(tmp_path):
     (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY", "*EQUATION\n2\n40,1,1.\n*BOUNDARY", 1))
     with pytest.raises(FormatError, match=r"bar.inp: ccx says: .*EQUATION"):
+        read_model(tmp_path / "bar.inp")
+
+
+@needs_ccx
+def test_remarks_of_the_program_are_passed_on_once(tmp_path, recwarn):
+    (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY\n", CAP.replace("S1", "S2") + "*BOUNDARY\n"))
+    read_model(tmp_path / "bar.inp")
+    assert [str(w.message).count("no tied MPC generated for node 37") for w in recwarn] == [1]
+
+
+@needs_ccx
+def test_constraints_that_make_no_numbers_are_told(tmp_path):
+    plane = "*MPC\nPLANE, 37, 38, 39, 40, 41, 42\n"  # of which ccx says nothing itself
+    (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY\n", plane + "*BOUNDARY\n"))
+    with pytest.raises(FormatError, match=r"ccx writes numbers that are not finite; look at the constraints"):
         read_model(tmp_path / "bar.inp")
 
 

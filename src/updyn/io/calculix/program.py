@@ -65,13 +65,15 @@ class Program:
     timeout: float
     path: Path
 
-    def matrices(self, lines: Sequence[str]) -> Matrices:
+    def matrices(self, lines: Sequence[str], *, remarks: bool = True) -> Matrices:
         """Run a deck, whose last step stores the matrices, in a folder of its own that is removed afterwards.
 
         Parameters
         ----------
         lines : sequence of str
             The deck.
+        remarks : bool
+            Whether what the program remarks is passed on as a warning.
 
         Returns
         -------
@@ -86,7 +88,9 @@ class Program:
             folder = Path(name)
             (folder / f"{_JOB}.inp").write_text("\n".join(lines) + "\n", encoding="latin-1", errors="replace")
             said, code = self._run(folder)
-            self._judge(said, code, folder)
+            told = self._judge(said, code, folder)
+            if told and remarks:
+                warnings.warn(f"{self.path}: ccx says: {'; '.join(told)}", UpdynWarning, stacklevel=2)
             return self._read(folder)
 
     def _run(self, folder: Path) -> tuple[str, int]:
@@ -107,7 +111,8 @@ class Program:
             raise OptionError(f"ccx: {self.executable!r} cannot be run: {error.strerror}") from error
         return (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace"), done.returncode
 
-    def _judge(self, said: str, code: int, folder: Path) -> None:
+    def _judge(self, said: str, code: int, folder: Path) -> list[str]:
+        """Refuse what went wrong; return what is worth a remark."""
         errors, remarks = _messages(said, "ERROR"), _messages(said, "WARNING")
         errors += [m for m in remarks if "Card image" in m]  # what ccx would pass over
         if errors:
@@ -116,14 +121,16 @@ class Program:
         if code or not all((folder / f"{_JOB}.{end}").is_file() for end in ("sti", "mas", "dof")):
             last = " / ".join(line.strip() for line in said.splitlines() if line.strip())[-300:]
             raise FormatError(f"ccx ended with code {code} and wrote no matrices; its last words: {last}", self.path)
-        told = [m for m in remarks if not any(known in m for known in _HARMLESS)]
-        if told:
-            warnings.warn(f"{self.path}: ccx says: {'; '.join(dict.fromkeys(told))}", UpdynWarning, stacklevel=2)
+        return list(dict.fromkeys(m for m in remarks if not any(known in m for known in _HARMLESS)))
 
     def _read(self, folder: Path) -> Matrices:
         dofs = _dofs((folder / f"{_JOB}.dof").read_text(encoding="ascii"), self.path)
         with library(self.path, "matrix file of ccx"):
             K, M = (_matrix(folder / f"{_JOB}.{end}", len(dofs)) for end in ("sti", "mas"))
+        if not (np.isfinite(K.data).all() and np.isfinite(M.data).all()):
+            raise FormatError(
+                "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)", self.path
+            )
         return Matrices(dofs, K, M)
 
 

@@ -84,7 +84,7 @@ def read_model(
     check_materials([(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path)
 
     def run(changed: Property | None = None) -> Matrices:
-        return program.matrices([*_lines(model, changed), *step])
+        return program.matrices([*_lines(model, changed), *step], remarks=changed is None)
 
     total = run()
     dofs = rotations.renamed(total.dofs, deck)

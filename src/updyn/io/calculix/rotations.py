@@ -55,14 +55,18 @@ class Rotations:
             If there are nodes that the deck does not have and that no rigid body explains.
         """
         made = np.setdiff1d(dofs.nodes, deck.nodes)
-        if len(made) != len(self.unnamed):
-            explained = f"{len(self.unnamed)} rigid bodies without ROT NODE"
+        # C3D8I has three generalised displacements of its own, which ccx keeps (with mass) as nodes.
+        inner = 3 * sum(block.numbers.size for block in deck.elements if block.type == "C3D8I")
+        if len(made) != inner + len(self.unnamed) or (inner and self.unnamed):
             raise FormatError(
-                f"ccx makes {len(made)} nodes that the deck does not have, for {explained}: name a ROT NODE for each",
+                f"ccx makes {len(made)} nodes that the deck does not have, {inner} of them inside C3D8I, and there are "
+                f"{len(self.unnamed)} rigid bodies or couplings without a node for their rotations: give each *RIGID "
+                "BODY a ROT NODE",
                 self.path,
             )
+        bodies = zip(made.tolist(), self.unnamed, strict=True) if not inner else ()
         nodes, axes = dofs.nodes.copy(), dofs.axes.astype(np.int64)
-        for rotation, reference in (*self.named, *zip(made.tolist(), self.unnamed, strict=True)):
+        for rotation, reference in (*self.named, *bodies):
             own = dofs.nodes == rotation
             nodes[own], axes[own] = reference, axes[own] + 3
         return DofSet.from_arrays(nodes, axes)
