@@ -84,3 +84,13 @@ def test_hostile_text_runs_nothing(tmp_path):
     assert int(attributes(dom)["drawn"]) > 10
     assert not re.search(r"<b [^>]*onmouseover", dom)
     assert "<img" not in dom
+
+
+def test_the_page_of_several_tests_is_drawn(tmp_path):
+    one = realistic()
+    both = updyn.JointResult({"rotor locked": one, "rotor <free>": one}, "Two tests")
+    path = updyn.write_report(both, tmp_path / "report.html")
+    dom = dump(path, tmp_path / "profile")
+    assert "errors" not in attributes(dom)
+    assert int(attributes(dom)["drawn"]) > 4
+    assert 'href="rotor%20%3Cfree%3E/report.html"' in dom

@@ -97,7 +97,7 @@ def _page(
     body = "".join(text for _, _, text in sections)
     version = m.esc(result.versions.get("updyn", ""))
     drawn = "" if frfs is None else m.embedded_json("updyn-frf", frfs)
-    scripts = asset("report.js") + ("" if frfs is None else asset("overlay.js"))
+    scripts = asset("report.js") + ("updynReport.start();" if frfs is None else asset("overlay.js"))
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>

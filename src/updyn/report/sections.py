@@ -16,10 +16,10 @@ from updyn.updating.result import UpdateResult
 __all__ = ["SECTIONS", "agreement", "head", "overlay"]
 
 
-def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> str:
-    """Return title, verdict in two sentences, cause and remedy, key figures."""
+def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]], data: str = "") -> str:
+    """Return title, verdict in two sentences, cause and remedy, key figures; `data` says what was measured."""
     said = w.verdict(result, figures)
-    about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {w.extent(result.frf)}"
+    about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {data or w.extent(result.frf)}"
     remedy = f"What to do next: {result.remedy}" if result.remedy else ""
     # The first sentence of a fit that is well repeats the verdict.
     cause = result.message if result.remedy or not result.ok else result.message.partition(". ")[2]

@@ -22,7 +22,8 @@ def joint_head(result: JointResult) -> str:
     """Return title and verdict, with the agreement of the test that agrees worst."""
     worst = min(result.results.values(), key=lambda one: _figures(one, "after").get("frac_median", 1.0))
     figures = {when: _figures(worst, when) for when in ("before", "after", "validation")}
-    return head(replace(worst, title=result.title), figures)
+    count = len(result.results)
+    return head(replace(worst, title=result.title), figures, f"{count} tests; agreement is that of the worst of them")
 
 
 def tests(result: JointResult) -> str:
