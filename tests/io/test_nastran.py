@@ -61,9 +61,9 @@ def test_frequencies_are_those_of_mystran(deck, tmp_path, text, unit):
 def test_groups_in_both_units(deck):
     model = updyn.read_model(deck(plate()))
     assert list(model.groups) == [
-        "PSHELL-1", "PSHELL-2", "PBARL-3", "PELAS-4", "CELAS2-2110", "CONM2-9101", "CONM2-9102", "PSOLID-6", "PBUSH-8",
+        "PSHELL 1", "PSHELL 2", "PBARL 3", "PELAS 4", "CELAS2 2110", "CONM2 9101", "CONM2 9102", "PSOLID 6", "PBUSH 8",
     ]  # fmt: skip
-    assert [model.groups[g].loss_factor for g in ("PSHELL-1", "PELAS-4", "PSOLID-6")] == [0.02, 0.04, 0.0]
+    assert [model.groups[g].loss_factor for g in ("PSHELL 1", "PELAS 4", "PSOLID 6")] == [0.02, 0.04, 0.0]
     assert model.title == "stiffened plate"
     other = updyn.read_model(deck(plate(mm=True)), unit="mm")
     assert other.dofs == model.dofs
@@ -80,10 +80,10 @@ def test_groups_in_both_units(deck):
 def test_masses_and_springs_by_hand(deck):
     text = plate(case="SPC = 0\n").replace("SPC = 0\n", "SPC = 1\n").replace("MPC,9,", "$")
     model = updyn.read_model(deck(text))
-    mass = model.groups["CONM2-9102"].mass
+    mass = model.groups["CONM2 9102"].mass
     along = np.array([d.direction == "Z" for d in model.dofs], dtype=float)
     assert along @ mass @ along == pytest.approx(1.0, rel=1e-12)  # 1 kg, hung in the mean of four grids
-    spring = model.groups["CELAS2-2110"].stiffness
+    spring = model.groups["CELAS2 2110"].stiffness
     at = model.dofs.match(["101:X"]).index[0]
     assert spring[at, at] == pytest.approx(5e5, rel=1e-12)
     assert spring.nnz == 1
@@ -107,9 +107,9 @@ def test_a_free_truss_keeps_what_autospc_leaves(deck, tmp_path):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"PSHELL-1": {"stiffness": 1.21, "mass": 0.9, "loss_factor": 0.03}, "PELAS-4": {"stiffness": 0.5}},
-        {"PBARL-3": {"stiffness": 0.8}, "PSOLID-6": {"stiffness": 1.3, "mass": 1.1}, "CONM2-9101": {"mass": 1.5}},
-        {"PBUSH-8": {"stiffness": 2.0, "loss_factor": 0.1}, "CELAS2-2110": {"stiffness": 3.0, "loss_factor": 0.2}},
+        {"PSHELL 1": {"stiffness": 1.21, "mass": 0.9, "loss_factor": 0.03}, "PELAS 4": {"stiffness": 0.5}},
+        {"PBARL 3": {"stiffness": 0.8}, "PSOLID 6": {"stiffness": 1.3, "mass": 1.1}, "CONM2 9101": {"mass": 1.5}},
+        {"PBUSH 8": {"stiffness": 2.0, "loss_factor": 0.1}, "CELAS2 2110": {"stiffness": 3.0, "loss_factor": 0.2}},
     ],
 )
 def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
@@ -162,7 +162,7 @@ def test_what_mystran_says_is_passed_on(deck, old, new, message):
     [
         ("CBUSH,", "CBUSH2,", r"wing.bdf:\d+: card CBUSH2 is not known and may change.*did you mean 'CBUSH'"),
         ("ENDDATA", "INCLUDE 'x.inc'", r"wing.bdf:\d+: INCLUDE: no such file 'x.inc'"),
-        ("MAT1,2,2.1+11,,0.3,7850.0", "MAT1,2,2.1+11,,0.3", r"wing.bdf:\d+: group PSOLID-6 has no mass.*massless="),
+        ("MAT1,2,2.1+11,,0.3,7850.0", "MAT1,2,2.1+11,,0.3", r"wing.bdf:\d+: group PSOLID 6 has no mass.*massless="),
         ("MPC,9,201,3", "MPC,9,999,3", r"wing.bdf:\d+: MPC: field 3 names grid 999; nearest"),
         ("MPC = 9", "MPC = 8", r"wing.bdf: no MPC set 8; there are: 9"),
         (
@@ -222,8 +222,8 @@ CWELD,5
 
 def test_what_is_written(deck, tmp_path):
     changes = {
-        "PELAS-2": {"stiffness": 1.5, "loss_factor": 0.025},
-        "PBAR-4": {"stiffness": 2.0, "mass": 1.0, "loss_factor": 0.03},
+        "PELAS 2": {"stiffness": 1.5, "loss_factor": 0.025},
+        "PBAR 4": {"stiffness": 2.0, "mass": 1.0, "loss_factor": 0.03},
     }
     write_properties(changes, deck(CHANGED), tmp_path / "new.inc")
     assert (tmp_path / "new.inc").read_text() == (
@@ -245,11 +245,11 @@ def test_what_is_written(deck, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"PBAR-5": {"stiffness": 2.0}}, r"wing.bdf: no group 'PBAR-5' in the deck; did you mean 'PBAR-4'"),
-        ({"PELAS-1": {"mass": 2.0}}, r"wing.bdf:1: group PELAS-1 has no mass to change"),
-        ({"PELAS-1": {"loss_factor": 0.001}}, r"loss factor 0.001 is below PARAM,G of the deck, 0.005"),
-        ({"PELAS-1": {"viscous": 2.0}}, r"group PELAS-1: a deck has no viscous damping"),
-        ({"PELAS-1": {"stifness": 2.0}}, r"group 'PELAS-1': no quantity 'stifness'"),
+        ({"PBAR 5": {"stiffness": 2.0}}, r"wing.bdf: no group 'PBAR 5' in the deck; did you mean 'PBAR 4'"),
+        ({"PELAS 1": {"mass": 2.0}}, r"wing.bdf:1: group PELAS 1 has no mass to change"),
+        ({"PELAS 1": {"loss_factor": 0.001}}, r"loss factor 0.001 is below PARAM,G of the deck, 0.005"),
+        ({"PELAS 1": {"viscous": 2.0}}, r"group PELAS 1: a deck has no viscous damping"),
+        ({"PELAS 1": {"stifness": 2.0}}, r"group 'PELAS 1': no quantity 'stifness'"),
     ],
 )
 def test_what_cannot_be_written(deck, tmp_path, changes, message):

@@ -16,7 +16,8 @@
     loss_factor = 0.02                # optional, 0 where absent
 
 File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
-those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`.
+those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`; OUTPUT4 and DMIG files of Nastran, as in
+`updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from updyn.io.abaqus_matrix import is_abaqus
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
 from updyn.io.guard import library, placed
+from updyn.io.nastran import matrices as nastran_matrices
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["read_model", "write_model"]
@@ -92,6 +94,13 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
         )
     entry = Entry(path, text)
     groups_are_tables = isinstance(table.get("group"), list)
+    if groups_are_tables and nastran_matrices.names_nastran_files(table):
+        return nastran_matrices.read_table(
+            entry,
+            table,
+            _dofs(entry, table) if "dofs" in table else None,
+            _geometry(entry, table["geometry"]) if "geometry" in table else None,
+        )
     if groups_are_tables and abaqus_toml.names_abaqus_files(table, path.parent):
         return abaqus_toml.read_table(
             entry,

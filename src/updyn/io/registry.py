@@ -65,6 +65,8 @@ FORMATS = (
     Format("ansys_full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
     Format("ansys_emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
     Format("nastran", "updyn.io.nastran.bdf", (".bdf", ".nas", ".dat"), (), _NASTRAN),
+    Format("op4", "updyn.io.nastran.op4_model", (".op4",), (), _MODEL),
+    Format("dmig", "updyn.io.nastran.dmig_model", (".pch", ".dmig"), (), _MODEL),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
     Format("abaqus", "updyn.io.abaqus", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
 )

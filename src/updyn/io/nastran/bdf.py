@@ -1,7 +1,7 @@
 """Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by running MYSTRAN, geometry, and updated properties.
 
-Groups are properties, called by card and number: ``PSHELL-3``, ``PBAR-12``; elements that are their own property are a
-group each: ``CONM2-9``, ``CELAS2-4``. Their matrices are differences of the stiffness and mass of all grids before
+Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their own property are a
+group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are differences of the stiffness and mass of all grids before
 constraints, each group's modulus and density doubled in turn; ties (MPC, RBE2, RBE3, ...) and supports are applied to
 them afterwards, as MYSTRAN states them.
 """

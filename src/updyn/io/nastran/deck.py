@@ -1,6 +1,6 @@
 """A Nastran deck: its cards by kind, checked against each other, and its groups (one a property).
 
-The groups are called by card and number: ``PSHELL-3``, ``PBAR-12``, and ``CONM2-9``, ``CELAS2-4`` for elements that are
+The groups are called by card and number: ``PSHELL 3``, ``PBAR 12``, and ``CONM2 9``, ``CELAS2 4`` for elements that are
 their own property.
 """
 
@@ -87,7 +87,7 @@ class Deck:
         found: dict[str, Card] = {}
         for card in self.elements:
             own = card if card.name in OWN else self.property_of(card)
-            found[f"{own.name}-{own.integer(0)}"] = own
+            found[f"{own.name} {own.integer(0)}"] = own
         return found
 
     def property_of(self, element: Card) -> Card:

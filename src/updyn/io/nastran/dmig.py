@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from updyn.io.nastran.fields import text_of
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
 _SQUARE, _SYMMETRIC = 1, 6
+_SAME = 1e-6  # what is left of equal entries, rounded to the digits of a punch file
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 #: Lines of a deck or of a punch file that are no bulk data.
 _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IGNORECASE)
@@ -122,20 +124,22 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
             start += 4
     keys = np.unique(np.array(rows + at, dtype=np.int64))
     i, j = np.searchsorted(keys, rows), np.searchsorted(keys, at)
-    if symmetric:  # either triangle, or both of them
-        below = i >= j
-        if below.any() and (i < j).any():
-            _check_both(name, i, j, np.array(values), where)
-            keep = below
-            i, j, values = i[keep], j[keep], np.array(values)[keep].tolist()
-            where = [c for c, kept in zip(where, keep, strict=True) if kept]
-    order = np.argsort(i * len(keys) + j, kind="stable")
-    twice = np.flatnonzero(np.diff((i * len(keys) + j)[order]) == 0)
-    if twice.size:
-        again = int(order[twice[0] + 1])
-        raise where[again].error(
-            f"DMIG {name}: entry ({_label(keys[i[again]])}, {_label(keys[j[again]])}) stands twice"
-        )
+    # Of a symmetric matrix an entry may stand on either side; one that stands on both has to be the same.
+    key = np.maximum(i, j) * len(keys) + np.minimum(i, j) if symmetric else i * len(keys) + j
+    order = np.argsort(key, kind="stable")
+    for one, two in pairwise(order.tolist()):
+        if key[one] != key[two]:
+            continue
+        pair = f"({_label(keys[i[two]])}, {_label(keys[j[two]])})"
+        if i[one] == i[two]:
+            raise where[two].error(f"DMIG {name}: entry {pair} stands twice")
+        a, b = values[one], values[two]
+        if abs(a - b) > _SAME * max(abs(a), abs(b), 1e-9 * max(map(abs, values))):
+            raise where[two].error(
+                f"DMIG {name}: said to be symmetric (form 6), but entry {pair} is {b:g} and the one across {a:g}"
+            )
+    kept = np.sort(order[np.flatnonzero(np.diff(key[order], prepend=-1))])
+    i, j, values = i[kept], j[kept], [values[k] for k in kept]
     matrix = sp.csr_array(sp.coo_array((values, (i, j)), shape=(len(keys),) * 2), dtype=np.float64)
     if symmetric:
         matrix = matrix + (sp.tril(matrix, -1) + sp.triu(matrix, 1)).T
@@ -152,20 +156,6 @@ def _key(card: Card, at: int) -> int:
 
 def _label(key: Any) -> str:
     return f"{int(key) // 6}:{DIRECTIONS[int(key) % 6]}"
-
-
-def _check_both(name: str, i: Any, j: Any, values: Any, where: list[Card]) -> None:
-    """Both triangles of a symmetric matrix are there: they have to be the same."""
-    n = int(max(i.max(), j.max())) + 1
-    full = sp.csr_array(sp.coo_array((values, (i, j)), shape=(n, n)))
-    difference = sp.coo_array(abs(full - full.T))
-    if difference.nnz and difference.max() > 1e-6 * abs(values).max():
-        worst = int(np.argmax(difference.data))
-        at = int(np.flatnonzero((i == difference.row[worst]) & (j == difference.col[worst]))[0:1].sum())
-        raise where[at].error(
-            f"DMIG {name}: said to be symmetric (form 6), with entries of both triangles that differ by "
-            f"{difference.data[worst]:.3g}"
-        )
 
 
 def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
