@@ -103,15 +103,17 @@ def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
     _function(path, "write_frf", format)(frf, path)
 
 
-def read_geometry(path: str | Path, *, format: str | None = None) -> Geometry:
+def read_geometry(path: str | Path, *, format: str | None = None, **options: Any) -> Geometry:
     """Read where nodes stand.
 
     Parameters
     ----------
     path : path
-        A universal file (datasets 15, 2411, 2420, 82), or a table ``node,x,y,z`` in m.
+        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, or a table ``node,x,y,z`` in m.
     format : str, optional
-        Format name, to force it: "uff" or "csv".
+        Format name, to force it: "uff", "nastran" or "csv".
+    **options
+        What the reader of that format takes, checked by name.
 
     Returns
     -------
@@ -122,8 +124,11 @@ def read_geometry(path: str | Path, *, format: str | None = None) -> Geometry:
     ------
     FormatError
         If there is no such file, no format fits, or the content is not valid; the message says where.
+    OptionError
+        If the format has no such option; the nearest is named.
     """
-    return _function(path, "read_geometry", format)(path)  # type: ignore[no-any-return]
+    reader = _function(path, "read_geometry", format)
+    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
 
 
 def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:
@@ -151,7 +156,7 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
         If the format has no such option; the nearest is named.
     """
     reader = _function(path, "read_model", format)
-    return reader(path, **_known(reader, options))  # type: ignore[no-any-return]
+    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:

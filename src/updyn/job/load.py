@@ -130,10 +130,6 @@ def _check_model(job: Job) -> None:
             raise job.error(f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind")
         if table.format is not None:
             raise job.error("model.format belongs to a file, not to a kind", "model", "format")
-        return
-    for key in table.keys:
-        known = ("file", "format", "kind")
-        raise job.error(f"unknown key {key!r} in [model] with a file; {suggest(key, known)}", "model", key)
 
 
 def _check_method(job: Job) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
 from updyn.errors import InputError, JobError, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
@@ -11,8 +14,10 @@ from updyn.model import Model
 
 __all__ = ["matched"]
 
+T = TypeVar("T")
 
-def matched(job: Job, model: Model, frf: FRF) -> Matching:
+
+def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Matching:
     """Match the measurement of a job to its model.
 
     Parameters
@@ -23,6 +28,8 @@ def matched(job: Job, model: Model, frf: FRF) -> Matching:
         The model as it was read.
     frf : FRF
         The measurement as it was read.
+    others : sequence of FRF
+        Those of the job's other tests: what ``[match]`` says of their sensors is not about this one.
 
     Returns
     -------
@@ -46,11 +53,24 @@ def matched(job: Job, model: Model, frf: FRF) -> Matching:
             unit=table.unit,
             alignment={int(a): b for a, b in alignment.items()} if isinstance(alignment, dict) else alignment,
             angle=table.angle,
-            table=table.table,
-            directions=table.directions,
+            table=_here(table.table, frf, others),
+            directions=_here(table.directions, frf, others),
         )
     except MatchError as error:
         raise _at_its_line(job, error) from error
+
+
+def _here(told: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:
+    """Return what is told of sensors, without those that only other tests have."""
+    here = _named(frf)
+    elsewhere = {name for other in others for name in _named(other)} - here
+    return {label: about for label, about in told.items() if label.replace("+", "").replace("-", "") not in elsewhere}
+
+
+def _named(frf: FRF) -> set[str]:
+    """Return by what names the sensors and forces may be called: with their direction, and by their node."""
+    dofs = [*frf.responses, *frf.references]
+    return {f"{d.node}:{d.direction}" for d in dofs} | {str(d.node) for d in dofs}
 
 
 def _at_its_line(job: Job, error: MatchError) -> JobError:

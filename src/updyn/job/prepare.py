@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from updyn.errors import DataError, InputError, JobError, suggest
+from updyn.errors import DataError, InputError, JobError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.matched import matched
-from updyn.job.schema import KINDS, Job
+from updyn.job.schema import KINDS, OUTPUTS, Job
 from updyn.matching import Matching
 from updyn.model import Model
 from updyn.updating.choice import link, parameters
@@ -113,12 +113,15 @@ def prepare(job: Job) -> Prepared:
         the like; the message says on which line of the job, and where in the file.
     """
     model = _model(job)
-    tests = tuple(_test(part, model) for part in job.parts)
+    _check_properties(job)
+    data = [_measurement(part) for part in job.parts]
+    tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
     return Prepared(job, tests, _parameters(job, model))
 
 
-def _test(job: Job, model: Model) -> PreparedTest:
-    matching = matched(job, _configured(job, model), _measurement(job))
+def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
+    others = [frf for i, frf in enumerate(data) if i != number]
+    matching = matched(job, _configured(job, model), data[number], others)
     fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
     return PreparedTest(job, matching.model, matching.frf, fitted, matching)
@@ -149,8 +152,28 @@ def _model(job: Job) -> Model:
     from updyn.io import read_model
 
     assert table.file is not None
-    with _at(job, "model", "file"):
-        return read_model(_existing(job, table.file, "model"), format=table.format)
+    path = _existing(job, table.file, "model")
+    try:
+        return read_model(path, format=table.format, **table.keys)
+    except OptionError as error:
+        key = next(iter(k for k in table.keys if repr(k) in str(error)), "file")
+        raise job.error(str(error), "model", key) from error
+    except InputError as error:
+        raise job.error(str(error), "model", "file") from error
+
+
+def _check_properties(job: Job) -> None:
+    """Check that the properties of the model's source can be written, before anything is computed."""
+    if job.output.properties is None:
+        return
+    from updyn.io.registry import find_format
+
+    with _at(job, "output", "properties"):
+        if job.model.file is None:
+            raise OptionError("output.properties: a model that was built here has no deck; write it to model.h5")
+        if Path(job.output.properties).name != job.output.properties or job.output.properties in OUTPUTS:
+            raise OptionError(f"output.properties = {job.output.properties!r}: expected the name of a file of its own")
+        find_format(job.beside(job.model.file), "write_properties", job.model.format)
 
 
 def _configured(job: Job, model: Model) -> Model:

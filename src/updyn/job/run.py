@@ -15,7 +15,7 @@ from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import MARK, resolved_job
 from updyn.job.resume import journal_of
-from updyn.job.schema import Job
+from updyn.job.schema import OUTPUTS, Job
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -30,19 +30,17 @@ __all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "run_jo
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
 
-#: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
-OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
-
 #: Of these, what each of several tests has in a folder of its own.
 OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
 
 def _outputs(job: Job) -> tuple[str, ...]:
     """Return what a run of a job writes, relative to its folder."""
+    more = () if job.output.properties is None else (job.output.properties,)
     if len(job.parts) == 1:
-        return OUTPUTS
+        return (*more, *OUTPUTS)
     own = tuple(f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST)
-    return (*own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
+    return (*more, *own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
 
 
 def default_out(job: Job) -> Path:
@@ -138,7 +136,8 @@ def run_job(
     UpdateResult or JointResult
         The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and ``report.html`` in a folder of
         its name. Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs
-        again from there) and, unless the job says not to, what `report` makes: ``report.html``. While it runs, and
+        again from there), what ``[output] properties`` names and, unless the job says not to, what `report` makes:
+        ``report.html``. While it runs, and
         until it has finished, ``run.journal`` is there, too, which `resume` needs.
 
     Raises
@@ -270,13 +269,15 @@ def _unfinished(out: Path) -> Iterator[Path]:
 
 
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    from updyn.io import write_model, write_result
+    from updyn.io import write_model, write_properties, write_result
     from updyn.io.result_json import write_result_json
 
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)
         write_model(one.model, own / "model.h5")
         write_result(one, own / "run.nc")
+    if job.output.properties is not None and job.model.file is not None:
+        write_properties(one, job.beside(job.model.file), folder / job.output.properties, format=job.model.format)
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 

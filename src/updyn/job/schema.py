@@ -33,6 +33,10 @@ KINDS = {
 }
 
 
+#: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
+OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
+
+
 def _groups(given: Any) -> Any:
     globs = [given] if isinstance(given, str) else given
     if not isinstance(globs, list | tuple) or not globs or not all(isinstance(g, str) for g in globs):
@@ -105,7 +109,7 @@ class _Table(BaseModel):
 
 
 class ModelTable(_Table):
-    """``[model]``: a file, or a kind with the keys of its builder."""
+    """``[model]``: a file with the options of its reader, or a kind with the keys of its builder."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -115,7 +119,7 @@ class ModelTable(_Table):
 
     @property
     def keys(self) -> dict[str, Any]:
-        """The builder's own keys."""
+        """The keys of the builder, or the options of the reader."""
         return dict(self.__pydantic_extra__ or {})
 
 
@@ -226,6 +230,7 @@ class OutputTable(_Table):
     """``[output]``: what is written beside the numbers."""
 
     report: bool = True
+    properties: str | None = None
 
 
 class Job(_Table):
