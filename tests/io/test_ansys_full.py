@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import scipy.sparse as sp
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynError
 from updyn.io import ansys_binary, ansys_full
+from updyn.io.ansys_attributes import read_attributes
 
 pytest.importorskip("ansys.mapdl.reader", reason="needs updyn[ansys]")
 from ansys.mapdl import reader as mapdl
@@ -81,19 +84,20 @@ def test_frequencies(model):
 
 
 def test_both_triangles_are_there_and_the_library_alone_gives_one(model):
-    """The library returns upper triangles: taken as they are, K would be far too soft."""
+    """ansys-mapdl-reader returns upper triangles, with the supports as empty rows; the entries are ours."""
     from ansys.mapdl.reader.full import FullFile
 
-    _, upper, _ = FullFile(str(FULL)).load_km(sort=True)
-    assert sp.tril(upper, -1).nnz == 0
-    K = model.stiffness
-    assert abs(K - K.T).max() == 0.0
-    # Free rows are whole: sorted rows of the library agree entry by entry with both triangles of ours.
-    assert K.nnz > 1.8 * sp.triu(K).nnz
+    dof_ref, *triangles = FullFile(str(FULL)).load_km(sort=True)
+    at = {(int(n), int(a)): i for i, (n, a) in enumerate(dof_ref)}
+    rows = [at[d.node, "XYZ".index(d.direction)] for d in model.dofs]
+    for whole, upper in zip((model.stiffness, model.mass), triangles, strict=True):
+        assert sp.tril(upper, -1).nnz == 0
+        assert abs(whole - whole.T).max() == 0.0
+        np.testing.assert_array_equal(sp.triu(whole).toarray(), upper.toarray()[np.ix_(rows, rows)])
 
 
 def test_supports_are_left_out_and_named():
-    """The library leaves supports in as empty rows. There are 21 nodes at the held end, z = 0."""
+    """There are 21 nodes at the held end, z = 0."""
     system = ansys_full.read_system(FULL)
     mesh = mapdl.read_binary(str(RST)).mesh
     held = sorted(int(n) for n, z in zip(mesh.nnum, mesh.nodes[:, 2], strict=True) if abs(z) < 1e-9)
@@ -113,7 +117,7 @@ def test_labels_are_sorted_and_go_with_their_rows(model, textbook):
 
 
 def test_damping_of_the_file_is_read(tmp_path):
-    """The library does not read C. Here the file is told that its mass matrix is its damping matrix too."""
+    """The file of the package has no C. Here it is told that its mass matrix is its damping matrix too."""
     w = words()
     file = changed(tmp_path, ptrDMPl=w[HEADER + ITEM["ptrMASl"]], ntermDl=w[HEADER + ITEM["ntermMl"]])
     model = updyn.read_model(file)
@@ -135,10 +139,11 @@ def test_without_mass(tmp_path):
         ({"distKey": 1}, "one part of a distributed solution"),
         ({"nVirtBCs": 2}, "virtual constraints"),
         ({"fun04": 4}, "frontal solver"),
+        ({"ntermMl": 17_000}, "mass: 17793 entries, the header says 17000"),
         ({"ptrDMPl": 10**8, "ntermDl": 5}, "damping: reaches to word 100000000 of 212992"),
     ],
 )
-def test_what_the_library_passes_over_is_refused(tmp_path, items, said):
+def test_what_the_matrices_do_not_show_is_refused(tmp_path, items, said):
     with pytest.raises(FormatError, match=said):
         updyn.read_model(changed(tmp_path, **items))
 
@@ -249,10 +254,26 @@ class TestGroupsByDifference:
             updyn.read_model(FULL, doubled={})
 
 
-def test_without_the_package(monkeypatch):
+def test_without_the_package(monkeypatch, tmp_path):
+    """A .full file needs nothing; which element is of which material, the package reads."""
     monkeypatch.setattr(ansys_binary, "_PACKAGE", "ansys.no_such")
+    assert updyn.read_model(FULL).n_dofs == 900
     with pytest.raises(UpdynError, match=r"pip install 'updyn\[ansys\]'"):
-        updyn.read_model(FULL)
+        read_attributes(examples.hexarchivefile)
+
+
+def test_damaged_bytes(tmp_path):
+    """Whatever a damaged file says, it is an error of ours or a model. In the package it ends the process."""
+    whole = FULL.read_bytes()
+    rng = np.random.default_rng(3)
+    for low, high in ((412, 1100), (2144, 60_000), (520_000, 700_000), (520_544, 529_544)):
+        for at in rng.integers(low, high, 12):
+            broken = bytearray(whole)
+            broken[at] ^= 1 << int(rng.integers(8))
+            (tmp_path / "bad.full").write_bytes(bytes(broken))
+            with warnings.catch_warnings(), contextlib.suppress(UpdynError):
+                warnings.simplefilter("ignore")
+                updyn.read_model(tmp_path / "bad.full", format="ansys_full")
 
 
 def test_told_by_content(tmp_path):

@@ -1,9 +1,8 @@
 """What the binary files of Ansys Mechanical APDL have in common: records, header, units, names of DOFs.
 
 A record is a word (4 bytes) with the number n of words that follow, a word of flags, n words, and the number again
-(Ansys Programmer's Reference, "Format of Binary Data Files"). Records are read here: ansys-mapdl-reader returns twice
-as many numbers as a record of doubles holds, and trusts what a file says about its lengths. What is made of them,
-it knows (extra ``updyn[ansys]``).
+(Ansys Programmer's Reference, "Format of Binary Data Files"). They are read here, not by ansys-mapdl-reader: that one
+returns upper triangles and twice as many numbers as a record of doubles holds, and a damaged file ends the process.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from updyn.io.guard import placed
 __all__ = ["DOF_NAMES", "BinaryFile", "labels_of", "mapdl_reader"]
 
 _WORD = 4
+_LOW = 0xFFFFFFFF
 _HEADER = 100  # words
 _PACKAGE = "ansys.mapdl.reader"
 #: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by leaving out zeros.
@@ -59,7 +59,7 @@ def mapdl_reader(module: str = "") -> Any:
         return importlib.import_module(f"{_PACKAGE}.{module}" if module else _PACKAGE)
     except (ImportError, OSError) as error:
         raise OptionError(
-            f"files of Ansys are read through ansys-mapdl-reader, which cannot be loaded ({error}): "
+            f".cdb and .rst files are read through ansys-mapdl-reader, which cannot be loaded ({error}): "
             "pip install 'updyn[ansys]'"
         ) from error
 
@@ -156,6 +156,28 @@ class BinaryFile:
         if not 0 <= at < len(self._words):
             raise FormatError(f"{what}: reaches to word {at} of {len(self._words)}: cut short or damaged", self.path)
         return int(self._words[at])
+
+    def header(self, items: Mapping[str, int | tuple[int, int]]) -> dict[str, int]:
+        """Return items of the header of the file, the record that follows the standard header.
+
+        Parameters
+        ----------
+        items : mapping of str to int or (int, int)
+            Place of each item, counted from 0, or of the low and the high half of a long one.
+
+        Raises
+        ------
+        FormatError
+            If it is damaged or too short.
+        """
+        values, _ = self.record(_HEADER + 3, "header", "i")
+        last = max(max(at) if isinstance(at, tuple) else at for at in items.values())
+        if len(values) <= last:
+            raise FormatError(f"header: {len(values)} numbers, expected {last + 1}: a release before 14.5?", self.path)
+        return {
+            name: int(values[at]) if isinstance(at, int) else (int(values[at[1]]) << 32) + (int(values[at[0]]) & _LOW)
+            for name, at in items.items()
+        }
 
     def units(self, unit: str | None) -> System:
         """Return the units of the numbers: as stated, else as the header says, else SI.

@@ -1,8 +1,7 @@
 """Element matrices of an Ansys ``.emat`` file, one element after another (fdemat.inc).
 
-The header is read by ansys-mapdl-reader. Its ``read_element`` takes every matrix for full or triangular and follows
-half of each pointer; here each record is taken by its own length, so that diagonal mass matrices (MASS21, LUMPM) and
-files above 8 GB come out right.
+Each record is taken by its own length, so that full, triangular and diagonal matrices (MASS21, LUMPM) come out right,
+and pointers by both halves, as in files above 8 GB.
 """
 
 from __future__ import annotations
@@ -10,19 +9,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
-from updyn.io.ansys_binary import BinaryFile, mapdl_reader
-from updyn.io.guard import library
+from updyn.io.ansys_binary import BinaryFile
 
 __all__ = ["Element", "ElementFile"]
 
 _KIND = 2
 _MATRICES = ("stiffness", "mass", "damping", "stress stiffness")
+_HEADER: dict[str, int | tuple[int, int]] = {
+    "nume": 1,
+    "numdof": 2,
+    "lenbac": 4,
+    "numCE": 26,
+    "ptrDOF": 30,
+    "ptrBAC": 31,
+    "ptrElm": (32, 20),
+    "ptrIDX": (37, 25),
+}
 _SAMPLE = 200  # elements that tell how triangles are packed
 
 
@@ -67,14 +74,11 @@ class ElementFile:
     ------
     FormatError
         If the file is damaged, or holds what the elements alone do not say (internal constraint equations).
-    OptionError
-        If ansys-mapdl-reader is missing.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.binary = BinaryFile(path, _KIND)
-        with library(path, ".emat file"):
-            header: dict[str, Any] = mapdl_reader("emat").EmatFile(str(path)).header
+        header = self.binary.header(_HEADER)
         if header["numCE"]:
             raise FormatError(
                 f"holds {header['numCE']} internal constraint equations (contact, joints), which no element shows", path
@@ -91,7 +95,7 @@ class ElementFile:
         self._by_rows = self._packed_by_rows()
 
     def _table(self, at: int, what: str, length: int) -> NDArray[np.int64]:
-        values, _ = self.binary.record(int(at), what, "i")
+        values, _ = self.binary.record(at, what, "i")
         if len(values) != length:
             raise FormatError(f"{what}: found {len(values)} numbers, the header says {length}", self.binary.path)
         return values.astype(np.int64)

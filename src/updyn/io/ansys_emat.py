@@ -82,7 +82,7 @@ def read_model(
         If a file is damaged or not of the same model, elements have degrees of freedom besides displacements and
         rotations, an element belongs to no or to two groups, or the groups do not add up to the ``.full`` file.
     OptionError
-        If ansys-mapdl-reader is missing or an option is not valid.
+        If an option is not valid, or ansys-mapdl-reader, which reads ``.cdb`` and ``.rst``, is missing.
 
     Warns
     -----

@@ -1,14 +1,13 @@
 """Ansys ``.full`` files: K, M and C of the whole structure, as Mechanical APDL solved it.
 
-Read through ansys-mapdl-reader, which returns upper triangles and counts the degrees of freedom of a node instead of
-naming them; the names come from the file here (fdfull.inc: nodal extent vector and DOF vector, in which supports are
-negative). Supports are no degrees of freedom of the model. The file knows no groups: with ``doubled``, runs of the deck
-with one group's stiffness and density doubled, they come out by difference.
+A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of degrees of freedom
+come from the nodal extent vector and the DOF vector, in which supports are negative; supports are no degrees of freedom
+of the model. The file knows no groups: with ``doubled``, runs of the deck with one group's stiffness and density
+doubled, they come out by difference.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +19,32 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError
-from updyn.io.ansys_binary import BinaryFile, labels_of, mapdl_reader
-from updyn.io.guard import library, placed
+from updyn.io.ansys_binary import BinaryFile, labels_of
+from updyn.io.guard import placed
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["FullSystem", "read_model", "read_system"]
 
 _KIND = 4
 _FILE_HEADER = 103  # words: it follows the standard header
+#: Places of items in the header of the file, of long ones the low and the high half (fdfull.inc).
+_ITEMS: dict[str, int | tuple[int, int]] = {
+    "fun04": 0,
+    "neqn": 1,
+    "ntermK": (8, 9),
+    "lumpm": 10,
+    "keyuns": 13,
+    "ptrSTF": (18, 19),
+    "ncefull": 20,
+    "ntermM": (33, 21),
+    "ptrEND": (22, 23),
+    "ptrMAS": (26, 27),
+    "ptrDMP": (28, 29),
+    "ntermD": (34, 39),
+    "ptrDOF": (35, 36),
+    "distKey": 62,
+    "nVirtBCs": 79,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +101,7 @@ def read_model(
         If the file is damaged, has degrees of freedom besides displacements and rotations, or holds what is not one
         symmetric structure: constraint equations, a complex or unsymmetric matrix, one part of a distributed solution.
     OptionError
-        If ansys-mapdl-reader is missing or an option is not valid.
+        If an option is not valid.
     """
     system = read_system(path, unit)
     if doubled is None:
@@ -149,17 +166,8 @@ def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
     """
     binary = BinaryFile(path, _KIND)
     units = binary.units(unit)
-    try:
-        with library(path, ".full file"):
-            full = mapdl_reader("full").FullFile(str(path))
-    except FormatError as error:
-        if isinstance(error.__cause__, NotImplementedError):
-            raise FormatError(f"{error.__cause__}; {_advice(str(error.__cause__))}", path) from error
-        raise
-    header = full._header  # there is no public door to it
+    header = binary.header(_ITEMS)
     _check_header(header, path)
-    if header["ptrEND"] * 4 > Path(path).stat().st_size:
-        raise FormatError(f"cut short: its end is said to be at word {header['ptrEND']}", path)
     nodes, numbers = _dof_vector(binary, header)
     free = np.flatnonzero(numbers > 0)
     dofs = labels_of(nodes, np.abs(numbers), path)
@@ -167,8 +175,10 @@ def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
     kept = dofs[order]
 
     def matrix(pointer: str, terms: str, what: str) -> Matrix | None:
-        found = _matrix(binary, full, header, (pointer, terms), what, order)
-        return None if found is None else units.to_si(found, kept)
+        if not header[terms]:
+            return None
+        found = _matrix(binary, header["neqn"], header[pointer], what, order, header[terms])
+        return units.to_si(found, kept)
 
     return FullSystem(
         stiffness=matrix("ptrSTF", "ntermK", "stiffness"),
@@ -179,14 +189,18 @@ def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
     )
 
 
-def _advice(fault: str) -> str:
-    if "lumped" in fault:
-        return "solve with LUMPM,OFF, or read the .emat file"
-    return "fluid, gyroscopic and friction terms make it so: expected a symmetric structure (MODOPT,LANB)"
-
-
-def _check_header(header: Mapping[str, Any], path: str | Path) -> None:
-    """Refuse what ansys-mapdl-reader would pass over without a word."""
+def _check_header(header: Mapping[str, int], path: str | Path) -> None:
+    """Refuse what the matrices alone would not show."""
+    if header["ptrEND"] * 4 > Path(path).stat().st_size:
+        raise FormatError(f"cut short: its end is said to be at word {header['ptrEND']}", path)
+    if header["lumpm"]:
+        raise FormatError("holds a lumped mass matrix; solve with LUMPM,OFF, or read the .emat file", path)
+    if header["keyuns"]:
+        raise FormatError(
+            "holds unsymmetric matrices; fluid, gyroscopic and friction terms make them so: expected a symmetric "
+            "structure (MODOPT,LANB)",
+            path,
+        )
     if header["fun04"] >= 0:
         raise FormatError("assembled for the frontal solver; expected symbolic assembly (EQSLV,SPARSE)", path)
     if header["ncefull"]:
@@ -203,7 +217,7 @@ def _check_header(header: Mapping[str, Any], path: str | Path) -> None:
         )
 
 
-def _dof_vector(binary: BinaryFile, header: Mapping[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _dof_vector(binary: BinaryFile, header: Mapping[str, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return node and DOF reference number of each equation, negative where it is constrained."""
     at = binary.after(_FILE_HEADER, "header", 2)  # and the degrees of freedom in use, of all nodes together
     nodes, _ = binary.record(at, "nodal equivalence table", "i")
@@ -218,27 +232,30 @@ def _dof_vector(binary: BinaryFile, header: Mapping[str, Any]) -> tuple[NDArray[
     return np.repeat(nodes, extent).astype(np.int64), numbers.astype(np.int64)
 
 
-def _matrix(
-    binary: BinaryFile, full: Any, header: dict[str, Any], key: tuple[str, str], what: str, order: NDArray[np.intp]
-) -> Matrix | None:
-    """Return one matrix, both triangles, in the order asked for; None where the file has none."""
-    pointer, terms = header[key[0]], key[1]
-    if not header[terms + "l"] and not header[terms + "h"]:
-        return None
-    binary.after(pointer, what, 2 * header["neqn"])  # each row is two records: columns, entries
-    _, entries = binary.record(pointer, what, "i")
-    binary.record(entries, what, "f")  # complex ones are read as if they were real
-    # The library knows K and M. Shown C in the place of K, it reads that.
-    shown = {**header, "ptrSTF": pointer, "ntermKl": header[terms + "l"], "ntermKh": header[terms + "h"]}
-    full._header = shown
-    with library(binary.path, ".full file"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Missing mass matrix")  # said below, where it matters
-        _, matrix, _ = full.load_km(as_sparse=True, sort=False)
-    full._header = header
-    upper = sp.csr_array(matrix)
-    lower = sp.tril(upper, -1, format="csr")
-    if lower.nnz:
-        raise FormatError(f"{what}: {lower.nnz} entries below the diagonal; expected the upper triangle", binary.path)
-    upper = upper[order][:, order]
-    # Sorted rows and columns mix the triangles: what is on the diagonal counts once.
-    return sp.csr_array(upper + upper.T - sp.diags_array(upper.diagonal()))
+def _matrix(binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int) -> Matrix:
+    """Return the matrix whose rows start at a word, both triangles, with the rows and columns asked for."""
+    columns: list[NDArray[Any]] = []
+    entries: list[NDArray[Any]] = []
+    for _ in range(size):
+        column, at = binary.record(at, what, "i")
+        entry, at = binary.record(at, what, "f")
+        if len(entry) != len(column):
+            raise FormatError(
+                f"{what}: row {len(columns) + 1} has {len(column)} columns and {len(entry)} numbers; complex matrices "
+                "of a harmonic solution are not read",
+                binary.path,
+            )
+        columns.append(column)
+        entries.append(entry)
+    row = np.repeat(np.arange(size), [len(c) for c in columns])
+    column, data = np.concatenate(columns).astype(np.int64) - 1, np.concatenate(entries).astype(np.float64)
+    if len(column) != terms:
+        raise FormatError(f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path)
+    if column.min() < 0 or column.max() >= size:
+        raise FormatError(f"{what}: a column outside of 1 to {size}: damaged", binary.path)
+    if (column < row).any() and (column > row).any():
+        raise FormatError(f"{what}: entries on both sides of the diagonal; expected one triangle", binary.path)
+    if not np.isfinite(data).all():
+        raise FormatError(f"{what}: holds numbers that are not finite", binary.path)
+    triangle = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))[order][:, order]
+    return sp.csr_array(triangle + triangle.T - sp.diags_array(triangle.diagonal()))
