@@ -107,8 +107,12 @@ def test_shear_bends_a_stocky_cantilever_further():
         found = deflection(model, {f"4:{axis}": 1e3})[f"4:{axis}"]
         assert found == pytest.approx(1e3 * (L**3 / (3 * E * inertia) + L / (kappa * G * 0.4)), rel=1e-9)
     rigid = line(Section(section.A, section.Iyy, section.Izz, section.J), 3, grounded=[1])
-    found = deflection(rigid, {"4:Z": 1e3})["4:Z"]
-    assert found == pytest.approx(1e3 * L**3 / (3 * E * section.Iyy), rel=1e-7)
+    unlike = line(Section(section.A, section.Iyy, section.Izz, section.J, 0.9, 0.4), 3, grounded=[1])
+    for axis, inertia, kappa in (("Y", section.Izz, 0.9), ("Z", section.Iyy, 0.4)):
+        bent = 1e3 * L**3 / (3 * E * inertia)
+        assert deflection(rigid, {f"4:{axis}": 1e3})[f"4:{axis}"] == pytest.approx(bent, rel=1e-7)
+        sheared = bent + 1e3 * L / (kappa * G * 0.4)
+        assert deflection(unlike, {f"4:{axis}": 1e3})[f"4:{axis}"] == pytest.approx(sheared, rel=1e-9)
 
 
 def test_sections_are_those_of_the_tables():

@@ -112,6 +112,20 @@ def test_free_edges_agree_with_ritz():
     np.testing.assert_allclose(ritz("CFFF", 5), LEISSA["CFFF"], rtol=0.01)
 
 
+@pytest.mark.parametrize("kind", ["quads", "triangles"])
+def test_a_thick_plate_vibrates_as_in_mindlin(kind):
+    """Simply supported, side 5 h: flexural branch of Mindlin, J. Applied Mechanics 18 (1951) 31, kappa = 5/6."""
+    h, k2 = SIDE / 5, 2 * (pi / SIDE) ** 2
+    rigidity, shear = E * h**3 / (12 * (1 - NU**2)), 5 / 6 * E / (2 * (1 + NU)) * h
+    # (S k2 - rho h x) (D k2 + S - rho h^3 / 12 x) = S^2 k2, x = omega^2
+    m, r = RHO * h, RHO * h**3 / 12
+    roots = np.roots([m * r, -(m * (rigidity * k2 + shear) + r * shear * k2), shear * k2 * rigidity * k2])
+    exact = np.sqrt(roots.min()) / (2 * pi)
+    xyz, I, elements = grid(24, kind)
+    plate = structure(xyz, [Shell("plate", elements, E, RHO, h, NU)], grounded=held(I, "SSSS"))
+    assert updyn.modes(plate, 1).frequency[0] == pytest.approx(exact, rel=4e-3)
+
+
 def test_a_distorted_mesh_costs_little():
     for kind, error in (("quads", 0.006), ("triangles", 0.012)):
         exact = np.array(LEISSA["SSSS"][:3])

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -308,3 +311,10 @@ def test_parts_are_not_changed_from_outside():
 def test_absurd_values_are_errors_of_the_input(build):
     with pytest.raises(UpdynError):
         build()
+
+
+def test_pyfe3d_is_the_one_that_was_looked_at():
+    """Its traps are those of one version: another one has to pass these tests before the pin moves."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (pin,) = [r for r in project["optional-dependencies"]["structures"] if r.startswith("pyfe3d")]
+    assert pin == f"pyfe3d=={metadata.version('pyfe3d')}"
