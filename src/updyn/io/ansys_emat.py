@@ -30,6 +30,7 @@ __all__ = ["read_model"]
 _TOLERANCE = 1e-10  # of the largest entry of row and column, between the sum of the elements and the .full file
 _CHUNK = 4_000_000  # entries that are gathered before they are added up
 _STRESS = "stress stiffness"
+_KEYS = 64  # more than there are DOF reference numbers: node and number as one number
 
 
 def read_model(
@@ -61,10 +62,11 @@ def read_model(
     groups : mapping of str to iterable of int, optional
         Element numbers by group name, instead of `by`.
     attributes : path, optional
-        The model's ``.cdb`` or ``.rst``, with attributes and positions. Left out: one of the same name beside the file.
+        The model's ``.cdb`` or ``.rst``, relative to the file, with attributes and positions. Left out: one of the same
+        name beside the file.
     full : path or False, optional
-        The ``.full`` file of the same model: supports, and a check of the sums. Left out: one of the same name beside
-        the file, unless `supports` are given. False: none.
+        The ``.full`` file of the same model, relative to the file: supports, and a check of the sums. Left out: one of
+        the same name beside the file, unless `supports` are given. False: none.
     supports : iterable of str or Dof, optional
         What is constrained, where there is no ``.full`` file; an empty list says that nothing is.
     stress_stiffness : bool, optional
@@ -119,7 +121,7 @@ def read_model(
 
 def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:
     if given is not None:
-        return read_attributes(given)
+        return read_attributes(Path(path).parent / given)
     found = beside(path, ".cdb", ".rst")
     return None if found is None else read_attributes(found)
 
@@ -129,7 +131,7 @@ def _system(path: str | Path, full: str | Path | bool | None, unit: str | None) 
         if full:
             raise OptionError("full=True: expected the path of a .full file, or False for none")
         return None
-    found = beside(path, ".full") if full is None else Path(full)
+    found = beside(path, ".full") if full is None else Path(path).parent / full
     if found is not None and not found.is_file():
         raise FormatError("full: no such file", found)
     return None if found is None else read_system(found, unit)
@@ -151,21 +153,22 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
                 path,
             )
         if element.matrices:
-            found.append(np.unique(np.stack([element.nodes, element.dofs], axis=1), axis=0))
+            found.append(element.nodes * _KEYS + element.dofs)
     if not found:
         raise FormatError("no element has a matrix", path)
-    pairs = np.unique(np.concatenate(found), axis=0)
-    return labels_of(pairs[:, 0], pairs[:, 1], path)
+    nodes, numbers = np.divmod(np.unique(np.concatenate(found)), _KEYS)
+    return labels_of(nodes, numbers, path)
 
 
 def _sums(file: ElementFile, names: NDArray[np.object_], dofs: DofSet) -> dict[str, dict[str, Matrix]]:
     """Return K, M, C and stress stiffness of each group, shape (N, N), in units of the deck."""
     sums: dict[str, dict[str, _Sum]] = {}
+    keys = dofs.nodes * _KEYS + dofs.axes + 1  # ascending: sorted by node and direction
     for name, element in zip(names, file, strict=True):
-        at = dofs.match(DofSet.from_arrays(element.nodes, element.dofs - 1)).index if len(element.nodes) else None
+        at = np.searchsorted(keys, element.nodes * _KEYS + element.dofs)
         for what, matrix in element.matrices.items():
             group, kind = (_STRESS, "stiffness") if what == _STRESS else (str(name), what)
-            if at is not None and matrix.any():
+            if matrix.any():
                 sums.setdefault(group, {}).setdefault(kind, _Sum(len(dofs))).add(at, matrix)
     # In the order of their names, numbers by value: "material 2" before "material 10".
     order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_number(n)))

@@ -87,8 +87,8 @@ def read_model(
     loss_factor : float
         Structural loss factor of every group; the file has none.
     doubled : mapping of str to path, optional
-        By group name, the ``.full`` file of the same deck with stiffness and density of that group doubled. The groups
-        have to add up to the model (1e-10). Left out: one group, "model".
+        By group name, the ``.full`` file, relative to the file, of the same deck with stiffness and density of that
+        group doubled. The groups have to add up to the model (1e-10). Left out: one group, "model".
 
     Returns
     -------
