@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,12 @@ from updyn.io.opensees import from_opensees
 
 # The wheel is bound to one version of Python and one system; where it does not load there is nothing to test.
 ops = pytest.importorskip("openseespy.opensees", reason="needs openseespy", exc_type=(ImportError, RuntimeError))
+
+
+@atexit.register  # runs before OpenSees's own, which writes a line after the last one of the test run
+def quiet() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
 
 E, A, I, LINE_MASS = 2.0e11, 0.01, 1.0e-5, 78.0
 
