@@ -179,6 +179,60 @@ def test_faults_that_are_found_before_the_run(deck, old, new, message):
         read_model(deck(text.replace(old, new, 1)), executable="/nowhere")
 
 
+SPRINGS = """SPC = 1
+BEGIN BULK
+GRID,1,,0.,0.,0.,2
+GRID,2,,1.,1.,0.,2,12456
+SPOINT,5,6
+CORD2C,2,,0.,0.,0.,0.,0.,1.,
+,1.,0.,0.
+CELAS2,11,100.,1,1,5
+CELAS2,12,300.,5,,6
+CELAS2,13,50.,0,0,6,0
+CELAS1,14,4,2,3
+PELAS,4,70.
+CBUSH,15,6,1,,,,,2
+PBUSH,6,K,,400.
+CMASS2,16,2.,6
+CONM2,18,2,,1.5
+CONM2,19,1,,.25
+SPC1,1,3456,1
+ENDDATA
+"""
+
+
+@needs_mystran
+def test_springs_to_the_ground_and_scalar_points(deck):
+    model = updyn.read_model(deck(SPRINGS))
+    assert model.dofs.labels == ["1:X", "1:Y", "2:Z", "5:X", "6:X"]
+    K = np.zeros((5, 5))
+    K[0, 0], K[3, 3], K[4, 4] = 100.0, 400.0, 350.0
+    K[0, 3] = K[3, 0] = -100.0
+    K[3, 4] = K[4, 3] = -300.0
+    K[1, 1], K[2, 2] = 400.0, 70.0  # the bushing's second direction is the tangent, the second of grid 1
+    np.testing.assert_allclose(model.stiffness.toarray(), K, atol=1e-9)
+    np.testing.assert_allclose(model.mass.toarray(), np.diag([0.25, 0.25, 1.5, 0.0, 2.0]), atol=1e-12)
+
+
+@needs_mystran
+def test_an_update_finds_what_was_changed(deck):
+    start = updyn.read_model(deck(plate()))
+    truth = {"PSHELL 1": {"stiffness": 1.15}, "PELAS 4": {"stiffness": 0.8}, "CONM2 9101": {"mass": 1.1}}
+    sensors = ["103:Z", "305:Z", "407:Z", "503:Z", "301:Z", "306:Z"]
+    frf = updyn.response(start.scaled(truth), np.linspace(2.0, 80.0, 60), sensors, ["305:Z"], quantity="accelerance")
+    unknowns = updyn.parameters(start, stiffness=["PSHELL 1", "PELAS 4"], mass=["CONM2 9101"])
+    result = updyn.update(start, frf, unknowns, noise={"relative": 1e-3, "floor": 1e-9})
+    assert result.values["PSHELL 1.stiffness"] == pytest.approx(1.15, rel=1e-5)
+    assert result.values["PELAS 4.stiffness"] == pytest.approx(0.8, rel=1e-5)
+    assert result.values["CONM2 9101.mass"] == pytest.approx(1.1, rel=1e-5)
+
+
+@needs_mystran
+def test_a_run_that_takes_too_long_is_stopped(deck):
+    with pytest.raises(FormatError, match=r"wing.bdf: MYSTRAN was stopped after 0.001 s"):
+        read_model(deck(plate()), timeout=0.001)
+
+
 def test_units_that_do_not_fit_are_said(deck):
     with (
         pytest.warns(UpdynWarning, match=r"modulus 70000 .* fit unit = 'mm'"),

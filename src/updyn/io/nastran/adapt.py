@@ -64,7 +64,7 @@ def _spring(deck: Deck, card: Card, number: int) -> tuple[Card, Card | None]:
         if card.text(node).isdecimal() and card.integer(node) in deck.points:
             new[component] = "1"
     ground = None
-    if not card.text(two[0]) or card.text(two[0]) == "0":
+    if card.name != "CMASS2" and (not card.text(two[0]) or card.text(two[0]) == "0"):  # a mass has one end
         ground = _ground(deck, card, card.integer(one[0]), number)
         new |= {two[0]: str(number), two[1]: new.get(one[1], card.text(one[1]))}
     return card.with_fields(new), ground

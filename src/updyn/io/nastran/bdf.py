@@ -1,9 +1,9 @@
 """Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by running MYSTRAN, geometry, and updated properties.
 
 Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their own property are a
-group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are differences of the stiffness and mass of all grids before
-constraints, each group's modulus and density doubled in turn; ties (MPC, RBE2, RBE3, ...) and supports are applied to
-them afterwards, as MYSTRAN states them.
+group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are those of all grids before constraints: half of what a run of
+the group alone gives with its moduli and densities doubled. What is not proportional to them shows, as the groups then
+do not add up to the deck. Ties (MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN states them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def read_model(
     executable: str | Path | None = None,
     timeout: float = 600.0,
 ) -> Model:
-    """Read a model by running MYSTRAN on a deck: once as it stands, and once for each group.
+    """Read a model by running MYSTRAN: once on the deck as it stands, and once on the elements of each group.
 
     Parameters
     ----------
