@@ -371,3 +371,21 @@ def test_recovery(folder):
     for group, change in truth.items():
         for quantity, value in change.items():
             assert result.values[f"{group}.{quantity}"] == pytest.approx(value, rel=1e-6)
+
+
+def test_a_job(folder, archive, tmp_path):
+    """A job names the .emat and its options; the files beside it are found."""
+    from updyn.job import load_job, prepare
+
+    for name in ("beam.emat", "beam.full"):
+        shutil.copy(folder / name, tmp_path / name)
+    shutil.copy(archive, tmp_path / "beam.cdb")
+    model = updyn.read_model(tmp_path / "beam.emat", unit="in", loss_factor=0.01)
+    updyn.write_frf(updyn.response(model, [900.0, 1200.0, 1500.0], ["22:X"], ["22:X"]), tmp_path / "test.npz")
+    (tmp_path / "job.toml").write_text(
+        '[model]\nfile = "beam.emat"\nunit = "in"\nloss_factor = 0.01\n[test]\nfile = "test.npz"\n'
+        '[[parameter]]\ngroups = ["material *"]\nquantity = "stiffness"\n'
+    )
+    prepared = prepare(load_job(tmp_path / "job.toml"))
+    assert prepared.parameters.names == ["material 1.stiffness", "material 2.stiffness"]
+    assert abs(prepared.model.stiffness - model.stiffness).max() == 0.0

@@ -202,6 +202,17 @@ def test_what_cannot_be_written(deck, changes, said):
     assert not (deck.parent / "new.inp").exists()
 
 
+def test_the_deck_beside_the_model(deck, tmp_path):
+    """A job names the .emat; what is written goes by the .cdb beside it."""
+    header = b"d\0\0\0\0\0\0\x80\x02\0\0\0"
+    (tmp_path / "arm.emat").write_bytes(header)
+    text = written({"material 1": {"stiffness": 2.0}}, tmp_path / "arm.emat")
+    assert ("MP", "EX", "1", "420000000000.0") in commands(text)
+    (tmp_path / "leg.emat").write_bytes(header)
+    with pytest.raises(FormatError, match=r"no leg.cdb beside it"):
+        written({"material 1": {"stiffness": 2.0}}, tmp_path / "leg.emat")
+
+
 def test_other_suffixes_are_told(deck):
     other = deck.rename(deck.with_suffix(".dat"))
     assert "EX" in written({"material 1": {"stiffness": 1.1}}, other, format="ansys")

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from updyn.errors import FormatError, suggest
+from updyn.io.ansys_attributes import beside
 from updyn.io.ansys_deck import Deck, Property, RealSet, read_deck
 from updyn.io.atomic import atomic_path
 
@@ -41,7 +42,8 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     changes : mapping of str to mapping of str to float
         By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
     deck : Path
-        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands).
+        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands); for an ``.emat`` or ``.full`` file,
+        the ``.cdb`` of the same name beside it.
     path : Path
         The file to write.
 
@@ -50,6 +52,7 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     FormatError
         If the deck has no such material or real constant set, or has no number there to change.
     """
+    deck = _commands(deck)
     found = read_deck(deck)
     names = [f"material {n}" for n in sorted(found.materials)] + [f"real {n}" for n in sorted(found.reals)]
     blocks: list[str] = []
@@ -69,6 +72,17 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     ]
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join([*heading, *blocks]) + "\n", encoding="utf-8")
+
+
+def _commands(deck: Path) -> Path:
+    if deck.suffix.lower() not in (".emat", ".full"):
+        return deck
+    found = beside(deck, ".cdb")
+    if found is None:
+        raise FormatError(
+            f"properties are changed in the deck: no {deck.with_suffix('.cdb').name} beside it (CDWRITE)", deck
+        )
+    return found
 
 
 def _check(name: str, change: Mapping[str, float], deck: Path) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.io.ansys import write_properties
 from updyn.io.ansys_attributes import Attributes, beside, groups_of, read_attributes
 from updyn.io.ansys_binary import labels_of
 from updyn.io.ansys_elements import ElementFile
@@ -25,7 +26,7 @@ from updyn.io.ansys_full import FullSystem, read_system
 from updyn.io.guard import chosen, placed
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["read_model"]
+__all__ = ["read_model", "write_properties"]
 
 _TOLERANCE = 1e-10  # of the largest entry of row and column, between the sum of the elements and the .full file
 _CHUNK = 4_000_000  # entries that are gathered before they are added up

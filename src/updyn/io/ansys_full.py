@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError
+from updyn.io.ansys import write_properties
 from updyn.io.ansys_binary import BinaryFile, labels_of
 from updyn.io.guard import placed
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["FullSystem", "read_model", "read_system"]
+__all__ = ["FullSystem", "read_model", "read_system", "write_properties"]
 
 _KIND = 4
 _FILE_HEADER = 103  # words: it follows the standard header

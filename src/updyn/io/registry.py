@@ -50,6 +50,7 @@ _NASTRAN = ("read_model", "read_geometry", "write_properties")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
+_DECK = ("read_model", "write_properties")
 #: A header of 100 words (flags: whole numbers), of file type 4 or 2.
 _ANSYS = b"d\0\0\0\0\0\0\x80"
 
@@ -62,8 +63,8 @@ FORMATS = (
     Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
     Format("ansys", "updyn.io.ansys", (".cdb", ".mac"), (), ("write_properties",)),
-    Format("ansys_full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), ("read_model",)),
-    Format("ansys_emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), ("read_model",)),
+    Format("ansys_full", "updyn.io.ansys_full", (".full",), (_ANSYS + b"\x04\0\0\0",), _DECK),
+    Format("ansys_emat", "updyn.io.ansys_emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), _DECK),
     Format("nastran", "updyn.io.nastran.bdf", (".bdf", ".nas", ".dat"), (), _NASTRAN),
     Format("op4", "updyn.io.nastran.op4_model", (".op4",), (), _MODEL),
     Format("dmig", "updyn.io.nastran.dmig_model", (".pch", ".dmig"), (), _MODEL),
