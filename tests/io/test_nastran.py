@@ -179,6 +179,40 @@ def test_faults_that_are_found_before_the_run(deck, old, new, message):
         read_model(deck(text.replace(old, new, 1)), executable="/nowhere")
 
 
+ARM = (
+    "SPC = 1\nBEGIN BULK\n"
+    + "".join(f"GRID,{i},,{0.1 * i:.2f},0.,0.\nCBAR,{i},1,{i},{i + 1},0.,0.,1.\n" for i in range(1, 9))
+    + "GRID,9,,.9,0.,0.\nPBAR,1,1,1.-4,1.-9,2.-9,3.-9\nMAT1,1,2.1+11,,.3,7850.\nGRID,20,,.9,.1,.2\nCONM2,50,20,,.3\n"
+    "SPC1,1,123456,1\n"
+)  # fmt: skip
+
+
+@needs_mystran
+@pytest.mark.parametrize("bar", ["RBAR,77,9,20,123456", "RBAR,77,20,9,,123456,12345,"])
+def test_rigid_bars(deck, bar):
+    components = "12345" if "12345," in bar else "123456"
+    model = updyn.read_model(deck(ARM + bar + "\n"))
+    expected = updyn.read_model(deck(ARM + f"RBE2,77,9,{components},20\n"))
+    assert model.dofs == expected.dofs
+    np.testing.assert_array_equal(model.mass.toarray(), expected.mass.toarray())
+    np.testing.assert_array_equal(model.stiffness.toarray(), expected.stiffness.toarray())
+
+
+@needs_mystran
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ("CTUBE,60,6,1,2\nPTUBE,6,1,.01,.001", r"wing.bdf:\d+: CTUBE 60: MYSTRAN has no CTUBE; a CROD or a CBAR would"),
+        ("CBEAM,60,6,1,2,1.,1.,1.\nPBEAM,6,1,1.,1.,1.,,1.", r"MYSTRAN has no CBEAM; a CBAR, .* or the matrices from"),
+        ("RBAR,60,9,20,123,456", r"RBAR 60: independent components 123 and 456; expected 123456 at one end"),
+        ("RBE1,60,9,123456\n,UM,20,123", r"RBE1 60: MYSTRAN has no RBE1; RBE2, RBE3 or MPC cards would do"),
+    ],
+)
+def test_what_mystran_would_pass_over_is_refused(deck, card, message):
+    with pytest.raises(FormatError, match=message):
+        read_model(deck(ARM + card + "\n"))
+
+
 SPRINGS = """SPC = 1
 BEGIN BULK
 GRID,1,,0.,0.,0.,2

@@ -127,6 +127,7 @@ def test_text_with_one_triangle_and_fortran_exponents(tmp_path):
         ("-1.000000000D+00", "-1.00000x000D+00", r"t.op4:3: '-1.00000x000D\+00' is not a number; expected 2 values"),
         ("       2       2       1\n", "       2       3       1\n", r"t.op4:5: .*rows 3 to 3 of column 2; expected 2"),
         ("-1.000000000D+00", "-1.000000000D+000", r"t.op4:3: more than 2 value\(s\) of 16 characters"),
+        ("       2       2       6", "999999999       2      6", r"t.op4:1: .*expected"),
         ("1P,5E16.9", "", r"t.op4:1: matrix 'KLL': no format"),
         (
             "       1       1       2",

@@ -1,4 +1,7 @@
-"""What MYSTRAN writes differently from Nastran: springs to the ground, scalar points, numbers that are too long."""
+"""What MYSTRAN reads otherwise than Nastran, or not at all.
+
+Seen with version 18.0.0, which passes over cards that it does not know with no more than a warning.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,15 @@ __all__ = ["adapted"]
 _WIDTH = 16
 #: Fields of first and second grid, and of their components.
 _ENDS = {"CELAS1": ((2, 3), (4, 5)), "CELAS2": ((2, 3), (4, 5)), "CMASS2": ((2, 3), (4, 5))}
+#: Cards that MYSTRAN passes over or has no code for, and what would do.
+_NOT_READ = {
+    "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis fall together",
+    "CTUBE": "a CROD or a CBAR",
+    "CQUADR": "a CQUAD4",
+    "CTRIAR": "a CTRIA3",
+    "CTRIA6": "four CTRIA3",
+    "RBE1": "RBE2, RBE3 or MPC cards",
+}
 #: PARAM cards that only say what is printed or solved for, or that the run sets itself.
 _PARAMETERS = (
     "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR", "W3", "W4",
@@ -35,17 +47,29 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
     -------
     list of Card
         Cards whose fields fit 16 characters.
+
+    Raises
+    ------
+    FormatError
+        If MYSTRAN has no such element; the message names what would do.
     """
     out: list[Card] = []
     grounds = max([*deck.grids, *deck.points], default=0)
     for card in cards:
         if card.name == "PARAM" and card.text(0) in _PARAMETERS:
             continue
+        if card.name in _NOT_READ:
+            raise card.error(
+                f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; {_NOT_READ[card.name]} would do, or the "
+                "matrices from Nastran itself (OUTPUT4, DMIG)"
+            )
         if card.name in _ENDS:
             changed, ground = _spring(deck, card, grounds + 1)
         elif card.name == "CBUSH" and not card.text(3):
             ground = _ground(deck, card, card.integer(2), grounds + 1)
             changed = card.with_fields({3: str(grounds + 1)})
+        elif card.name == "RBAR":
+            changed, ground = _bar(card), None
         else:
             changed, ground = card, None
         if ground is not None:
@@ -68,6 +92,20 @@ def _spring(deck: Deck, card: Card, number: int) -> tuple[Card, Card | None]:
         ground = _ground(deck, card, card.integer(one[0]), number)
         new |= {two[0]: str(number), two[1]: new.get(one[1], card.text(one[1]))}
     return card.with_fields(new), ground
+
+
+def _bar(card: Card) -> Card:
+    """Return a rigid bar, all of whose independent components are at one end, as an RBE2."""
+    own, other = card.text(3), card.text(4)
+    ends = ((1, 2, 6), (2, 1, 5))  # independent grid, dependent grid, dependent components
+    if {own, other} != {"123456", ""}:
+        raise card.error(
+            f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'}; expected 123456 at "
+            "one end, as MYSTRAN has RBE2 only"
+        )
+    independent, dependent, components = ends[0] if own else ends[1]
+    fields = (card.text(0), card.text(independent), card.text(components, "123456"), card.text(dependent))
+    return Card("RBE2", fields, card.lines)
 
 
 def _ground(deck: Deck, card: Card, node: int, number: int) -> Card:

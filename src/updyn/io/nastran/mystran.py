@@ -37,7 +37,7 @@ _HINT = (
 _TERM = np.dtype([("before", "<i4"), ("row", "<i4"), ("column", "<i4"), ("value", "<f8"), ("after", "<i4")])
 _INTEGER = np.dtype([("before", "<i4"), ("value", "<i4"), ("after", "<i4")])
 _ECHO = re.compile(r"ECHO: \w+ (.*\S)")
-_ERROR = re.compile(r"\*ERROR\s+(\d+)\s*:\s*(.*)")
+_ERROR = re.compile(r"\*ERROR\s*(\d*)\s*:\s*(.*)")
 #: Columns of the table of degrees of freedom: grid, component, number in the sets G, M (tied) and S (held).
 _GRID, _COMPONENT, _G, _M, _S = 0, 1, 4, 5, 12
 
@@ -208,7 +208,9 @@ def _said(deck: Path) -> str:
             more.append(further)
         echoed = [e[1] for text in lines[:at] if (e := _ECHO.search(text)) and e[1][0] != "*"][-1:]
         where = f" (at or before the card {' '.join(echoed[0].split())!r})" if echoed not in ([], ["ENDDATA"]) else ""
-        return f"MYSTRAN error {found[1]}: " + " ".join(" ".join([found[2], *more]).split()) + where
+        return (
+            f"MYSTRAN error{' ' * bool(found[1])}{found[1]}: " + " ".join(" ".join([found[2], *more]).split()) + where
+        )
     last = [text for text in lines if text.strip()][-1:]
     return "MYSTRAN ended before it had made the matrices; its last line is: " + " ".join("".join(last).split())
 

@@ -30,6 +30,7 @@ RECTANGULAR, SYMMETRIC = 2, 6
 #: From this number of rows the head of a string takes two words, whatever the sign of the number of rows.
 ROWS_OF_BIGMAT = 65536
 _SQUARE = 1
+_LARGEST = 10**8  # beyond any model; a damaged header would ask for all memory
 _NAME = re.compile(r"[A-Z][A-Z0-9]{0,7}")
 
 
@@ -159,8 +160,10 @@ def runs(rows: Any) -> list[tuple[int, int]]:
 
 def check_header(path: Path, where: int | None, name: str, columns: int, rows: int, kind: int) -> None:
     """Refuse sizes and types that no real matrix has."""
-    if columns < 1 or rows == 0:
-        raise FormatError(f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected at least 1", path, where)
+    if not (1 <= columns <= _LARGEST and 1 <= abs(rows) <= _LARGEST):
+        raise FormatError(
+            f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected 1 to {_LARGEST}", path, where
+        )
     if kind in (3, 4):
         raise FormatError(
             f"matrix {name!r} is complex (type {kind}); expected real: damping goes into loss factors and viscous "
