@@ -113,6 +113,8 @@ def test_what_cannot_be_tied_is_refused_by_name() -> None:
         Equation("1:X", {"1:-X": 1.0})
     with pytest.raises(ModelError, match="not finite"):
         Equation("1:X", {"2:X": np.inf})
+    with pytest.raises(ModelError, match="not finite"):
+        Equation("1:X", {"2:X": 10**400})
     with pytest.raises(ModelError, match="both have a group 'a'"):
         join([free, free])
 

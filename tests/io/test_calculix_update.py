@@ -9,6 +9,7 @@ import numpy as np
 from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 
 import updyn
+from updyn.cli import main
 from updyn.io.calculix import read_model
 
 STIFFER, HEAVIER, LOSS = (0.82, 1.31, 1.12), (1.0, 1.15, 0.9), (0.004, 0.012, 0.007)
@@ -53,3 +54,40 @@ def test_a_deck_is_updated_to_another_and_written_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(own_frequencies(again), own_frequencies(real), rtol=1e-6)
     for name, group in read_model(again).groups.items():
         np.testing.assert_allclose(group.loss_factor, result.values[f"{name}.loss_factor"], rtol=1e-12)
+
+
+@needs_ccx
+def test_a_job_reads_a_deck_in_mm_and_writes_its_properties(tmp_path: Path) -> None:
+    """mm, t, s: lengths by 1e3, moduli by 1e-6, densities by 1e-12."""
+    (tmp_path / "bar.inp").write_text(bar(unit=(1e3, 1e-6, 1e-12)))
+    model = read_model(tmp_path / "bar.inp", unit="mm")
+    truth = model.scaled({"Steel": {"stiffness": 0.9}})
+    tip = str(model.dofs[model.n_dofs - 2])
+    updyn.write_frf(updyn.response(truth, np.linspace(60.0, 4200.0, 60), [tip], [tip]), tmp_path / "test.npz")
+    job = tmp_path / "job.toml"
+    job.write_text(
+        f"""
+[model]
+file = "bar.inp"
+unit = "mm"
+[test]
+file = "test.npz"
+[[parameter]]
+groups = "Steel"
+quantity = "stiffness"
+nominal = {MODULI[NAMES.index("Steel")]}
+unit = "Pa"
+[method]
+starts = 0
+[output]
+properties = "updated.inp"
+report = false
+"""
+    )
+    assert main(["run", str(job), "--out", str(tmp_path / "out")]) == 0
+    written = (tmp_path / "out" / "updated.inp").read_text()
+    found = re.search(r"\*MATERIAL, NAME=Steel\n(?:\*\*.*\n)*\*ELASTIC.*\n([^,\s]+)", written, re.IGNORECASE)
+    assert found is not None, written
+    np.testing.assert_allclose(float(found[1]), 0.9 * MODULI[NAMES.index("Steel")] * 1e-6, rtol=1e-6)
+    assert main(["run", str(tmp_path / "out" / "job.toml"), "--out", str(tmp_path / "again")]) == 0
+    assert main(["info", str(tmp_path / "bar.inp"), "--unit", "mm"]) == 0

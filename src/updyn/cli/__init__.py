@@ -190,6 +190,7 @@ def convert(
     duplicates: str | None = None,
     scalar_direction: str | None = None,
     scale: float | None = None,
+    unit: str | None = None,
     force: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Convert a measurement or a model to another format. What IN is, is told by its content.
@@ -210,6 +211,8 @@ def convert(
         Direction of functions whose file names none.
     scale
         Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
+    unit
+        Unit of length of a model's deck, which does not say it: m, mm or in.
     force
         Write over OUT where it exists.
     """
@@ -221,15 +224,19 @@ def convert(
         raise InputError(f"{target}: {'is the file to read' if same else 'exists already; --force writes over it'}")
     reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction, "scale": scale}
     reading = {k: v for k, v in reading.items() if v is not None}
-    kinds = ("frf",) if reading else ("frf", "model")
-    kind, content = read_anything(source, kinds, {"frf": {"format": from_, **reading}, "model": {"format": from_}})
+    modelled = {} if unit is None else {"unit": unit}
+    kinds = ("model",) if modelled else ("frf",) if reading else ("frf", "model")
+    if reading and modelled:
+        raise InputError(f"--unit is about a model, --{next(iter(reading)).replace('_', '-')} about a measurement")
+    options = {"frf": {"format": from_, **reading}, "model": {"format": from_, **modelled}}
+    kind, content = read_anything(source, kinds, options)
     (write_frf if kind == "frf" else write_model)(content, target, format=to)
     _say(f"{target}: {content!r}")
     return DONE
 
 
 @app.command
-def info(file: Path, /, *, quantity: str | None = None) -> int:
+def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
     """Say what is in a file: a measurement, a model, the record of a run, or a geometry.
 
     Parameters
@@ -238,12 +245,18 @@ def info(file: Path, /, *, quantity: str | None = None) -> int:
         The file.
     quantity
         What was measured, where the file does not say.
+    unit
+        Unit of length of a model's deck, which does not say it: m, mm or in.
     """
     from updyn.cli.describe import describe
     from updyn.cli.reading import KINDS, read_anything
 
-    kinds = tuple(KINDS) if quantity is None else ("frf",)
-    _, content = read_anything(file, kinds, {"frf": {} if quantity is None else {"quantity": quantity}})
+    if quantity is not None and unit is not None:
+        raise InputError("--unit is about a model, --quantity about a measurement")
+    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
+    stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
+    options = {kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()}
+    _, content = read_anything(file, kinds, options)
     _say(describe(content))
     return DONE
 

@@ -57,7 +57,7 @@ class Equation:
             other = Dof.parse(label)
             if isinstance(coefficient, bool) or not isinstance(coefficient, int | float | np.number):
                 raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other}; expected a number")
-            if not np.isfinite(coefficient):
+            if not abs(coefficient) <= np.finfo(float).max:
                 raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other} is not finite")
             plain = other if other.sign > 0 else -other
             if plain in seen or plain == positive:
