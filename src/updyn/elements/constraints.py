@@ -8,6 +8,7 @@ section 13.2).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["Equation", "about_axis", "add_masses", "along_axis", "constrain", "join", "rigid_link"]
 
+_LARGEST = sys.float_info.max  # a whole number may be larger
 _SHOWN = 6  # equations of a loop that are named
 _TRANSLATIONS, _ROTATIONS = ("X", "Y", "Z"), ("RX", "RY", "RZ")
 
@@ -57,7 +59,7 @@ class Equation:
             other = Dof.parse(label)
             if isinstance(coefficient, bool) or not isinstance(coefficient, int | float | np.number):
                 raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other}; expected a number")
-            if not abs(coefficient) <= np.finfo(float).max:
+            if not abs(coefficient) <= _LARGEST:
                 raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other} is not finite")
             plain = other if other.sign > 0 else -other
             if plain in seen or plain == positive:
