@@ -248,6 +248,46 @@ def test_springs_to_the_ground_and_scalar_points(deck):
     np.testing.assert_allclose(model.mass.toarray(), np.diag([0.25, 0.25, 1.5, 0.0, 2.0]), atol=1e-12)
 
 
+DAMPERS = """CDAMP1,31,21,1,1,5
+CDAMP1,32,22,2,3
+CDAMP2,33,3.,5,,6
+PDAMP,21,7.,22,11.
+CBUSH,34,8,1,2,,,,0
+PBUSH,8,K,10.,,,,,
+,,B,13.,17.
+PBUSH,9,B,5.
+CBUSH,35,9,1,2,,,,0
+"""
+
+
+@needs_mystran
+def test_dampers(deck, tmp_path):
+    path = deck(SPRINGS.replace("SPC1,", DAMPERS + "SPC1,"))
+    model = updyn.read_model(path)
+    assert model.dofs.labels == ["1:X", "1:Y", "2:Z", "5:X", "6:X"]
+    expected = {"PDAMP 21": np.zeros((5, 5)), "PDAMP 22": np.zeros((5, 5)), "CDAMP2 33": np.zeros((5, 5))}
+    expected["PDAMP 21"][np.ix_([0, 3], [0, 3])] = [[7.0, -7.0], [-7.0, 7.0]]
+    expected["PDAMP 22"][2, 2] = 11.0
+    expected["CDAMP2 33"][np.ix_([3, 4], [3, 4])] = [[3.0, -3.0], [-3.0, 3.0]]
+    for name, C in expected.items():
+        assert model.groups[name].stiffness is None
+        np.testing.assert_array_equal(model.groups[name].viscous.toarray(), C)
+    # In the basic system (CID 0) X and Y of grid 1 are X and Y; at grid 2 all but Z is held.
+    bushing = model.groups["PBUSH 8"]
+    np.testing.assert_allclose(bushing.viscous.diagonal(), [13.0, 17.0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(bushing.stiffness.diagonal(), [10.0, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(model.groups["PBUSH 9"].viscous.diagonal(), [5.0, 0, 0, 0, 0], atol=1e-9)
+    changes = {
+        "PDAMP 22": {"viscous": 2.0},
+        "PBUSH 8": {"viscous": 3.0, "stiffness": 0.5},
+        "CDAMP2 33": {"viscous": 0.5},
+    }
+    write_deck(changes, path, tmp_path / "new.bdf")
+    again, updated = updyn.read_model(tmp_path / "new.bdf"), model.scaled(changes)
+    np.testing.assert_allclose(again.viscous.toarray(), updated.viscous.toarray(), atol=1e-9)
+    np.testing.assert_allclose(again.stiffness.toarray(), updated.stiffness.toarray(), atol=1e-9)
+
+
 @needs_mystran
 def test_an_update_finds_what_was_changed(deck):
     start = updyn.read_model(deck(plate()))
@@ -336,7 +376,7 @@ def test_what_is_written(deck, tmp_path):
         ({"PBAR 5": {"stiffness": 2.0}}, r"wing.bdf: no group 'PBAR 5' in the deck; did you mean 'PBAR 4'"),
         ({"PELAS 1": {"mass": 2.0}}, r"wing.bdf:1: group PELAS 1 has no mass to change"),
         ({"PELAS 1": {"loss_factor": 0.001}}, r"loss factor 0.001 is below PARAM,G of the deck, 0.005"),
-        ({"PELAS 1": {"viscous": 2.0}}, r"group PELAS 1: a deck has no viscous damping"),
+        ({"PELAS 1": {"viscous": 2.0}}, r"wing.bdf:1: group PELAS 1 has no viscous damping to change"),
         ({"PELAS 1": {"stifness": 2.0}}, r"group 'PELAS 1': no quantity 'stifness'"),
     ],
 )

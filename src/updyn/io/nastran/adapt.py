@@ -25,6 +25,8 @@ _NOT_READ = {
     "CTRIA6": "four CTRIA3",
     "RBE1": "RBE2, RBE3 or MPC cards",
 }
+#: Viscous dampers, which MYSTRAN does not know, and which are neither stiffness nor mass.
+_DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
 #: PARAM cards that only say what is printed or solved for, or that the run sets itself.
 _PARAMETERS = (
     "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR", "W3", "W4",
@@ -56,7 +58,7 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
     out: list[Card] = []
     grounds = max([*deck.grids, *deck.points], default=0)
     for card in cards:
-        if card.name == "PARAM" and card.text(0) in _PARAMETERS:
+        if card.name in _DAMPERS or (card.name == "PARAM" and card.text(0) in _PARAMETERS):
             continue
         if card.name in _NOT_READ:
             raise card.error(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from updyn.errors import ModelError
 from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import Deck
 from updyn.io.nastran.fields import text_of
 from updyn.io.nastran.kinds import Values, materials_of, values
+from updyn.model import GROUP_QUANTITIES
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 
@@ -36,6 +37,16 @@ class Revision:
         return [self.replaced.get(card, card) for card in cards] + list(self.added if added is None else added)
 
 
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """Factors on a group, and the loss factor that its cards are to give; None: as they do."""
+
+    stiffness: float
+    mass: float
+    viscous: float
+    loss: float | None
+
+
 def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     """Work out which cards change.
 
@@ -44,8 +55,8 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     deck : Deck
         The deck.
     changes : mapping of str to mapping of str to float
-        By group: ``stiffness`` and ``mass`` are factors on what the deck has, ``loss_factor`` is the new value (PARAM,G
-        of the deck counts as part of it).
+        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what the deck has, ``loss_factor`` is the new
+        value (PARAM,G of the deck counts as part of it).
 
     Returns
     -------
@@ -64,14 +75,14 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     next_number = max(deck.materials, default=0) + 1
     for name, change in changes.items():
         card = deck.group(name)
-        stiffness, mass, loss = _asked(deck, name, card, change)
+        asked = _asked(deck, name, card, change)
         found = out.replaced.get(card, card)
-        new = _changed(found, _spread(found, loss), stiffness, mass, loss)
+        new = _changed(found, _spread(found, asked.loss), asked)
         for number in dict.fromkeys(card.integer(i) for i in materials_of(card)):
             material = deck.materials[number]
             # The loss factor of a laminate is on its own card.
-            own_loss = None if card.name == "PCOMP" else loss
-            scaled = _changed(material, material, stiffness, mass, own_loss)
+            own = replace(asked, loss=None) if card.name == "PCOMP" else asked
+            scaled = _changed(material, material, own)
             if scaled == material:
                 continue
             if len(users[number]) == 1:
@@ -129,20 +140,22 @@ def _users(deck: Deck) -> dict[int, set[str]]:
     return out
 
 
-def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> tuple[float, float, float | None]:
+def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
     for quantity in change:
-        if quantity not in ("stiffness", "mass", "loss_factor", "viscous"):
-            raise ModelError(f"group {name!r}: no quantity {quantity!r}; expected stiffness, mass or loss_factor")
-    if change.get("viscous", 1.0) != 1.0:
-        raise card.error(f"group {name}: a deck has no viscous damping of properties")
-    stiffness, mass = float(change.get("stiffness", 1.0)), float(change.get("mass", 1.0))
+        if quantity not in GROUP_QUANTITIES:
+            raise ModelError(
+                f"group {name!r}: no quantity {quantity!r}; expected stiffness, mass, viscous or loss_factor"
+            )
+    stiffness, mass, viscous = (float(change.get(q, 1.0)) for q in ("stiffness", "mass", "viscous"))
+    if viscous != 1.0 and not values(card).viscous:
+        raise card.error(f"group {name} has no viscous damping to change")
     stiff = bool(values(card).stiffness or materials_of(card))
     if not stiff and (stiffness != 1.0 or "loss_factor" in change):
         raise card.error(f"group {name} has no stiffness to change")
     if mass != 1.0 and not has_mass(deck, name):
         raise card.error(f"group {name} has no mass to change: neither density nor mass is given")
     if "loss_factor" not in change or float(change["loss_factor"]) == loss_factor_of(deck, name):
-        return stiffness, mass, None
+        return _Asked(stiffness, mass, viscous, None)
     common = deck.parameter("G", 0.0)
     loss = float(change["loss_factor"]) - common
     if loss < -1e-12:
@@ -150,7 +163,7 @@ def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> tu
             f"group {name!r}: loss factor {change['loss_factor']:g} is below PARAM,G of the deck, {common:g}, which "
             "all groups have"
         )
-    return stiffness, mass, max(loss, 0.0)
+    return _Asked(stiffness, mass, viscous, max(loss, 0.0))
 
 
 def _spread(card: Card, loss: float | None) -> Card:
@@ -161,12 +174,16 @@ def _spread(card: Card, loss: float | None) -> Card:
     return card.with_fields({start + 1: "GE", **{start + 2 + k: "0." for k in range(6)}})
 
 
-def _changed(card: Card, laid_out: Card, stiffness: float, mass: float, loss: float | None) -> Card:
+def _changed(card: Card, laid_out: Card, asked: _Asked) -> Card:
     fields: Values = values(laid_out)
     new: dict[int, str] = {}
-    for at, factor in [(i, stiffness) for i in fields.stiffness] + [(i, mass) for i in fields.mass]:
-        if laid_out.text(at) and factor != 1.0:
-            new[at] = text_of(laid_out.real(at) * factor, _WIDTH)
-    if loss is not None:
-        new |= {at: text_of(loss, _WIDTH) for at in fields.loss}
+    for places, factor in (
+        (fields.stiffness, asked.stiffness),
+        (fields.mass, asked.mass),
+        (fields.viscous, asked.viscous),
+    ):
+        if factor != 1.0:
+            new |= {at: text_of(laid_out.real(at) * factor, _WIDTH) for at in places if laid_out.text(at)}
+    if asked.loss is not None:
+        new |= {at: text_of(asked.loss, _WIDTH) for at in fields.loss}
     return laid_out.with_fields(new) if new else card

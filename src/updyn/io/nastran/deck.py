@@ -24,7 +24,7 @@ _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS,
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
 #: Two of one kind on one card: number of fields of each.
-_DOUBLE = {"PELAS": 4, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
+_DOUBLE = {"PELAS": 4, "PDAMP": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
 
 
 @dataclass(frozen=True)  # no slots: what is derived is kept

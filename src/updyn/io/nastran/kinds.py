@@ -67,6 +67,8 @@ ELEMENTS = {
     "CHEXA": Element(_fields(20), _SOLID, (*_ring(4), *_ring(4, 4), *_BOX)),
     "CONM2": Element((1,)),
     "CMASS2": Element((2, 4)),
+    "CDAMP1": Element((2, 4), ("PDAMP",), _LINE),
+    "CDAMP2": Element((2, 4), (), _LINE),
 }
 #: Elements that are their own property: a group each.
 OWN = tuple(name for name, e in ELEMENTS.items() if not e.properties)
@@ -101,11 +103,14 @@ class Values:
         Fields to multiply.
     loss : tuple of int
         Fields of the loss factor GE.
+    viscous : tuple of int
+        Fields to multiply with the viscous damping.
     """
 
     stiffness: tuple[int, ...] = ()
     mass: tuple[int, ...] = ()
     loss: tuple[int, ...] = ()
+    viscous: tuple[int, ...] = ()
 
 
 _VALUES = {
@@ -125,6 +130,8 @@ _VALUES = {
     "CELAS2": Values((1,), (), (6,)),
     "CONM2": Values((), (3, 8, 9, 10, 11, 12, 13)),
     "CMASS2": Values((), (1,)),
+    "PDAMP": Values(viscous=(1,)),
+    "CDAMP2": Values(viscous=(1,)),
 }
 
 
@@ -169,6 +176,7 @@ def _masses_of_pbeam(card: Card) -> tuple[int, ...]:
 def _values_of_pbush(card: Card) -> Values:
     stiffness: tuple[int, ...] = ()
     loss: tuple[int, ...] = ()
+    viscous: tuple[int, ...] = ()
     for at in range(1, len(card.fields), 8):
         kind = card.text(at)
         six = tuple(i for i in range(at + 1, at + 7) if card.text(i))
@@ -176,11 +184,13 @@ def _values_of_pbush(card: Card) -> Values:
             stiffness = six
         elif kind == "GE":
             loss = six
-        elif kind in ("B", "M") and any(card.real(i) for i in six):
-            raise card.error(f"PBUSH {card.text(0)}: {kind} (field {at + 2}) is not read; expected K and GE only")
-        elif kind not in ("B", "M", "RCV", "T", ""):
-            raise card.error(f"PBUSH {card.text(0)}: field {at + 2} is {kind!r}; expected K or GE")
-    return Values(stiffness, (), loss)
+        elif kind == "B":
+            viscous = six
+        elif kind == "M" and any(card.real(i) for i in six):
+            raise card.error(f"PBUSH {card.text(0)}: M (field {at + 2}) is not read; expected K, B and GE only")
+        elif kind not in ("M", "RCV", "T", ""):
+            raise card.error(f"PBUSH {card.text(0)}: field {at + 2} is {kind!r}; expected K, B or GE")
+    return Values(stiffness, (), loss, viscous)
 
 
 def materials_of(card: Card) -> tuple[int, ...]:
@@ -191,7 +201,7 @@ def materials_of(card: Card) -> tuple[int, ...]:
         fields = tuple(range(8, len(card.fields), 4))
     elif card.name == "CONROD":
         fields = (3,)
-    elif card.name in ("PBUSH", "PELAS", *(n for n in OWN if n != "CONROD")):
+    elif card.name in ("PBUSH", "PDAMP", "PELAS", *(n for n in OWN if n != "CONROD")):
         fields = ()
     else:
         fields = (1,)

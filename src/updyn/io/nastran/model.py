@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from updyn.dofs import DIRECTIONS, Dof
 from updyn.elements.constraints import Equation, constrain
 from updyn.errors import FormatError, suggest
 from updyn.io.consistent_units import check_materials, system
@@ -23,7 +24,7 @@ from updyn.io.nastran.deck import Deck, read_deck
 from updyn.io.nastran.geometry import geometry_of
 from updyn.io.nastran.kinds import OWN, TIES, materials_of, values
 from updyn.io.nastran.mystran import Matrices, Program, executable, run
-from updyn.model import Group, Model
+from updyn.model import Group, Matrix, Model
 
 __all__ = ["model_of"]
 
@@ -58,13 +59,20 @@ def model_of(
                 raise FormatError(f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path)
             return total.stiffness + alone.stiffness / 2.0, total.mass + alone.mass / 2.0
 
-        parts = groups_by_difference(deck.groups, (total.stiffness, total.mass), doubled, total.dofs, deck.path)
+        solid = [name for name in deck.groups if _stiff(deck, name) or values(deck.group(name)).mass]
+        parts = groups_by_difference(solid, (total.stiffness, total.mass), doubled, total.dofs, deck.path)
+        viscous = {
+            name: _damping(deck, name, total, lambda cards: _run(found, deck, cards, Path(folder), {}, links=1))
+            for name, card in deck.groups.items()
+            if any(card.real(i) for i in values(card).viscous)
+        }
     groups = {}
-    for name, (K, M) in parts.items():
-        if K is None and M is None:
-            raise deck.group(name).error(f"group {name} has neither stiffness nor mass")
-        K, M = (None if A is None else units.to_si(A, total.dofs) for A in (K, M))
-        groups[name] = Group(K, M, loss_factor=losses[name] if K is not None else 0.0)
+    for name in deck.groups:
+        matrices = (*parts.get(name, (None, None)), viscous.get(name))
+        if all(A is None for A in matrices):
+            raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
+        K, M, C = (None if A is None else units.to_si(A, total.dofs) for A in matrices)
+        groups[name] = Group(K, M, loss_factor=losses[name] if K is not None else 0.0, viscous=C)
     with placed(deck.path):
         free = Model(groups, total.dofs, geometry, _title(deck))
         held, ties = _constraints(deck, total, units.length)
@@ -79,13 +87,13 @@ def _run(
         return run(program, cards, Path(own), deck.path, links=links, **sets)
 
 
-def _alone(deck: Deck, name: str) -> list[Card]:
+def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
     """Return the cards of one group with stiffness and mass doubled, on all grids of the deck."""
     change = {}
     if _stiff(deck, name):
-        change["stiffness"] = 2.0
+        change["stiffness"] = factor
     if has_mass(deck, name):
-        change["mass"] = 2.0
+        change["mass"] = factor
     chosen = deck.group(name)
     others = {card for card in deck.elements if (card if card.name in OWN else deck.property_of(card)) != chosen}
     kept = [card for card in deck.cards if card not in others and card.name not in TIES]
@@ -97,6 +105,38 @@ def _alone(deck: Deck, name: str) -> list[Card]:
     line = chosen.lines
     cards += [Card("GRID", (end, "", "0.", "0.", "0."), line) for end in ends]
     return [*cards, Card("CELAS2", (str(spring), "1.", ends[0], "1", ends[1], "1"), line)]
+
+
+def _damping(deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[Card]], Matrices]) -> Matrix:
+    """Return the viscous matrix of a group, shape (N, N): dampers by their ends, bushings with B in place of K."""
+    card = deck.group(name)
+    if card.name == "PBUSH":
+        fields = values(card)
+        flags = range(1, len(card.fields), 8)
+        first = next((at for at in flags if card.text(at) == "K"), 1) + 1
+        cleared = dict.fromkeys(fields.stiffness, "")
+        start = min(fields.viscous) - (min(fields.viscous) - 2) % 8
+        moved = {first + i - start: card.text(i) for i in fields.viscous}
+        cards = [c.with_fields(cleared | moved | {first - 1: "K"}) if c == card else c for c in _alone(deck, name, 1.0)]
+        return _own(deck, run_alone(cards)).stiffness
+    rows: list[int] = []
+    columns: list[int] = []
+    entries: list[float] = []
+    for element in deck.elements:
+        if (element if element.name in OWN else deck.property_of(element)) != card:
+            continue
+        ends = [(element.integer(i), max(element.integer(i + 1, 1), 1) - 1) for i in (2, 4) if element.text(i)]
+        labels = [Dof(node, DIRECTIONS[axis]) for node, axis in ends if node]
+        with placed(deck.path, f"{element.name} {element.text(0)}"):
+            at = total.dofs.match(labels).index.tolist()
+        b = card.real(1)
+        for i, sign in zip(at, (1.0, -1.0), strict=False):
+            for j, other in zip(at, (1.0, -1.0), strict=False):
+                rows.append(i)
+                columns.append(j)
+                entries.append(sign * other * b)
+    n = len(total.dofs)
+    return sp.csr_array(sp.coo_array((entries, (rows, columns)), shape=(n, n)))
 
 
 def _own(deck: Deck, found: Matrices) -> Matrices:
@@ -142,7 +182,7 @@ def _check_masses(deck: Deck, massless: list[str]) -> None:
         if name not in deck.groups:
             raise FormatError(f"massless: no group {name!r}; {suggest(name, deck.groups)}", deck.path)
     for name, card in deck.groups.items():
-        springs = bool(values(card).stiffness)
+        springs = bool(values(card).stiffness or values(card).viscous)
         if not springs and name not in massless and not has_mass(deck, name):
             raise card.error(
                 f"group {name} has no mass: neither its material nor its card gives one; if that is meant, "
