@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -150,3 +152,11 @@ def test_what_is_open_in_all_tests_is_said_with_the_test_that_would_cure_it() ->
         updyn.update_jointly([locked[0], locked[0]], unknowns())
     with pytest.raises(InputError, match="at least one Test"):
         updyn.update_jointly([], unknowns())
+
+
+def test_a_sensor_that_points_elsewhere_is_said() -> None:
+    model, frf = train(False), measured(False)
+    turned = np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]])
+    oblique = dataclasses.replace(frf, geometry=updyn.Geometry([2], [[0.0, 0.0, 0.0]], axes=turned))
+    with pytest.warns(updyn.UpdynWarning, match="2:RZ points 90 degrees away from the model's"):
+        updyn.update(model, oblique, unknowns(), starts=0)

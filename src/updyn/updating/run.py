@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -12,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from updyn import __version__
-from updyn.dofs import Dof
+from updyn.dofs import DIRECTIONS, Dof
 from updyn.engines import Engine, choose_engine
-from updyn.errors import OptionError, ParameterError, SolverError
+from updyn.errors import OptionError, ParameterError, SolverError, UpdynWarning
 from updyn.frf import FRF
+from updyn.geometry import Geometry
 from updyn.model import Model
 from updyn.updating.fit import Fit, Method
 from updyn.updating.joint import Task, together
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 __all__ = ["Test", "check", "on_lines", "run"]
+
+#: Cosine of the angle, 1 degree, from which a sensor is worth a warning.
+_ALONG = float(np.cos(np.radians(1.0)))
 
 _Lines = str | ArrayLike | None
 
@@ -209,6 +214,32 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     for test in tests:
         test.model.dofs.match(test.frf.responses, "response")
         test.model.dofs.match(test.frf.references, "reference")
+        _warn_of_axes(test)
+
+
+def _warn_of_axes(test: Test) -> None:
+    """Warn where the measurement says that a sensor or a force does not point along the DOF of its name."""
+    placed = test.frf.geometry
+    if placed is None or placed.axes is None:
+        return
+    modelled = test.model.geometry
+    for dof in dict.fromkeys([*test.frf.responses, *test.frf.references]):
+        told = _axes_at(placed, dof.node)
+        if told is None:
+            continue
+        own = None if modelled is None else _axes_at(modelled, dof.node)
+        axis = DIRECTIONS.index(dof.direction) % 3
+        cosine = float(told[axis] @ (np.eye(3) if own is None else own)[axis])
+        if cosine < _ALONG:
+            angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            text = f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as it points"
+            warnings.warn(text, UpdynWarning, stacklevel=4)
+            return
+
+
+def _axes_at(geometry: Geometry, node: int) -> NDArray[np.float64] | None:
+    at = np.flatnonzero(geometry.nodes == node)
+    return None if geometry.axes is None or not at.size else np.asarray(geometry.axes[at[0]])
 
 
 def on_lines(problem: Problem, lines: _Lines) -> Problem:
