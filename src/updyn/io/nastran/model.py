@@ -88,7 +88,7 @@ def _run(
 
 
 def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
-    """Return the cards of one group with stiffness and mass doubled, on all grids of the deck."""
+    """Return the cards of one group, its stiffness and mass multiplied, on all grids of the deck."""
     change = {}
     if _stiff(deck, name):
         change["stiffness"] = factor
@@ -117,7 +117,11 @@ def _damping(deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[C
         cleared = dict.fromkeys(fields.stiffness, "")
         start = min(fields.viscous) - (min(fields.viscous) - 2) % 8
         moved = {first + i - start: card.text(i) for i in fields.viscous}
-        cards = [c.with_fields(cleared | moved | {first - 1: "K"}) if c == card else c for c in _alone(deck, name, 1.0)]
+        put = cleared | moved | {first - 1: "K"}
+        cards = [
+            c.with_fields(put) if (c.name, c.text(0)) == (card.name, card.text(0)) else c
+            for c in _alone(deck, name, 1.0)
+        ]
         return _own(deck, run_alone(cards)).stiffness
     rows: list[int] = []
     columns: list[int] = []
