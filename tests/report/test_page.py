@@ -73,7 +73,7 @@ def test_elements_are_closed_in_order(page):
 
 
 def test_sections_stand_in_order_and_the_contents_lead_to_them(page):
-    anchors = [name for name, _, _ in SECTIONS]
+    anchors = [name for name, _, _ in SECTIONS if name != "structure"]  # the model has no geometry
     assert [a["id"] for a in page.of("section")] == ["verdict", *anchors]
     assert [a["href"] for a in page.of("a")] == [f"#{name}" for name in anchors]
 

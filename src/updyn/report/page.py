@@ -15,6 +15,7 @@ from updyn.report.figures import all_figures, overlay
 from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
 from updyn.report.sections_tests import COMMON, joint_head, tests
+from updyn.report.structure import structure_of
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "write_report"]
@@ -74,7 +75,8 @@ def render(result: UpdateResult) -> str:
     frfs, thinned = overlay(result, data)
     content = Content(result, data, figures, thinned)
     sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
-    return _page(head(result, scores), sections, result, figures, frfs)
+    there = [(anchor, name, text) for anchor, name, text in sections if text]
+    return _page(head(result, scores), there, result, figures, frfs)
 
 
 def render_joint(result: JointResult) -> str:
@@ -85,7 +87,8 @@ def render_joint(result: JointResult) -> str:
     content = Content(first, data, figures, "")
     common = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
     shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
-    sections = [("tests", "Tests", tests(result)), *common]
+    picture = structure_of(list(result.results.values()))
+    sections = [("tests", "Tests", tests(result)), *([("structure", "Structure", picture)] if picture else []), *common]
     return _page(joint_head(result), sections, first, shown, None)
 
 
@@ -107,7 +110,7 @@ def _page(
 <meta name="generator" content="updyn {version}">
 <title>{m.esc(result.title or "Model update")} – updyn report</title>
 <link rel="icon" href="data:,">
-<style>{asset("report.css")}</style>
+<style>{asset("report.css")}{asset("structure.css")}</style>
 <script>{asset("watch.js")}</script>
 </head>
 <body>

@@ -11,6 +11,7 @@ from updyn.report import words as w
 from updyn.report.content import Content, asset
 from updyn.report.sections_record import noise, provenance, validation
 from updyn.report.sections_unknowns import convergence, identifiability, parameters
+from updyn.report.structure import structure
 from updyn.updating.result import UpdateResult
 
 __all__ = ["SECTIONS", "agreement", "head", "overlay"]
@@ -148,6 +149,7 @@ def _agreement_table(result: UpdateResult) -> str:
 SECTIONS: tuple[tuple[str, str, Callable[[Content], str]], ...] = (
     ("frfs", "FRFs", overlay),
     ("agreement", "Agreement", agreement),
+    ("structure", "Structure", structure),
     ("unknowns", "Unknowns", parameters),
     ("identifiability", "What is determined", identifiability),
     ("convergence", "Convergence", convergence),
