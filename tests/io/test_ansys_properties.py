@@ -230,3 +230,18 @@ def test_a_block_that_is_cut_short(deck):
     deck.write_text(re.split(r"       9       8", DECK)[0])
     with pytest.raises(FormatError, match="RLBLOCK: ends before its last set"):
         written({"material 1": {"stiffness": 1.1}}, deck)
+
+
+def test_elements_out_of_their_columns(deck):
+    deck.write_text(DECK.replace("         1         2         7", "         1         2        7a"))
+    with pytest.raises(FormatError, match=r"arm.cdb:28: EBLOCK: found .* whole numbers of 10 characters"):
+        written({"material 1": {"stiffness": 1.1}}, deck)
+
+
+@pytest.mark.parametrize(
+    "line", ["MP", "MPDATA", "MPTEMP", "R", "RMORE", "ET", "TB", "KEYOPT", "MP,EX", "/COM,ANSYS RELEASE 19.2.1"]
+)
+def test_commands_without_their_arguments(deck, line):
+    """Of no use, and no harm to the others."""
+    deck.write_text(line + "\n" + DECK)
+    assert ("MP", "EX", "4", "2000000000.0") in commands(written({"material 4": {"stiffness": 2.0}}, deck))

@@ -145,9 +145,7 @@ class _Reading:
         line = lines[at]
         found = re.match(r"\s*/COM\s*,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE\s+([\d.]+)(?:\s*R(\d))?", line, re.I)
         if found:
-            self.deck.release = (
-                float(f"{found[1].split('.')[0]}.{found[2]}") if found[2] else float(found[1].strip("."))
-            )
+            self.deck.release = _release(found[1], found[2])
         if line.lstrip().upper().startswith(("/COM", "/TITLE", "C***")):
             return 1
         for command in line.split("!")[0].split("$"):
@@ -161,7 +159,7 @@ class _Reading:
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
         if name == "MP":
-            self._material(fields[0].upper()[:4], _at(fields, 1) or "1", [v for v in fields[2:] if v], (), line)
+            self._material(_at(fields, 0).upper()[:4], _at(fields, 1) or "1", [v for v in fields[2:] if v], (), line)
         elif short == "MPTE" and name.startswith("MPTEMP"):
             self._temperatures(fields)
         elif short == "MPDA":
@@ -226,12 +224,18 @@ class _Reading:
             if not re.match(r"\s*[-\d]", line):
                 return length
             if solid:
-                held = self._element(line, width, held)
+                held = self._element(line, width, held, at + length + 1)
             length += 1
         return length
 
-    def _element(self, line: str, width: int, held: int) -> int:
-        numbers = [int(line[i : i + width]) for i in range(0, len(line.rstrip()), width) if line[i : i + width].strip()]
+    def _element(self, line: str, width: int, held: int, at: int) -> int:
+        fields = [line[i : i + width] for i in range(0, len(line.rstrip()), width)]
+        try:
+            numbers = [int(f) for f in fields if f.strip()]
+        except ValueError as error:
+            raise FormatError(
+                f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters", self.deck.path, at
+            ) from error
         if held > 0:
             return held - len(numbers)
         if len(numbers) < 11:
@@ -263,13 +267,19 @@ class _Reading:
         return row - at
 
 
+def _release(number: str, half: str | None) -> float:
+    """Return 19.4 for "19.4", 2019.2 for "2019 R2"."""
+    parts = [p for p in number.split(".") if p] or ["0"]
+    return float(f"{parts[0]}.{half or (parts[1] if len(parts) > 1 else 0)}")
+
+
 def _numbers(text: str) -> list[str]:
     return re.findall(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", text)
 
 
 def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
     """Return how many whole numbers a line of a block has and how wide each is, from its format, ``(19i10)``."""
-    found = re.match(r"\s*\(\s*(\d+)i(\d+)", lines[at] if at < len(lines) else "", re.I)
+    found = re.match(r"\s*\(\s*([1-9]\d*)i([1-9]\d*)", lines[at] if at < len(lines) else "", re.I)
     if found is None:
         raise FormatError("a block without its format, such as (19i10)", path, at + 1)
     return int(found[1]), int(found[2])
