@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 __all__ = ["real", "text_of"]
@@ -21,7 +22,10 @@ def real(cell: str) -> float:
     found = _NUMBER.fullmatch(cell.strip())
     if found is None:
         raise ValueError(f"{cell!r} is not a number")
-    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+    number = float(f"{found[1]}e{found[2] or found[3] or 0}")
+    if math.isinf(number):
+        raise ValueError(f"{cell!r} is too large a number")
+    return number
 
 
 def text_of(value: float, width: int = 16) -> str:

@@ -132,11 +132,14 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
     scale = system(unit).length
     systems = _Systems(deck)
     nodes = sorted(deck.grids)
-    positions = [systems.position(node, deck.grids[node]) for node in nodes]
-    motions = [systems.motion(deck.grids[node]) for node in nodes]
-    axes = None
-    if any(m is not None for m in motions):
-        axes = np.array([np.eye(3) if m is None else m.directions(p) for m, p in zip(motions, positions, strict=True)])
+    with np.errstate(all="ignore"):  # numbers that are out of all bounds are told by the geometry
+        positions = [systems.position(node, deck.grids[node]) for node in nodes]
+        motions = [systems.motion(deck.grids[node]) for node in nodes]
+        axes = None
+        if any(m is not None for m in motions):
+            axes = np.array(
+                [np.eye(3) if m is None else m.directions(p) for m, p in zip(motions, positions, strict=True)]
+            )
     with placed(deck.path):
         return Geometry(nodes, np.array(positions).reshape(-1, 3) * scale, _edges(deck), axes)
 
