@@ -26,9 +26,7 @@ def number(i: int, j: int) -> int:
 def plate(case: str = "SPC = 1\nMPC = 9\n", extra: str = "", mm: bool = False) -> str:
     """Return the deck in m, kg, N, or in mm, t, N."""
     s = 1e3 if mm else 1.0  # length
-    E, rho, k, kr, m, inertia = (
-        (7e4, 2.7e-9, 2e3, 5e6, 2e-3, 4.0) if mm else (7e10, 2700.0, 2e6, 5e3, 2.0, 4e-3)
-    )
+    E, rho, k, kr, m, inertia = (7e4, 2.7e-9, 2e3, 5e6, 2e-3, 4.0) if mm else (7e10, 2700.0, 2e6, 5e3, 2.0, 4e-3)
     steel = (2.1e5, 7.85e-9) if mm else (2.1e11, 7850.0)
     lines = ["SOL 103", "CEND", "TITLE = stiffened plate", case + "METHOD = 7", "BEGIN BULK", "EIGRL,7,,,8"]
     lines += ["CORD2C,5,,0.,0.,0.,0.,0.,1.,", ",1.,0.,0."]
@@ -65,8 +63,10 @@ def plate(case: str = "SPC = 1\nMPC = 9\n", extra: str = "", mm: bool = False) -
     lines += [f"GRID,903,,{0.3 * s},{0.24 * s},{-0.2 * s},,123456", f"CBUSH,2300,8,{number(3, 2)},903,,,,0"]
     lines += [f"MPC,9,{number(0, 1)},3,1.,{number(0, 2)},3,-1."]
     lines += [f"SPC1,1,2,{corners[0]},{corners[2]}"]
-    lines += [f"PSHELL,1,1,{0.004 * s},1,,1,,{text_of(rho * 0.001 * s)}", f"PSHELL,2,1,{0.003 * s},1,,1"]
+    lines += [f"PSHELL,1,1,{0.004 * s},1,,1,,{text_of(rho * 0.001 * s)}"]
+    lines += [f"PSHELL,2,1,{0.003 * s},1,,1"]
     lines += ["PBARL,3,1,,BAR,,,,,", f",{0.01 * s},{0.02 * s}"]
     lines += [f"PELAS,4,{k},0.04", "PSOLID,6,2,,2,,1", f"PBUSH,8,K,{k},{k},{k},{kr},{kr},{kr}"]
-    lines += [f"MAT1,1,{text_of(E)},,0.33,{text_of(rho)},,,0.02", f"MAT1,2,{text_of(steel[0])},,0.3,{text_of(steel[1])}"]
+    lines += [f"MAT1,1,{text_of(E)},,0.33,{text_of(rho)},,,0.02"]
+    lines += [f"MAT1,2,{text_of(steel[0])},,0.3,{text_of(steel[1])}"]
     return "\n".join([*lines, extra, "ENDDATA", ""])
