@@ -94,6 +94,9 @@ class Demo:
 _ALL = (
     Demo("beam", "a free-free steel beam, measured by impact hammer", "updyn.demos.beam"),
     Demo("gear-train", "the seven-DOF gear train of Bao, Wang & Cheng (2010), 18 unknowns", "updyn.demos.gear_train"),
+    Demo(
+        "antenna", "a 4 m antenna with its drives, rotors locked and free: two tests, one model", "updyn.demos.antenna"
+    ),
     Demo("chain", "a 12-DOF damped chain, synthetic data with 1 % noise: 12 unknowns recovered", "updyn.demos.chain"),
 )
 
