@@ -49,9 +49,9 @@ def changes(model: updyn.Model) -> dict[str, dict[str, float]]:
     }
 
 
-def measurement(model: updyn.Model, size: str, sensors: list[str]) -> updyn.FRF:
-    truth = model.scaled(changes(model))
-    exact = updyn.response(truth, np.linspace(*BANDS[size], LINES), sensors, sensors[:3], tier="reduced", accuracy=1e-6)
+def measurement(model: updyn.Model, size: str, sensors: list[str], accuracy: float) -> updyn.FRF:
+    truth, lines = model.scaled(changes(model)), np.linspace(*BANDS[size], LINES)
+    exact = updyn.response(truth, lines, sensors, sensors[:3], tier="reduced", accuracy=accuracy)
     print(f"truth: {exact.source}", flush=True)
     draw = np.random.default_rng(1).standard_normal((2, *exact.values.shape))
     noisy = exact.values * (1.0 + NOISE * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
@@ -110,11 +110,12 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=8, help="tries of the search for a start")
     parser.add_argument("--lumped", action="store_true", help="a diagonal mass, as the largest models need")
     parser.add_argument("--sensors", type=int, default=30)
+    parser.add_argument("--truth", type=float, default=1e-6, help="accuracy of the data, whose noise is 1e-2")
     given = parser.parse_args()
     model = models.solid(models.SOLIDS[given.size], lumped=given.lumped)
     sensors = models.sensors(model, given.sensors)
     print(f"{model.n_dofs} DOFs, model in memory: {peak():.2f} GiB", flush=True)
-    frf = measurement(model, given.size, sensors)
+    frf = measurement(model, given.size, sensors, given.truth)
     wanted = changes(model)
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
     update_module.Reducing = Kept

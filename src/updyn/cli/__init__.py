@@ -228,7 +228,7 @@ def convert(
     kinds = ("model",) if modelled else ("frf",) if reading else ("frf", "model")
     if reading and modelled:
         raise InputError(f"--unit is about a model, --{next(iter(reading)).replace('_', '-')} about a measurement")
-    options = {"frf": {"format": from_, **reading}, "model": {"format": from_, **modelled}}
+    options: dict[str, dict[str, Any]] = {"frf": {"format": from_, **reading}, "model": {"format": from_, **modelled}}
     kind, content = read_anything(source, kinds, options)
     (write_frf if kind == "frf" else write_model)(content, target, format=to)
     _say(f"{target}: {content!r}")
