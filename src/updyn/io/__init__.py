@@ -59,8 +59,8 @@ def read_frf(
         Of a universal file only that part has to be complete.
     **options
         What the reader of that format takes besides, checked by name: ``scalar_direction``, ``scale`` and
-        ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of bare arrays
-        (`updyn.io.npz`, `updyn.io.mat`).
+        ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of
+        bare arrays (`updyn.io.npz`, `updyn.io.mat`).
 
     Returns
     -------
