@@ -70,6 +70,7 @@ FORMATS = (
     Format("dmig", "updyn.io.nastran.dmig_model", (".pch", ".dmig"), (), _MODEL),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
     Format("abaqus", "updyn.io.abaqus", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
+    Format("mesh", "updyn.io.mesh", (".msh", ".vtu", ".vtk", ".med"), (), ("read_model",)),
 )
 
 

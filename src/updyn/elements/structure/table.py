@@ -14,7 +14,7 @@ from updyn.elements.structure.sections import Section, rectangle, tube
 from updyn.errors import ModelError, suggest
 from updyn.model import Model
 
-__all__ = ["structure_from_table"]
+__all__ = ["section_from_table", "structure_from_table"]
 
 _PARTS: dict[str, type[Any]] = {
     "beam": Beam,
@@ -60,7 +60,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     for key, part in _PARTS.items():
         for number, row in enumerate(_rows(data, key), 1):
             if key == "beam" and isinstance(row, Mapping) and "section" in row:
-                row = {**row, "section": _section(f"model.beam, number {number}", row["section"])}
+                row = {**row, "section": section_from_table(f"model.beam, number {number}", row["section"])}
             parts.append(from_row(part, key, number, row))
     links = [from_row(RigidLink, "link", number, row) for number, row in enumerate(_rows(data, "link"), 1)]
     equations = []
@@ -108,7 +108,14 @@ def _nodes(table: Any) -> dict[int, Any]:
     return out
 
 
-def _section(where: str, given: Any) -> Section:
+def section_from_table(where: str, given: Any) -> Section:
+    """Build the section of a beam from a table: the fields of `Section`, or a ``shape`` and its dimensions in m.
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown; the message begins with `where`.
+    """
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: section {given!r}; expected a table")
     if "shape" not in given:

@@ -1,0 +1,68 @@
+"""Mesh files (Gmsh, VTK, MED): with a material for each physical group, a structure of shells, solids and beams."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn.errors import OptionError
+from updyn.io.guard import placed
+from updyn.model import Model
+
+__all__ = ["read_model"]
+
+
+def read_model(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    materials: Mapping[str, Mapping[str, Any]] | None = None,
+    leave_out: Iterable[str] = (),
+    ungrouped: str = "error",
+    grounded: Iterable[str | int] = (),
+) -> Model:
+    """Read a mesh and make a model of it.
+
+    Parameters
+    ----------
+    path : path
+        The mesh, as for `updyn.elements.mesh.read_mesh`.
+    unit : {"m", "mm", "cm", "in"}
+        Of the positions in the file; has to be given, as no format says it.
+    materials : mapping of str to mapping
+        By physical group the fields of its part, in SI units whatever the unit of the mesh; has to be given. The
+        ``section`` of a beam may be a table, as in a job.
+    leave_out, ungrouped, grounded
+        As for `updyn.elements.mesh.structure_from_mesh`.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    OptionError
+        If the unit or the materials are not given.
+    FormatError
+        If the file cannot be read, a group has no material, a material no group, or a cell no group.
+    """
+    from updyn.elements.mesh import structure_from_mesh
+    from updyn.elements.structure.table import section_from_table
+
+    for name, given in (("unit", unit), ("materials", materials)):
+        if given is None:
+            raise OptionError(f"{path}: a mesh says nothing of its {name}; expected the option {name!r}")
+    if not isinstance(materials, Mapping) or not all(isinstance(m, Mapping) for m in materials.values()):
+        raise OptionError(f"{path}: materials hold no table for each group")
+    with placed(path):
+        own = {
+            group: {
+                k: section_from_table(group, v) if k == "section" and isinstance(v, Mapping) else v
+                for k, v in m.items()
+            }
+            for group, m in materials.items()
+        }
+        return structure_from_mesh(
+            path, own, unit=str(unit), leave_out=leave_out, ungrouped=ungrouped, grounded=grounded
+        )
