@@ -56,13 +56,10 @@ def read_model(
     if not isinstance(materials, Mapping) or not all(isinstance(m, Mapping) for m in materials.values()):
         raise OptionError(f"{path}: materials hold no table for each group")
     with placed(path):
-        own = {
-            group: {
-                k: section_from_table(group, v) if k == "section" and isinstance(v, Mapping) else v
-                for k, v in m.items()
-            }
-            for group, m in materials.items()
-        }
+        own = {group: dict(material) for group, material in materials.items()}
+        for group, material in own.items():
+            if isinstance(material.get("section"), Mapping):
+                material["section"] = section_from_table(group, material["section"])
         return structure_from_mesh(
             path, own, unit=str(unit), leave_out=leave_out, ungrouped=ungrouped, grounded=grounded
         )
