@@ -172,5 +172,22 @@ def test_the_truth_is_found_from_nearby(inputs) -> None:
     assert abs(updated / truth - 1.0) < 1e-3 < abs(drawings / truth - 1.0)
 
 
+def test_the_page_shows_this_antenna(inputs, model) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "antenna.md").read_text(encoding="utf-8")
+    table = text[text.index("error / std") :]
+    rows = {line.rsplit(maxsplit=4)[0]: line.split()[-4:] for line in table.splitlines() if len(line.split()) > 4}
+    true = demo.true_values(prepare(load_job(inputs / "job.toml")).parameters)
+    assert {name: float(rows[name][0]) for name in true} == pytest.approx(true)
+    assert all(abs(float(rows[name][1]) - value) < 4.0 * float(rows[name][2]) + 1e-5 for name, value in true.items())
+    printed = {
+        line.rsplit(maxsplit=3)[0]: line.split()[-3:] for line in table.splitlines() if line.startswith("rotors")
+    }
+    for name, x, skip in (("rotors locked", locked(model), 0), ("rotors free", model, 2)):
+        for column, y in ((0, x), (2, x.scaled(demo.TRUTH))):
+            found = updyn.modes(y, skip + 4).frequency[skip:]
+            assert [float(printed[f"{name}, {i}"][column]) for i in range(1, 5)] == pytest.approx(found, abs=6e-4)
+    assert f"{model.n_dofs:,} degrees of freedom" in text
+
+
 def test_it_is_listed() -> None:
     assert find_demo("antenna").module == "updyn.demos.antenna"

@@ -133,6 +133,13 @@ def test_the_picture_says_where_what_and_how_much() -> None:
     assert max(numbers[1::2]) <= 1130.0
 
 
+def test_a_small_change_beside_a_large_one_is_not_shown_as_none() -> None:
+    changed = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.02})])
+    assert '<i class="s1"></i>second: stiffness +2 %' in changed
+    same = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.001})])
+    assert '<i class="s0"></i>second: stiffness +0.1 %' in same
+
+
 def test_a_sensor_without_a_position_is_named() -> None:
     model = square()
     bare = dataclasses.replace(model, geometry=Geometry([10, 20], [[0, 0, 0], [1, 0, 0]], [[10, 20]]))

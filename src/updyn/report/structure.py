@@ -26,6 +26,7 @@ _WIDTH, _HEIGHT, _MARGIN, _SIDE = 1130.0, 660.0, 14.0, 150.0
 _MOST_LINES = 20_000
 _LUMPED = 4  # nodes that a group without lines may have to be marked
 _LEAST = 0.02  # the colour scale reaches at least this far
+_SAME = 0.005  # a change up to this is none
 _ARROW = 0.055  # of the height
 _VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
 
@@ -134,7 +135,8 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
 
 
 def _step(log: float, reach: float) -> int:
-    return int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
+    step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
+    return int(np.sign(log)) if step == 0 and abs(log) > _SAME else step  # what changed is never shown as unchanged
 
 
 def _scene(result: UpdateResult) -> _Scene:
@@ -286,8 +288,8 @@ def _said(scene: _Scene, group: int) -> str:
     return f"{name}: {w.quantity_words(quantity)} {_percent(factor)}"
 
 
-def _percent(factor: float) -> str:
-    return f"{100.0 * (factor - 1.0):+.3g} %".replace("-", "\u2212")
+def _percent(factor: float, digits: int = 3) -> str:
+    return f"{100.0 * (factor - 1.0):+.{digits}g} %".replace("-", "\u2212")
 
 
 def _scale(scene: _Scene) -> str:
@@ -295,7 +297,7 @@ def _scale(scene: _Scene) -> str:
     cells = []
     for step in range(-STEPS, STEPS + 1):
         factor = math.exp(scene.reach * step / STEPS)
-        said = _percent(factor) if step else "unchanged"
+        said = _percent(factor, 2) if step else "unchanged"
         cells.append(f'<span><i class="s{step}"></i>{m.esc(said)}</span>')
     cells.append('<span><i class="s-none"></i>no unknown</span>')
     return f'<p class="scale" aria-label="Colour scale">{"".join(cells)}</p>' if scene.changes else ""
