@@ -15,8 +15,9 @@ from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.callouts import spread
 from updyn.report.line_groups import groups_of_lines, nodes_of_groups
-from updyn.report.page import render
+from updyn.report.page import render, render_joint
 from updyn.report.structure import STEPS, group_changes, structure_of
+from updyn.updating.result import JointResult
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
@@ -161,6 +162,16 @@ def test_without_a_geometry_there_is_no_section() -> None:
     assert 'href="#structure"' not in page
     with_one = render(fitted(square(), {"first.stiffness": 1.1}))
     assert with_one.index('href="#structure"') < with_one.index('id="structure"')
+
+
+def test_the_page_of_several_tests_shows_the_sensors_of_all() -> None:
+    held = fitted(square(), {"first.stiffness": 1.1}, ["20:X"])
+    free = fitted(square(), {"first.stiffness": 1.1}, ["30:X"])
+    page = render_joint(JointResult({"held": held, "free": free}))
+    assert page.count('id="structure"') == 1
+    section = page[page.index('id="structure"') :]
+    assert ">20: X</text>" in section
+    assert ">30: X · force -X</text>" in section
 
 
 def test_labels_keep_apart_and_inside() -> None:

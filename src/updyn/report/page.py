@@ -37,8 +37,9 @@ def write_report(result: UpdateResult | JointResult, path: str | PathLike[str]) 
     """Write an update as one HTML page that needs nothing else: no network, no other file.
 
     The page shows the verdict, measured FRFs over those of the model before and after, the agreement channel by
-    channel, the unknowns with their uncertainty, what the data determine, the way of the fit, the validation, the
-    residual, and how the result was made. The models' FRFs are computed for it at the lines of the data.
+    channel, a picture of the structure where the model has a geometry, the unknowns with their uncertainty, what the
+    data determine, the way of the fit, the validation, the residual, and how the result was made. The models' FRFs are
+    computed for it at the lines of the data.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ __all__ = ["STEPS", "group_changes", "structure", "structure_of"]
 #: Steps of the colour scale to each side of no change.
 STEPS = 4
 _WIDTH, _HEIGHT, _MARGIN, _SIDE = 1130.0, 660.0, 14.0, 150.0
-_MOST_LINES = 20_000
+_MOST_LINES, _DENSE = 8_000, 3_000
 _LUMPED = 4  # nodes that a group without lines may have to be marked
 _LEAST = 0.02  # the colour scale reaches at least this far
 _SAME = 0.005  # a change up to this is none
@@ -215,8 +215,10 @@ def _svg(scene: _Scene, marked: _Marked, angles: tuple[float, float], alternativ
     directions = [c.axes @ camera.T * [1.0, -1.0, 1.0] for c in marked.callouts]
     body.append(callouts(marked.callouts, at, directions, arrows, (_WIDTH, _HEIGHT), _SIDE if labelled else None))
     body.append(_axes(camera))
+    dense = ' class="dense"' if len(scene.lines) > _DENSE else ""
     return (
-        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{m.esc(alternative)}">{"".join(body)}</svg>'
+        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}"{dense} role="img" aria-label="{m.esc(alternative)}">'
+        f"{''.join(body)}</svg>"
     )
 
 
