@@ -100,7 +100,7 @@ def test_options_are_checked_by_name(tmp_path):
     with pytest.raises(OptionError, match="read_frf of the format 'npz' has no option 'ordr'; did you mean 'order'"):
         updyn.read_frf(tmp_path / "a.npz", ordr=("freq",))
     updyn.write_model(model(), tmp_path / "m.npz")
-    with pytest.raises(OptionError, match="read_model of the format 'npz' has no option 'dofs'; there is none"):
+    with pytest.raises(OptionError, match="read_model of the format 'npz' has no option 'dofs'; valid: 'format'"):
         updyn.read_model(tmp_path / "m.npz", dofs=["1:X"])
 
 
