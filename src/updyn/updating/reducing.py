@@ -181,27 +181,30 @@ class Reducing:
             The last fit.
         """
         x, near, left = strategy.search(problem, monitor), False, strategy.max_iterations
-        fit = Fit.blind(x, "stopped")
+        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
                     if number == 0:
                         x = self._better(problem, x) if _outside(x, self._box()) else x
-                    elif _outside(x, self._box(_NEAR)):
+                    elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
-                    else:
+                    elif not ready:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
                 boxed = problem.with_box(box)
                 before, steps = len(monitor.history), left if near else min(left, _BRIEF)
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 left = max(left - (len(monitor.history) - before), 0)
-                near, x = not _outside(fit.x, box), fit.x
+                near, x, ready = not _outside(fit.x, box), fit.x, False
                 if fit.reason in ("stopped", "failed"):
                     break
                 if left == 0 or (near and fit.reason != "max-iterations"):
                     with monitor.stage("reduce"):
-                        self._check(x)
+                        if left == 0 or _outside(x, self._box(_NEAR)):
+                            self._check(x)
+                        else:  # one factorisation proves the basis, or mends it
+                            ready = self._mend(x)
                     if self.proved or left == 0:
                         break
             else:
@@ -268,6 +271,18 @@ class Reducing:
         for part in self._parts:
             part.certify(x, enrich=True)
         self._use(x)
+
+    def _mend(self, x: _Vector) -> bool:
+        """Add what the bases lack at x, and return whether that was anything; if not, they are proved there."""
+        before = [part.reduction.basis.size for part in self._parts]
+        for part in self._parts:
+            part.certify(x, enrich=True)
+        if [part.reduction.basis.size for part in self._parts] != before:
+            self._use(x)
+            return True
+        error = self.error
+        self.proved = error is not None and error <= self.accuracy
+        return False
 
     def _use(self, x: _Vector) -> None:
         self._made += 1
