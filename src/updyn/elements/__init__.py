@@ -1,1 +1,1 @@
-"""Builders of models: beams, and later drive trains, frames and solids."""
+"""Builders of models: beams, drive trains, structures in space and meshes, and the constraints that tie them."""
