@@ -29,8 +29,11 @@ def test_the_results_are_those_of_a_loop_bit_by_bit(engine, shared):
 
 def test_what_is_shared_is_sent_once_and_stays_with_its_cache(engine, shared):
     calls = [call for _ in range(3) for call in engine.map(work.call_of, shared, range(10))]
-    by_process = {pid: sorted(n for p, n in calls if p == pid) for pid, _ in calls}
-    assert all(numbers == list(range(1, len(numbers) + 1)) for numbers in by_process.values())
+    # A copy that is sent again counts from 1 again. A number may be missing: on a busy machine Dask may have an item
+    # done twice, and one of the answers is not used.
+    by_process = {pid: [n for p, n in calls if p == pid] for pid, _ in calls}
+    assert all(len(set(numbers)) == len(numbers) for numbers in by_process.values())
+    assert len(calls) == 30
     assert len(by_process) <= engine.workers
     assert shared.received() <= (0 if is_serial(engine) else engine.workers)
     assert is_serial(engine) or shared.received() >= 1
