@@ -49,6 +49,7 @@ class DaskProcesses:
     def _start(self, *command: str) -> subprocess.Popen[bytes]:
         path = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
         env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path}
+        env["DASK_DISTRIBUTED__SCHEDULER__ACTIVE_MEMORY_MANAGER__INTERVAL"] = "100ms"
         with (self.folder / "log").open("ab") as log:
             return subprocess.Popen([DASK, *command], env=env, cwd=self.folder, stdout=log, stderr=log)
 

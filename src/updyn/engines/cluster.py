@@ -51,7 +51,7 @@ class Cluster(Remote):
     Parameters
     ----------
     client : distributed.Client
-        A connected client; it is left open.
+        A connected client; it is left open. Until `close`, the scheduler's active memory manager rests.
 
     Raises
     ------
@@ -65,6 +65,10 @@ class Cluster(Remote):
         self._address = client.scheduler.address
         self._workers = self._count_workers()
         self._check_versions()
+        # Between two maps no task needs the model, and Dask's memory manager would leave it on one worker only.
+        self._managed = bool(client.amm.running())
+        if self._managed:
+            client.amm.stop()
 
     @property
     def workers(self) -> int:
@@ -79,6 +83,9 @@ class Cluster(Remote):
     def close(self) -> None:
         """Free what the workers hold; client, scheduler and workers go on."""
         self._sent = []
+        if self._managed and self._client.status == "running":
+            self._client.amm.start()
+        self._managed = False
 
     # -- what `Remote` asks for ----------------------------------------------------------------------------
     def _send(self, shared: Any) -> Future:
