@@ -1,8 +1,9 @@
 """A whole updating job on a large solid by the reduced tier, against direct factorisations line by line.
 
 A solid in 20 layers, 30 sensors, 3 references, 200 lines, 1 % noise; 20 unknowns: stiffness and loss factor of ten
-layers, which are off by up to 30 % and by half. The FRFs of the truth come from a reduced model of higher accuracy with
-a basis of its own; the error of the final one is measured against direct solves at lines that no one has looked at.
+layers, which are off by up to 30 % and by half. The FRFs of the truth come from a reduced model with a basis of its own
+(its accuracy: `--truth`); the error of the final one is measured against direct solves at lines that no one has looked
+at.
 
     python benchmarks/large.py 50k [--check 20] [--starts 8] [--lumped]
 

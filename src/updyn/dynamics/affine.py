@@ -133,16 +133,19 @@ class AffineSystem:
 
     def find(self, group: str, quantity: str) -> int:
         """Return the position of the term that an unknown (``group``, ``quantity``) acts on."""
-        wanted = "stiffness" if quantity == "loss_factor" else quantity
-        for i, term in enumerate(self.terms):
-            if term.group == group and term.quantity == wanted:
-                return i
-        raise KeyError(f"{group}.{quantity}")
+        at = self._at(group, quantity)
+        if at is None:
+            raise KeyError(f"{group}.{quantity}")
+        return at
 
     def has(self, group: str, quantity: str) -> bool:
         """Return whether there is a term that an unknown (``group``, ``quantity``) would act on."""
+        return self._at(group, quantity) is not None
+
+    def _at(self, group: str, quantity: str) -> int | None:
         wanted = "stiffness" if quantity == "loss_factor" else quantity
-        return any(term.group == group and term.quantity == wanted for term in self.terms)
+        places = (i for i, term in enumerate(self.terms) if term.group == group and term.quantity == wanted)
+        return next(places, None)
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""
