@@ -23,6 +23,7 @@ ORDER = (
     ("sensitivity",),
     ("correlation",),
     ("updating",),
+    ("compare", "uncertainty"),
     ("elements",),
     ("io",),
     ("matching",),
