@@ -16,7 +16,7 @@ import numpy as np
 from updyn.errors import OptionError, suggest
 from updyn.updating.fit import Method
 
-__all__ = ["METHODS", "make_method", "options_of"]
+__all__ = ["METHODS", "make_method", "method_class", "options_of"]
 
 _HERE = "updyn.updating.methods."
 
@@ -28,7 +28,14 @@ METHODS = {
 }
 
 
-def _class(name: str) -> type:
+def method_class(name: str) -> type:
+    """Return the class of a method; its ``cannot``, where it has one, holds the quantities that it cannot update.
+
+    Raises
+    ------
+    OptionError
+        If there is no such method; the nearest is named.
+    """
     if name not in METHODS:
         raise OptionError(f"method {name!r}: {suggest(str(name), METHODS)}")
     module, attribute = METHODS[name]
@@ -43,7 +50,7 @@ def options_of(name: str) -> dict[str, Any]:
     OptionError
         If there is no such method; the nearest is named.
     """
-    return {f.name: f.default for f in dataclasses.fields(_class(name))}
+    return {f.name: f.default for f in dataclasses.fields(method_class(name))}
 
 
 def make_method(name: str, options: Mapping[str, Any]) -> Method:
@@ -54,7 +61,7 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
     OptionError
         If the method or an option is not known (the nearest is named), or a value has the wrong type or sign.
     """
-    made, defaults = _class(name), options_of(name)
+    made, defaults = method_class(name), options_of(name)
     plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in options.items()}
     for key, value in plain.items():
         if key not in defaults:
