@@ -1,0 +1,248 @@
+"""Every method on the same starts and the same noise: who finds the truth, how exactly, and how honest is it?
+
+Four cases: the gear train of Bao, Wang & Cheng (2010), a damped chain of 12 masses, the IASC-ASCE building, and a solid
+of 2,025 DOFs. Each draw starts from a model that is off by up to 70 % in stiffness and 30 % in mass, without damping
+(or with that of the table, where it is not sought), and is given data with 0, 1 or 5 % of proportional noise. A method
+is told nothing of the noise.
+
+Recovered: every unknown within 1e-6 of the truth without noise; within four standard deviations of the Cramer-Rao bound
+with noise. An unknown that a method cannot change stays where it starts. RMS over bound, and the share of 95 %
+intervals that cover the truth, are taken over all draws, whether recovered or not, of the unknowns that the method
+seeks, and given as the median and the worst over the unknowns whose bound is below 5 %.
+
+    python benchmarks/accuracy.py [--cases chain,...] [--methods log,...] [--draws 200] [--solid-draws 20] [--workers 2]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from cases import HERE, Case, chain12, gear_train
+from models import solid
+
+import updyn
+from updyn.frf import FRF
+from updyn.model import Group, Model
+from updyn.updating.methods import METHODS, method_class
+from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import OutputError
+
+NOISE = (0.0, 0.01, 0.05)
+DEFAULT = "maximum-likelihood"
+EXACT, SURE, WELL_KNOWN = 1e-6, 4.0, 0.05
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A true structure, what was measured on it, and what is unknown."""
+
+    case: Case
+    sought: Callable[[Model], ParameterSet]
+    damped: bool = True
+
+    def start(self, rng: np.random.Generator) -> Model:
+        """A model that is off by up to 70 % in stiffness and 30 % in mass."""
+        changes: dict[str, dict[str, float]] = {}
+        for p in self.sought(self.case.true):
+            spread = {"stiffness": 0.7, "mass": 0.3}.get(p.quantity, 0.0)
+            value = 0.0 if p.quantity == "loss_factor" else 1.0 + rng.uniform(-spread, spread)
+            changes.setdefault(p.group, {})[p.quantity] = value
+        return self.case.true.scaled(changes)
+
+    @cache  # noqa: B019
+    def bound(self, relative: float) -> np.ndarray:
+        """Cramer-Rao bound of each unknown, relative for factors: standard deviation at known noise."""
+        unknowns = self.sought(self.case.true)
+        problem = Problem.build(self.case.true, self.case.clean, unknowns)
+        size = np.abs(self.case.clean.values)  # exactly 0 where two motions are not coupled: no noise, no information
+        weight = np.where(size > 0, np.sqrt(2.0) / (relative * np.where(size > 0, size, 1.0)), 0.0)
+        R = OutputError(weight).local(problem, problem.coordinates.to_x(unknowns.start)).R
+        return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
+
+
+def everything(model: Model) -> ParameterSet:
+    return updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+
+
+def building() -> Bench:
+    """IASC-ASCE phase I, without the braces of storey 1: eight storey stiffnesses with their loss factors."""
+    data = json.loads((HERE.parent / "tests/data/cases/iasc_asce.json").read_text(encoding="utf-8"))
+    labels = [f"{floor}:{d}" for floor in range(1, 5) for d in ("X", "Y", "RZ")]
+    brace = 4.0 * data["one_brace_N_m"]
+    groups = {}
+    for storey in range(4):
+        for i, (name, key) in enumerate((("x", "x_N_m"), ("y", "y_N_m"), ("theta", "theta_Nm_rad"))):
+            k = data["storey_stiffness"][key] - (brace if storey == 0 and name != "theta" else 0.0)
+            K = np.zeros((12, 12))
+            upper, lower = 3 * storey + i, 3 * (storey - 1) + i
+            K[upper, upper] = k
+            if storey:
+                K[lower, lower] = k
+                K[lower, upper] = K[upper, lower] = -k
+            groups[f"storey {storey + 1} {name}"] = Group(K, loss_factor=0.02)
+        mass = np.zeros(12)
+        mass[3 * storey : 3 * storey + 3] = [data["mass_kg"][storey]] * 2 + [data["inertia_kg_m2"][storey]]
+        groups[f"floor {storey + 1}"] = Group(mass=np.diag(mass))
+    true = Model.from_groups(groups, labels)
+    sensors, forces = ["2:X", "4:X", "2:Y", "4:Y"], ["4:X", "4:Y"]
+    clean = updyn.response(true, np.linspace(2.0, 65.0, 120), sensors, forces, "accelerance")
+    storeys = ["storey ? x", "storey ? y"]
+    sought = lambda model: updyn.parameters(model, stiffness=storeys, loss_factor=storeys)  # noqa: E731
+    return Bench(Case("building", true, true, clean), sought)
+
+
+def block() -> Bench:
+    """A clamped solid of 4 x 4 x 27 bricks in six layers, 2,025 DOFs; ten sensors, two forces, up to its sixth mode."""
+    true = solid((4, 4, 27), parts=6)
+    at = [f"{25 * layer + 13}:{d}" for layer in (6, 13, 20, 26) for d in "XY"] + ["651:X", "651:Z"]
+    modes = updyn.modes(true, 8).frequency
+    clean = updyn.response(true, np.linspace(0.4 * modes[0], 1.05 * modes[5], 60), at, ["651:X", "651:Z"])
+    return Bench(Case("solid", true, true, clean), everything)
+
+
+CASES: dict[str, Callable[[], Bench]] = {
+    "gear train": lambda: Bench(gear_train(), everything),
+    "chain": lambda: Bench(chain12(), everything),
+    "building": building,
+    "solid": block,
+}
+
+
+@cache
+def bench(name: str) -> Bench:
+    return CASES[name]()
+
+
+def noisy(clean: FRF, relative: float, rng: np.random.Generator) -> FRF:
+    draw = rng.standard_normal((2, *clean.values.shape))
+    values = clean.values * (1.0 + relative * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
+    return FRF(clean.freq, values, clean.responses, clean.references, clean.quantity)
+
+
+def draw(name: str, method: str, relative: float, seed: int) -> dict[str, Any]:
+    """One fit: relative errors of the unknowns, whether their intervals cover the truth, and what it took."""
+    made = bench(name)
+    rng = np.random.default_rng([seed, int(1000 * relative)])
+    start = made.start(np.random.default_rng(seed))
+    frf = noisy(made.case.clean, relative, rng)
+    whole = made.sought(start)
+    cannot = getattr(method_class(method), "cannot", ())
+    seen = np.array([p.quantity not in cannot for p in whole])
+    sought = ParameterSet(tuple(p for p, s in zip(whole, seen, strict=True) if s))
+    begun = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = updyn.update(start, frf, sought, method=method)
+    seconds = time.perf_counter() - begun
+    error, inside = np.empty(len(whole)), np.zeros(len(whole), dtype=bool)
+    for i, p in enumerate(whole):
+        true, own = made.case.true.group(p.group), start.group(p.group)
+        truth, scale = true.loss_factor, 1.0
+        if p.quantity != "loss_factor":
+            whole_of = (float(np.abs(getattr(group, p.quantity).data).sum()) for group in (true, own))
+            truth = scale = next(whole_of) / next(whole_of)
+        error[i] = (result.values.get(p.name, p.start) - truth) / scale
+        inside[i] = abs(error[i] * scale) <= 1.96 * result.std.get(p.name, 0.0)
+    return {"error": error, "inside": inside, "seen": seen, "steps": len(result.history), "seconds": seconds}
+
+
+def attempt(name: str, method: str, relative: float, seed: int) -> dict[str, Any] | str:
+    os.environ["OMP_NUM_THREADS"] = "1"
+    try:
+        return draw(name, method, relative, seed)
+    except updyn.UpdynError as error:
+        return str(error)
+
+
+def row(name: str, method: str, relative: float, found: list[dict[str, Any]]) -> dict[str, float]:
+    error = np.array([f["error"] for f in found])
+    seen = found[0]["seen"]
+    if relative == 0.0:
+        recovered = (np.abs(error) <= EXACT).all(axis=1)
+        return {"recovered": 100 * recovered.mean(), **_cost(found)}
+    bound = bench(name).bound(relative)
+    recovered = (np.abs(error) <= SURE * bound).all(axis=1)
+    ratio = np.sqrt(np.mean(error**2, axis=0)) / bound
+    covered = 100 * np.mean([f["inside"] for f in found], axis=0)
+    known = seen & (bound < WELL_KNOWN)
+    out = {"recovered": 100 * recovered.mean(), **_cost(found)}
+    if known.any():
+        out |= {"ratio": float(np.median(ratio[known])), "worst": float(ratio[known].max())}
+        out |= {"covered": float(covered[known].mean()), "least": float(covered[known].min())}
+    return out
+
+
+def _cost(found: list[dict[str, Any]]) -> dict[str, float]:
+    return {k: float(np.mean([f[k] for f in found])) for k in ("steps", "seconds")}
+
+
+def show(method: str, figures: dict[str, float]) -> str:
+    def cell(key: str, form: str) -> str:
+        return format(figures[key], form) if key in figures else "-"
+
+    return (
+        f"{method:<20}{cell('recovered', '.1f'):>10} %{cell('ratio', '.2f'):>11}{cell('worst', '.2f'):>9}"
+        f"{cell('covered', '.1f'):>9}{cell('least', '.1f'):>8}{cell('steps', '.0f'):>8}{cell('seconds', '.2f'):>9}"
+    )
+
+
+def main() -> None:
+    from joblib import Parallel, delayed
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", default=",".join(CASES))
+    parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--noise", default=",".join(f"{n:g}" for n in NOISE))
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--solid-draws", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    parallel = Parallel(n_jobs=args.workers)
+    for name in args.cases.split(","):
+        draws = args.solid_draws if name == "solid" else args.draws
+        for relative in map(float, args.noise.split(",")):
+            print(f"\n{name}, {100 * relative:g} % noise, {draws} draws")
+            print(
+                f"{'method':<20}{'recovered':>12}{'RMS/bound':>11}{'worst':>9}{'covered':>9}{'least':>8}"
+                f"{'steps':>8}{'s each':>9}"
+            )
+            figures: dict[str, dict[str, float]] = {}
+            for method in args.methods.split(","):
+                first = attempt(name, method, relative, args.seed)
+                if isinstance(first, str):
+                    print(f"{method:<20}  does not apply: {first}", flush=True)
+                    continue
+                seeds = range(args.seed + 1, args.seed + draws)
+                rest = parallel(delayed(attempt)(name, method, relative, seed) for seed in seeds)
+                refused = [r for r in rest if isinstance(r, str)]
+                figures[method] = row(name, method, relative, [first, *(r for r in rest if not isinstance(r, str))])
+                note = f"  {len(refused)} refused: {refused[0]}" if refused else ""
+                print(show(method, figures[method]) + note, flush=True)
+            better(figures, draws)
+
+
+def better(figures: dict[str, dict[str, float]], draws: int) -> None:
+    """Say which methods recover more than the default by more than the standard error of the difference."""
+    if DEFAULT not in figures:
+        return
+    own = figures[DEFAULT]["recovered"] / 100
+    for method, found in figures.items():
+        share = found["recovered"] / 100
+        error = np.sqrt((own * (1 - own) + share * (1 - share)) / draws)
+        if share - own > error:
+            print(f"better than the default: {method}, by {100 * (share - own):.1f} +- {100 * error:.1f} %")
+
+
+if __name__ == "__main__":
+    main()
