@@ -28,9 +28,9 @@ def cases(start: State) -> dict[str, State]:
     lossy[np.flatnonzero(lossy)[15]] = 0.8
     return {
         "as it starts": start,
-        "factors moved by 3 %": State(start.factor * moved**0.03, start.loss),
-        "factors moved by 10 %": State(start.factor * moved**0.1, start.loss),
-        "one layer with a loss factor of 0.8": State(start.factor, lossy),
+        "factors moved by 3 %": State(start.factor * moved**0.03, start.loss, start.rate),
+        "factors moved by 10 %": State(start.factor * moved**0.1, start.loss, start.rate),
+        "one layer with a loss factor of 0.8": State(start.factor, lossy, start.rate),
     }
 
 

@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
+    from updyn.group import Group as Group
+    from updyn.group import LossTable as LossTable
     from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
     from updyn.matching import match as match
-    from updyn.model import Group as Group
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
     from updyn.updating.choice import link as link
@@ -54,7 +55,7 @@ _WHERE = {
     "DofSet": "updyn.dofs",
     "FRF": "updyn.frf",
     "Geometry": "updyn.geometry",
-    "Group": "updyn.model",
+    "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
     "Model": "updyn.model",
     "Test": "updyn.updating.run",
@@ -65,6 +66,7 @@ _WHERE = {
     "correlate": "updyn.correlation",
     "link": "updyn.updating.choice",
     "match": "updyn.matching",
+    "LossTable": "updyn.group",
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
     "read_frf": "updyn.io",

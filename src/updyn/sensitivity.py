@@ -3,13 +3,13 @@
 Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same solves serve both,
 as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T, dZ_red/dp = T^T Z'_p T (Bao, Wang &
 Cheng 2010, eqs. 11, 17, 18, in closed form). Both are contractions of one stored matrix on its group's own DOFs.
-Stiffness and loss factor of a group share one contraction.
+Stiffness, loss factor and stiffness-proportional damping of a group share one contraction, as do mass and its damping.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,9 @@ __all__ = ["Unknowns", "condensed_product", "receptance"]
 
 _Complex = NDArray[np.complex128]
 
+_FACTOR, _LOSS, _RATE = range(3)
+_NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RATE}
+
 #: Multiplications in a product that BLAS does in one thread (OpenBLAS: up to 2^15). Its threads would wait for the
 #: cores on which those of the sparse solver still spin, which takes longer than all else beside the solve.
 _ALONE = 2**15
@@ -35,7 +38,8 @@ _ALONE = 2**15
 class Unknowns:
     """Where the unknowns act in a compiled model: a list of drives, one or more for each unknown.
 
-    A term's factor is the product of value**power over the drives that act on it; a loss factor is the value itself.
+    A term's factor is the product of value**power over the drives that act on it; a loss factor or a Rayleigh
+    coefficient is the value itself.
 
     Attributes
     ----------
@@ -45,8 +49,8 @@ class Unknowns:
         Unknown of each drive.
     at : ndarray of int, shape (n_d,)
         Term of each drive.
-    is_loss : ndarray of bool, shape (n_d,)
-        Whether it is the loss factor of that term, else its factor.
+    number : ndarray of int, shape (n_d,)
+        Which number of that term it is: 0 its factor, 1 its loss factor, 2 its viscous rate.
     power : ndarray of float, shape (n_d,)
         Exponent of the value in the factor.
     """
@@ -54,7 +58,7 @@ class Unknowns:
     n: int
     owner: NDArray[np.intp]
     at: NDArray[np.intp]
-    is_loss: NDArray[np.bool_]
+    number: NDArray[np.intp]
     power: NDArray[np.float64]
 
     @classmethod
@@ -78,7 +82,7 @@ class Unknowns:
             len(items),
             np.array([i for i, _ in drives], dtype=np.intp),
             np.array([system.find(d.group, d.quantity) for _, d in drives], dtype=np.intp),
-            np.array([d.quantity == "loss_factor" for _, d in drives], dtype=np.bool_),
+            np.array([_NUMBER.get(d.quantity, _FACTOR) for _, d in drives], dtype=np.intp),
             np.array([d.power for _, d in drives], dtype=np.float64),
         )
 
@@ -90,18 +94,21 @@ class Unknowns:
         system : AffineSystem
             The compiled model.
         values : ndarray of float, shape (n,)
-            Factors and loss factors.
+            Factors, loss factors and Rayleigh coefficients.
 
         Returns
         -------
         State
         """
-        factor, loss, given = system.start.factor.copy(), system.start.loss.copy(), values[self.owner]
-        scales = ~self.is_loss
+        start, given = system.start, values[self.owner]
+        factor, loss, rate = start.factor.copy(), start.loss.copy(), start.rate.copy()
+        scales = self.number == _FACTOR
         factor[self.at[scales]] = 1.0
         np.multiply.at(factor, self.at[scales], given[scales] ** self.power[scales])
-        loss[self.at[self.is_loss]] = given[self.is_loss]
-        return State(factor, loss)
+        for number, kept in ((_LOSS, loss), (_RATE, rate)):
+            mine = self.number == number
+            kept[self.at[mine]] = given[mine]
+        return State(factor, loss, rate)
 
     def slopes(
         self, system: AffineSystem, state: State, values: NDArray[np.float64], omega: NDArray[np.float64]
@@ -124,11 +131,15 @@ class Unknowns:
         ndarray of complex, shape (n_d, n_f)
         """
         # Of the coefficient at a factor of 1: where a drive is alone and linear, factor over value is exactly that.
-        unit = system.coefficients(State(np.ones_like(state.factor), state.loss), omega)[self.at]
-        scales, factor = ~self.is_loss, state.factor[self.at, None]
+        unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[self.at]
+        scales, factor = self.number == _FACTOR, state.factor[self.at, None]
         share = np.where(scales, self.power * state.factor[self.at] / np.where(scales, values[self.owner], 1.0), 1.0)
         unit *= share[:, None]
-        unit[self.is_loss] = 1j * factor[self.is_loss]
+        lost, rated = self.number == _LOSS, self.number == _RATE
+        if lost.any():
+            unit[lost] = 1j * factor[lost] * system.relative(self.at[lost], omega)[self.at[lost]]
+        if rated.any():
+            unit[rated] = 1j * factor[rated] * omega
         return unit
 
 

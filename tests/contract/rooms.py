@@ -16,6 +16,7 @@ ORDER = (
     ("dofs",),
     ("geometry",),
     ("frf",),
+    ("group",),
     ("model",),
     ("engines",),
     ("linalg",),

@@ -103,13 +103,13 @@ def test_dynamic_stiffness_is_affine_in_each_coefficient(structure, seed):
     model, freq, _ = structure
     system, rng = AffineSystem.compile(model), np.random.default_rng(seed)
     omega, n = 2 * np.pi * freq, len(system.terms)
-    loss = system.start.loss
-    one, two = (State(rng.uniform(0.5, 2.0, n), loss) for _ in range(2))
-    middle = State((one.factor + two.factor) / 2, loss)
+    loss, rate = system.start.loss, system.start.rate
+    one, two = (State(rng.uniform(0.5, 2.0, n), loss, rate) for _ in range(2))
+    middle = State((one.factor + two.factor) / 2, loss, rate)
     Z = [system.values(system.coefficients(s, omega)) for s in (one, two, middle)]
     assert (Z[0] + Z[1]) / 2 == pytest.approx(Z[2], rel=1e-12, abs=1e-12 * np.abs(Z[2]).max())
-    three = State(one.factor, loss * rng.uniform(0.0, 3.0, n))
-    middle = State(one.factor, (loss + three.loss) / 2)
+    three = State(one.factor, loss * rng.uniform(0.0, 3.0, n), rate)
+    middle = State(one.factor, (loss + three.loss) / 2, rate)
     Z = [system.values(system.coefficients(s, omega)) for s in (one, three, middle)]
     assert (Z[0] + Z[1]) / 2 == pytest.approx(Z[2], rel=1e-12, abs=1e-12 * np.abs(Z[2]).max())
 

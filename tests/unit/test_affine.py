@@ -48,7 +48,7 @@ def test_dynamic_stiffness_is_the_sum_of_groups(model):
 def test_entries_that_cancel_keep_their_place_in_the_pattern(model):
     """The cancelling entry must be there: with other factors it no longer cancels."""
     system = AffineSystem.compile(model)
-    state = State(np.where([t.group == "c" for t in system.terms], 3.0, 1.0), system.start.loss)
+    state = State(np.where([t.group == "c" for t in system.terms], 3.0, 1.0), system.start.loss, system.start.rate)
     Z = dense(system, system.values(system.coefficients(state, np.array([1.0]))))[0]
     assert pytest.approx(by_hand(model, 1.0, {("c", "stiffness"): 3.0}), rel=1e-15) == Z
     assert Z[0, 1] == pytest.approx(-1.0 - 0.1j + 3.0)

@@ -64,7 +64,7 @@ def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: n
 def moved(system: AffineSystem, size: float) -> State:
     rng = np.random.default_rng(1)
     factor = system.start.factor * np.exp(size * rng.standard_normal(len(system.terms)))
-    return State(factor, system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))))
+    return State(factor, system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))), system.start.rate)
 
 
 SENSORS, FORCES = np.array([470, 250, 130, 60, 31, 400, 333, 222]), np.array([470, 31])

@@ -4,13 +4,17 @@
 
 with one term for each matrix that a group has. The matrices are stored once, on one fixed pattern; a change of the
 unknowns touches the coefficients only, and so do all derivatives (Bao, Wang & Cheng 2010, eqs. 13-16, corrected:
-the loss factor acts on the updated stiffness).
+the loss factor acts on the updated stiffness; so do the Rayleigh coefficients on updated mass and stiffness):
+
+    stiffness   kappa (1 + i gamma r(f) + i omega beta)
+    mass        mu (-omega^2 + i omega alpha)
+    viscous     nu i omega
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,11 +23,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
+from updyn.group import GROUP_QUANTITIES, MATRICES, LossTable
 from updyn.model import Model
 
 __all__ = ["AffineSystem", "State", "Term"]
 
 _DENSE_OWN = 400
+_RATES = {"stiffness": "stiffness_damping", "mass": "mass_damping"}
 
 #: Entries times lines that are added at a time: what is worked on stays in the processor's cache.
 _CHUNK = 8192
@@ -48,6 +54,8 @@ class Term:
         Where its entries stand among the values of the system's pattern, ascending. Terms of one pattern share it.
     data : ndarray of float
         Its entries, in that order: the model's own array.
+    table : LossTable, optional
+        Of a stiffness whose loss factor depends on frequency.
     """
 
     group: str
@@ -56,6 +64,7 @@ class Term:
     local: Any
     slots: NDArray[Any]
     data: NDArray[np.float64]
+    table: LossTable | None = None
 
     @property
     def own(self) -> Any:
@@ -72,18 +81,21 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The numbers that may change: one factor and one loss factor a term.
+    """The numbers that may change: one factor, one loss factor and one viscous rate a term.
 
     Attributes
     ----------
     factor : ndarray of float, shape (n_terms,)
-        kappa, mu or the viscous factor: 1 where the model stands as it was compiled.
+        kappa, mu or the viscous factor nu: 1 where the model stands as it was compiled.
     loss : ndarray of float, shape (n_terms,)
         Loss factor gamma of stiffness terms, 0 elsewhere.
+    rate : ndarray of float, shape (n_terms,)
+        What multiplies i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of viscous terms.
     """
 
     factor: NDArray[np.float64]
     loss: NDArray[np.float64]
+    rate: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,20 +122,32 @@ class AffineSystem:
     indices: NDArray[Any]
     dofs: DofSet
     beside: Any = None
+    _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        static, inertial = (
+            np.array([[float(t.quantity == what)] for t in self.terms]) for what in ("stiffness", "mass")
+        )
+        object.__setattr__(self, "_kinds", (static, inertial, [i for i, t in enumerate(self.terms) if t.table]))
 
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
         """Compile a model: find the common pattern and each matrix's place in it."""
         stored = [
-            (name, quantity, matrix, group.loss_factor if quantity == "stiffness" else 0.0)
+            (name, group, quantity, matrix)
             for name, group in model.groups.items()
-            for quantity in ("stiffness", "mass", "viscous")
+            for quantity in MATRICES
             if (matrix := getattr(group, quantity)) is not None
         ]
-        pattern = _union([matrix for _, _, matrix, _ in stored], model.n_dofs)
+        pattern = _union([matrix for *_, matrix in stored], model.n_dofs)
         places = _Places(pattern.indptr, pattern.indices)
-        terms = tuple(places.term(name, quantity, matrix) for name, quantity, matrix, _ in stored)
-        start = State(np.ones(len(terms)), np.array([loss for *_, loss in stored]))
+        terms = tuple(
+            places.term(name, quantity, matrix, group.loss_table if quantity == "stiffness" else None)
+            for name, group, quantity, matrix in stored
+        )
+        loss = [group.loss_factor if quantity == "stiffness" else 0.0 for _, group, quantity, _ in stored]
+        rate = [1.0 if quantity == "viscous" else group.value(_RATES[quantity]) for _, group, quantity, _ in stored]
+        start = State(np.ones(len(terms)), np.array(loss), np.array(rate))
         return cls(terms, start, pattern.indptr, pattern.indices, model.dofs, _side_by_side(terms, pattern.nnz))
 
     @property
@@ -143,20 +167,38 @@ class AffineSystem:
         return self._at(group, quantity) is not None
 
     def _at(self, group: str, quantity: str) -> int | None:
-        wanted = "stiffness" if quantity == "loss_factor" else quantity
+        wanted = GROUP_QUANTITIES.get(quantity)
         places = (i for i, term in enumerate(self.terms) if term.group == group and term.quantity == wanted)
         return next(places, None)
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""
+        factor, (static, inertial, tabled) = state.factor[:, None], self._kinds
         out = np.empty((len(self.terms), len(omega)), dtype=np.complex128)
-        for t, term in enumerate(self.terms):
-            if term.quantity == "stiffness":
-                out[t] = state.factor[t] * (1.0 + 1j * state.loss[t])
-            elif term.quantity == "mass":
-                out[t] = -state.factor[t] * omega**2
-            else:
-                out[t] = 1j * state.factor[t] * omega
+        out.real = factor * (static - inertial * omega**2)
+        lost = state.loss[:, None] * self.relative(tabled, omega)
+        out.imag = factor * (lost + state.rate[:, None] * omega)
+        return out
+
+    def relative(self, at: Iterable[int], omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what a loss factor of 1 is at some lines, shape (n_terms, n_lines), or (n_terms, 1) if 1 everywhere.
+
+        Parameters
+        ----------
+        at : iterable of int
+            Terms whose tables are looked at; where a term has none, 1.
+        omega : ndarray of float, shape (n_lines,)
+            In rad/s.
+
+        Raises
+        ------
+        ModelError
+            If a line lies outside a table.
+        """
+        tables = [(t, table) for t in at if (table := self.terms[t].table) is not None]
+        out = np.ones((len(self.terms), len(omega) if tables else 1))
+        for t, table in tables:
+            out[t] = table.at(omega / (2.0 * np.pi), self.terms[t].group)
         return out
 
     def values(self, coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -265,7 +307,7 @@ class _Places:
     _known: dict[bytes, tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]] = field(default_factory=dict, init=False)
     _rows: dict[bytes, NDArray[np.intp]] = field(default_factory=dict, init=False)
 
-    def term(self, name: str, quantity: str, matrix: Any) -> Term:
+    def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
         """Return the term of a matrix, canonical CSR."""
         key = _digest(matrix.indptr, matrix.indices)
         if key not in self._known:
@@ -273,11 +315,11 @@ class _Places:
         rows, slots, columns = self._known[key]
         n, data = len(rows), matrix.data
         if matrix.nnz == n * n:
-            return Term(name, quantity, rows, data.reshape(n, n), slots, data)
+            return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
         local = sp.csr_array((data, columns, _begin(matrix, rows)), shape=(n, n))
         # Sparse rows pay only when the group is large and its matrix mostly empty.
         dense = n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2
-        return Term(name, quantity, rows, local.toarray() if dense else local, slots, data)
+        return Term(name, quantity, rows, local.toarray() if dense else local, slots, data, table)
 
     def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
         """Return the rows of a matrix, the slots of its entries, and their columns counted in its own rows."""

@@ -84,7 +84,8 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     complex : bool
         False: undamped modes, K phi = omega^2 M phi, with the loss factor by modal strain energy. True: modes of the
         damped structure, (K + i D) phi = omega^2 (1 + i eta) M phi, or with viscous damping those of
-        s^2 M + s C + K + i D with lambda = -s^2.
+        s^2 M + s C + K + i D with lambda = -s^2. A loss factor with a table is taken at each mode's own frequency, and
+        is refused for complex modes.
 
     Returns
     -------
@@ -93,8 +94,9 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     Raises
     ------
     ModelError
-        If `n` is not a number of modes that the model has (the message says how many there are), or the model is too
-        large for complex modes with viscous damping.
+        If `n` is not a number of modes that the model has (the message says how many there are), the model is too large
+        for complex modes with viscous damping, a mode lies outside the table of a loss factor, or complex modes are
+        wanted of a model that has such a table.
     SolverError
         If a motion has neither stiffness nor mass, or the eigenvalue solver fails.
 
@@ -147,11 +149,21 @@ def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
         )
     elastic = ~rigid & ~unstable
     omega = np.sqrt(np.where(elastic, value, 0.0))
-    lost = np.einsum("in,in->n", shapes, model.structural @ shapes)
+    lost = _structural_energy(model, shapes, omega / _TWO_PI)
     lost = lost + omega * np.einsum("in,in->n", shapes, model.viscous @ shapes)
     loss = np.divide(lost, energy, out=np.zeros_like(lost), where=elastic)
     order = np.argsort(omega, kind="stable")
     return _pack(omega[order], loss[order], shapes[:, order], model.dofs)
+
+
+def _structural_energy(model: Model, shapes: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return phi^T D phi of each mode at its own frequency; a rigid-body mode strains nothing."""
+    lost = np.zeros(shapes.shape[1])
+    for name, group in model.groups.items():
+        if group.stiffness is not None and group.loss_factor:
+            loss = [group.loss_at(float(f), name) if f > 0 else 0.0 for f in freq]
+            lost += np.array(loss) * np.einsum("in,in->n", shapes, group.stiffness @ shapes)
+    return lost
 
 
 def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
@@ -164,6 +176,12 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
 
 def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     """Complex modes. The rigid-body modes are those of the undamped model as far as no damper acts on them."""
+    tabled = next((name for name, group in model.groups.items() if group.loss_table is not None), None)
+    if tabled is not None:
+        raise ModelError(
+            f"group {tabled!r}: its loss factor depends on frequency, and complex modes need one number; use "
+            "complex=False, which takes it at each mode's own frequency"
+        )
     C, D = model.viscous, model.structural
     viscous = C.nnz > 0
     still = real.frequency == 0.0

@@ -157,7 +157,7 @@ def _moved(group: Group, T: Matrix) -> Group:
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
-    return Group(moved(group.stiffness), moved(group.mass), group.loss_factor, moved(group.viscous))
+    return group.with_matrices(moved(group.stiffness), moved(group.mass), moved(group.viscous))
 
 
 def rigid_link(

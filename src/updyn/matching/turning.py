@@ -354,7 +354,7 @@ def _moved(group: Group, T: Matrix, touched: NDArray[np.bool_]) -> Group:
     matrices = [moved(A) for A in (group.stiffness, group.mass, group.viscous)]
     if all(a is b for a, b in zip(matrices, (group.stiffness, group.mass, group.viscous), strict=True)):
         return group
-    return Group(matrices[0], matrices[1], group.loss_factor, matrices[2])
+    return group.with_matrices(*matrices)
 
 
 def _told(

@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 
 from updyn.errors import ParameterError, suggest
-from updyn.model import GROUP_QUANTITIES, Group, Model
+from updyn.group import GROUP_QUANTITIES, VALUES
+from updyn.model import Model
 from updyn.updating.parameters import Drive, Parameter, ParameterSet, finite
 
 __all__ = ["DEFAULT_BOUNDS", "link", "parameters"]
 
-#: Bounds where the user gives none. Factors may change a hundredfold; a loss factor of 10 is beyond any material.
+#: Bounds where the user gives none. Factors may change a hundredfold; a loss factor of 10 is beyond any material, and
+#: so are Rayleigh coefficients that amount to it at 10 kHz (mass) or at 0.1 Hz (stiffness).
 DEFAULT_BOUNDS = {
     "stiffness": (0.01, 100.0),
     "mass": (0.01, 100.0),
     "viscous": (0.001, 1000.0),
     "loss_factor": (0.0, 10.0),
+    "mass_damping": (0.0, 6e5),
+    "stiffness_damping": (0.0, 16.0),
 }
 _LINKED = (0.1, 10.0)  # a factor that drives others by powers: ten times a thickness is a thousand times its bending
 
@@ -32,6 +36,8 @@ def parameters(
     mass: str | Iterable[str] = (),
     loss_factor: str | Iterable[str] = (),
     viscous: str | Iterable[str] = (),
+    mass_damping: str | Iterable[str] = (),
+    stiffness_damping: str | Iterable[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior_std: Mapping[str, float] | None = None,
 ) -> ParameterSet:
@@ -41,21 +47,22 @@ def parameters(
     ----------
     model : Model
         The model to update.
-    stiffness, mass, loss_factor, viscous : str or iterable of str
+    stiffness, mass, loss_factor, viscous, mass_damping, stiffness_damping : str or iterable of str
         Group names or globs (``"gear*"``), or ``"all"``. A glob stands for those of its groups that have the quantity,
         ``"all"`` for every group that has it. Stiffness, mass and viscous unknowns are factors on the group's start
-        (1 = unchanged); loss factors are values relative to the updated stiffness, from the group's own.
+        (1 = unchanged). The others are values, and start from the group's own: loss factors and stiffness damping (s)
+        relative to the updated stiffness, mass damping (1/s) to the updated mass.
     bounds : mapping of str to (float, float), optional
         By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns; the most special
-        wins (unknown, then the first glob that fits, then quantity). A loss factor whose own value lies outside
-        starts on the nearer bound.
+        wins (unknown, then the first glob that fits, then quantity). Damping whose own value lies outside starts on the
+        nearer bound.
     prior_std : mapping of str to float, optional
         Standard deviation of a prior about the start, by the same keys.
 
     Returns
     -------
     ParameterSet
-        Ordered by group, then mass, stiffness, loss factor, viscous as far as chosen.
+        Ordered by group, then mass, stiffness, loss factor, viscous, mass damping, stiffness damping as far as chosen.
 
     Raises
     ------
@@ -64,13 +71,14 @@ def parameters(
         nothing is chosen.
     """
     wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
+    wanted |= {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
     chosen = {quantity: _groups(model, quantity, patterns) for quantity, patterns in wanted.items()}
     items = []
     for name, group in model.groups.items():
         for quantity in wanted:
             if name in chosen[quantity]:
                 low, high = DEFAULT_BOUNDS[quantity]
-                start = group.loss_factor if quantity == "loss_factor" else 1.0
+                start = group.value(quantity)
                 items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
     bounds = _table("bounds", bounds, items)
     prior_std = _table("prior_std", prior_std, items)
@@ -79,7 +87,7 @@ def parameters(
         if (pair := _most_special(bounds, p)) is not None:
             low, high = _pair(pair, f"bounds of {p.name!r}")
             start = p.start
-            if p.quantity == "loss_factor" and low < high:  # the group's own value yields to the user's bounds
+            if p.quantity in VALUES and low < high:  # the group's own value yields to the user's bounds
                 start = min(max(start, low), high)
             p = Parameter(p.group, p.quantity, start, low, high)
         out.append(replace(p, prior_std=_most_special(prior_std, p)))
@@ -114,9 +122,10 @@ def link(
         "bend.stiffness": 3, "skin.mass": 1}``. Without powers, 1 each. A quantity that several unknowns drive is
         multiplied by all.
     start : float, optional
-        1 where nothing is said; for loss factors, that of the groups, which has to be the same.
+        1 where nothing is said; for loss factors and Rayleigh coefficients, that of the groups, which has to be the
+        same.
     bounds : (float, float), optional
-        On the unknown itself; 0.1 to 10 for factors, 0 to 10 for loss factors.
+        On the unknown itself; 0.1 to 10 for factors, 0 to 10 for loss factors, as in `updyn.parameters` for others.
     prior_std : float, optional
         Standard deviation of a prior about the start; of the logarithm for a factor.
     nominal : float, optional
@@ -142,11 +151,11 @@ def link(
     acts = tuple(drive for key, power in powers.items() for drive in _drives(model, name, key, power))
     if not acts:
         raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty")
-    if any(d.quantity == "loss_factor" for d in acts):
-        values = sorted({model.group(d.group).loss_factor for d in acts if d.quantity == "loss_factor"})
+    if kinds := sorted({d.quantity for d in acts} & set(VALUES)):
+        values = sorted({model.group(d.group).value(d.quantity) for d in acts if d.quantity == kinds[0]})
         if start is None and len(values) > 1:
-            raise ParameterError(f"unknown {name!r}: its loss factors start at {values}; give start")
-        first, limits = values[0], DEFAULT_BOUNDS["loss_factor"]
+            raise ParameterError(f"unknown {name!r}: its {kinds[0].replace('_', ' ')}s start at {values}; give start")
+        first, limits = values[0], DEFAULT_BOUNDS[kinds[0]]
     else:
         first, limits = 1.0, _LINKED
     low, high = limits if bounds is None else _pair(bounds, f"bounds of {name!r}")
@@ -156,7 +165,7 @@ def link(
 
 def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     """Return the drives that a key of `link` stands for."""
-    able = [f"{g}.{q}" for g, group in model.groups.items() for q in GROUP_QUANTITIES if _has(group, q)]
+    able = [f"{g}.{q}" for g, group in model.groups.items() for q in GROUP_QUANTITIES if group.has(q)]
     found = [a for a in able if isinstance(key, str) and fnmatch.fnmatchcase(a, key)]
     if not found:
         raise ParameterError(f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}")
@@ -164,7 +173,7 @@ def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
 
 
 def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
-    able = [name for name, group in model.groups.items() if _has(group, quantity)]
+    able = [name for name, group in model.groups.items() if group.has(quantity)]
     if isinstance(patterns, str) and patterns == "all":
         if not able:
             raise ParameterError(f"no group of the model has {quantity}")
@@ -181,18 +190,10 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
         lacking = [f for f in fits if f not in able]
         if lacking and (pattern in model.groups or len(lacking) == len(fits)):
             raise ParameterError(
-                f"{quantity}: group {lacking[0]!r} has no {_needs(quantity)}; {suggest(pattern, able)}"
+                f"{quantity}: group {lacking[0]!r} has no {GROUP_QUANTITIES[quantity]}; {suggest(pattern, able)}"
             )
         found.update(f for f in fits if f in able)
     return found
-
-
-def _needs(quantity: str) -> str:
-    return "stiffness" if quantity == "loss_factor" else quantity
-
-
-def _has(group: Group, quantity: str) -> bool:
-    return getattr(group, _needs(quantity)) is not None
 
 
 def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:

@@ -7,7 +7,7 @@ and how much data there is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -87,5 +87,7 @@ Task: TypeAlias = "Problem | Joint"
 
 
 def together(problems: Sequence[Problem]) -> Task:
-    """Return one problem as it is, several as one."""
-    return problems[0] if len(problems) == 1 else Joint(tuple(problems))
+    """Return one problem as it is, several as one, in the coordinates of the first."""
+    first = problems[0]
+    rest = (p if p.coordinates is first.coordinates else replace(p, coordinates=first.coordinates) for p in problems)
+    return first if len(problems) == 1 else Joint(tuple(rest))

@@ -170,9 +170,11 @@ def fingerprint(problem: Task, data: Sequence[FRF], options: Mapping[str, object
     measured: list[object] = []
     for part, frf in zip(problem.parts, data, strict=True):
         system = part.solver.system
-        model += [part.name, system.indptr, system.indices, system.start.loss, *system.dofs.labels]
+        start, tables = system.start, [t for t in system.terms if t.table is not None]
+        model += [part.name, system.indptr, system.indices, start.loss, start.rate, *system.dofs.labels]
         for term in system.terms:
             model += [term.group, term.quantity, term.slots, term.data]
+        model += [a for t in tables if t.table is not None for a in (t.group, t.table.freq, t.table.relative)]
         measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
         measured += [*frf.responses.labels, "/", *frf.references.labels]
         measured += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]

@@ -99,10 +99,10 @@ def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.in
 
 
 def _start(problem: Problem) -> NDArray[np.float64]:
-    values = problem.coordinates.parameters.start
-    loss = ~problem.coordinates.parameters.is_factor
-    values = np.where(loss, np.maximum(values, np.minimum(0.02, problem.coordinates.parameters.upper)), values)
-    return problem.coordinates.to_x(values)
+    coordinates = problem.coordinates
+    x = coordinates.to_x(coordinates.parameters.start)
+    highest = coordinates.to_x(coordinates.parameters.upper)
+    return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
 
 
 def _information(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]) -> NDArray[np.float64]:

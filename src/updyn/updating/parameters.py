@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import ParameterError, suggest
-from updyn.model import GROUP_QUANTITIES, Model
+from updyn.group import GROUP_QUANTITIES, VALUES
+from updyn.model import Model
 
 __all__ = ["Drive", "Parameter", "ParameterSet", "finite"]
 
@@ -24,14 +25,15 @@ class Drive:
     Parameters
     ----------
     group, quantity : str
-        Where. A loss factor is set to the unknown's value; anything else is multiplied by value**power.
+        Where. What is a value (loss factor, Rayleigh coefficients) is set to the unknown's; anything else is multiplied
+        by value**power.
     power : float
-        The exponent; 1 for a loss factor.
+        The exponent; 1 for a value.
 
     Raises
     ------
     ParameterError
-        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for a loss factor.
+        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for a value.
     """
 
     group: str
@@ -42,8 +44,9 @@ class Drive:
         if self.quantity not in GROUP_QUANTITIES:
             raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
         object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
-        if self.power == 0.0 or (self.quantity == "loss_factor" and self.power != 1.0):
-            expected = "1, as a loss factor is a value" if self.quantity == "loss_factor" else "a number other than 0"
+        if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
+            said = self.quantity.replace("_", " ")
+            expected = f"1, as a {said} is a value" if self.quantity in VALUES else "a number other than 0"
             raise ParameterError(f"{self.name!r}: power {self.power:g}; expected {expected}")
 
     @property
@@ -59,13 +62,13 @@ class Parameter:
     Parameters
     ----------
     group, quantity : str
-        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start, ``loss_factor`` is a
-        value. Of a linked unknown: what it is called.
+        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start; ``loss_factor``,
+        ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a linked unknown: what it is called.
     start, lower, upper : float
-        Start and bounds, in the unit of the unknown (a pure number).
+        Start and bounds, in the unit of the unknown.
     prior_std : float, optional
-        Standard deviation of a Gaussian prior about `start`; of the logarithm for a factor, so that 0.3 means about
-        30 %.
+        Standard deviation of a Gaussian prior about `start`, in its unit; of the logarithm for a factor, so that 0.3
+        means about 30 %.
     drives : tuple of Drive
         What a linked unknown acts on (`updyn.link`); empty: on its own group and quantity.
     nominal : float, optional
@@ -107,7 +110,7 @@ class Parameter:
             raise ParameterError(f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0")
         if not self.is_factor and self.lower < 0:
             raise ParameterError(
-                f"unknown {self.name!r}: a loss factor below 0 feeds energy in; lower bound {self.lower:g}"
+                f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound {self.lower:g}"
             )
         if self.prior_std is not None:
             object.__setattr__(self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
@@ -116,7 +119,7 @@ class Parameter:
         if self.nominal is not None:
             object.__setattr__(self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal"))
             if not self.is_factor or self.nominal <= 0:
-                expected = "a number above 0" if self.is_factor else "none, as a loss factor is a value"
+                expected = "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
                 raise ParameterError(f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}")
 
     def _check_drives(self) -> None:
@@ -126,10 +129,10 @@ class Parameter:
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise ParameterError(f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers")
-        if len({d.quantity == "loss_factor" for d in self.drives}) > 1:
-            raise ParameterError(
-                f"unknown {self.name!r} acts on loss factors and on other quantities; use two unknowns"
-            )
+        kinds = {d.quantity if d.quantity in VALUES else "" for d in self.drives}
+        if len(kinds) > 1:
+            value = max(kinds).replace("_", " ")
+            raise ParameterError(f"unknown {self.name!r} acts on {value}s and on other quantities; use two unknowns")
 
     @property
     def name(self) -> str:
@@ -162,7 +165,22 @@ class Parameter:
     @property
     def is_factor(self) -> bool:
         """Whether the unknown is a positive factor, treated in its logarithm inside the optimiser."""
-        return self.acts_on[0].quantity != "loss_factor"
+        return self.value_of is None
+
+    @property
+    def value_of(self) -> str | None:
+        """Which value the unknown is: ``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None: a factor."""
+        quantity = self.acts_on[0].quantity
+        return quantity if quantity in VALUES else None
+
+    @property
+    def value_unit(self) -> str:
+        """Unit of the unknown itself; empty for factors and loss factors."""
+        return VALUES.get(self.value_of or "", "")
+
+    @property
+    def _said(self) -> str:
+        return (self.value_of or "factor").replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,11 +206,11 @@ class ParameterSet(Sequence[Parameter]):
         twice = [name for name, count in names.items() if count > 1]
         if twice:
             raise ParameterError(f"unknown {twice[0]!r} stands twice")
-        losses: dict[str, str] = {}
+        values: dict[str, str] = {}
         for p in self.items:
             for d in p.acts_on:
-                if d.quantity == "loss_factor" and losses.setdefault(d.name, p.name) != p.name:
-                    raise ParameterError(f"{d.name!r} is set by two unknowns: {losses[d.name]!r} and {p.name!r}")
+                if d.quantity in VALUES and values.setdefault(d.name, p.name) != p.name:
+                    raise ParameterError(f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}")
         if not names:
             raise ParameterError("there is nothing to update: no unknown is chosen")
 
@@ -234,7 +252,7 @@ class ParameterSet(Sequence[Parameter]):
 
     @property
     def is_factor(self) -> NDArray[np.bool_]:
-        """Which unknowns are positive factors, not loss factors; shape (n,)."""
+        """Which unknowns are positive factors, not values of damping; shape (n,)."""
         return np.array([p.is_factor for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
@@ -299,7 +317,7 @@ class ParameterSet(Sequence[Parameter]):
         Returns
         -------
         dict of str to dict of str to float
-            By group and quantity: factors, and values of loss factors.
+            By group and quantity: factors, and values of damping.
 
         Raises
         ------
@@ -310,7 +328,7 @@ class ParameterSet(Sequence[Parameter]):
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
             for d in parameter.acts_on:
                 change = changes.setdefault(d.group, {})
-                if d.quantity == "loss_factor":
+                if d.quantity in VALUES:
                     change[d.quantity] = float(value)
                 else:
                     change[d.quantity] = change.get(d.quantity, 1.0) * float(value) ** d.power

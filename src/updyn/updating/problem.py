@@ -37,7 +37,10 @@ _SPREAD, _LONG = 5e8, 5e10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """The optimiser's coordinates x: logarithms of positive factors, loss factors as they are.
+    """The optimiser's coordinates x: logarithms of positive factors; for damping, the loss factor that it amounts to.
+
+    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one frequency, the same for all
+    tests of a run: alpha / omega and omega beta. So all x are of the size of one, whatever the band.
 
     Parameters
     ----------
@@ -45,24 +48,32 @@ class Coordinates:
         The unknowns.
     box : (ndarray, ndarray), optional
         Narrower bounds in x, each of shape (n,).
+    omega : float
+        That frequency in rad/s.
     """
 
     parameters: ParameterSet
     box: tuple[_Vector, _Vector] | None = None
+    omega: float = 1.0
+    _factor: NDArray[np.bool_] = field(init=False, repr=False)
+    _unit: _Vector = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
+        object.__setattr__(self, "_factor", self.parameters.is_factor)
+        object.__setattr__(self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters]))
 
     def to_x(self, values: _Vector) -> _Vector:
         """Return x for the unknowns' values, both shape (n,)."""
-        factor = self.parameters.is_factor
-        return np.where(factor, np.log(np.where(factor, values, 1.0)), values)
+        return np.where(self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit)
 
     def to_values(self, x: _Vector) -> _Vector:
         """Return the unknowns' values for x, both shape (n,)."""
-        factor = self.parameters.is_factor
-        return np.where(factor, np.exp(np.where(factor, x, 0.0)), x)
+        return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
 
     def slope(self, x: _Vector) -> _Vector:
         """Return d values / d x, shape (n,)."""
-        return np.where(self.parameters.is_factor, self.to_values(x), 1.0)
+        return np.where(self._factor, self.to_values(x), self._unit)
 
     @property
     def bounds(self) -> tuple[_Vector, _Vector]:
@@ -71,13 +82,13 @@ class Coordinates:
 
     @property
     def relaxed_lower(self) -> _Vector:
-        """Lower bounds in x that let loss factors turn negative on the way, shape (n,).
+        """Lower bounds in x that let damping turn negative on the way, shape (n,).
 
         The true loss factor of a lightly damped part lies on its bound at zero, and a search that may not step across
         gets caught there.
         """
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
-        return self._boxed(np.where(self.parameters.is_factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
+        return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
 
     def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
         if self.box is None:
@@ -90,7 +101,7 @@ class Coordinates:
     def prior(self) -> tuple[_Vector, _Vector]:
         """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
         weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
-        return self.to_x(self.parameters.start), np.array(weight)
+        return self.to_x(self.parameters.start), np.array(weight) * self._unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,7 +192,7 @@ class Problem:
         return cls(
             LineSolver.choose(system, tier, backend),
             Unknowns.find(system, parameters),
-            Coordinates(parameters),
+            Coordinates(parameters, omega=_middle(frf.freq)),
             frf,
             rows.index,
             columns.index,
@@ -368,6 +379,12 @@ class Problem:
             return (np.concatenate(list(self.each(_responses, [(x, lines) for lines in self.partition()]))),)
 
         return self.recall("responses", x, compute)[0]
+
+
+def _middle(freq: NDArray[np.float64]) -> float:
+    """Return the geometric middle of a band in rad/s."""
+    moving = freq[freq > 0]
+    return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max())) if moving.size else 1.0
 
 
 def _responses(problem: Problem, item: tuple[_Vector, slice]) -> _Complex:

@@ -257,8 +257,7 @@ def on_lines(problem: Problem, lines: _Lines) -> Problem:
 
 
 def _has(model: Model, group: str, quantity: str) -> bool:
-    found = model.groups.get(group)
-    return found is not None and getattr(found, "stiffness" if quantity == "loss_factor" else quantity) is not None
+    return group in model.groups and model.groups[group].has(quantity)
 
 
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:

@@ -222,9 +222,7 @@ class Reduction:
 
     def _lossy(self, state: State) -> _Real:
         """Return the weight of each term in D + omega C at the top of the band."""
-        quantity = np.array([t.quantity for t in self.system.terms])
-        omega = np.sqrt(self._top)
-        return np.where(quantity == "stiffness", state.loss, np.where(quantity == "viscous", omega, 0.0)) * state.factor
+        return self.system.coefficients(state, np.array([2.0 * np.pi * self.band[1]]))[:, 0].imag
 
     def _inertial(self, state: State) -> _Real:
         """Return the weight of each term in M."""

@@ -82,7 +82,7 @@ class ReducedSolver:
         r = basis.size
         rows, entries = np.arange(r), np.arange(r * r)
         terms = tuple(
-            Term(t.group, t.quantity, rows, A, entries, A.ravel())
+            Term(t.group, t.quantity, rows, A, entries, A.ravel(), t.table)
             for t, A in zip(system.terms, basis.terms, strict=True)
         )
         reduced = AffineSystem(terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs)

@@ -1,0 +1,432 @@
+"""`Group`: one named part of a model, its matrices and its damping.
+
+What a group adds to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2 of eq. 1; the
+Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894, section 97)::
+
+    Z_e(omega) = (1 + i gamma r(f) + i omega beta) K + i omega C - (omega^2 - i omega alpha) M
+
+with the loss factor gamma, its relative course r over frequency (1 where there is no table), and the Rayleigh
+coefficients alpha (1/s, `mass_damping`) and beta (s, `stiffness_damping`). All of them are relative to the matrices as
+they are: a factor on a group's stiffness or mass multiplies the damping that comes from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import ModelError, suggest
+
+__all__ = [
+    "GROUP_QUANTITIES",
+    "MATRICES",
+    "ROUNDING",
+    "VALUES",
+    "Group",
+    "LossTable",
+    "Matrix",
+    "is_number",
+    "read_only",
+]
+
+#: A real symmetric `scipy.sparse.csr_array`.
+Matrix: TypeAlias = Any
+
+MATRICES = ("stiffness", "mass", "viscous")
+
+#: What can change in a group, and the matrix that it acts on. Matrices change by a factor, all others are values.
+GROUP_QUANTITIES = {
+    "stiffness": "stiffness",
+    "mass": "mass",
+    "viscous": "viscous",
+    "loss_factor": "stiffness",
+    "mass_damping": "mass",
+    "stiffness_damping": "stiffness",
+}
+
+#: Those that are values, with their units; all are damping, not negative, and 0 where nothing is said.
+VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
+
+#: Rounding of an entry, as a share of the largest.
+ROUNDING = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class LossTable:
+    """The course of a loss factor over frequency, relative to its value: linear between lines, nothing outside them.
+
+    Parameters
+    ----------
+    freq : array_like of float, shape (n,)
+        Lines in Hz, ascending; two at least.
+    relative : array_like of float, shape (n,)
+        Factor on the loss factor at each of them; not negative.
+
+    Raises
+    ------
+    ModelError
+        If the two do not fit together, or a number is not usable.
+    """
+
+    freq: NDArray[np.float64]
+    relative: NDArray[np.float64]
+
+    def __init__(self, freq: ArrayLike, relative: ArrayLike) -> None:
+        for name, given in (("freq", freq), ("relative", relative)):
+            try:
+                array = np.array(given, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise ModelError(f"loss_table: {name} is not a row of numbers ({error})") from error
+            if array.ndim != 1 or array.size < 2 or not np.isfinite(array).all() or (array < 0).any():
+                raise ModelError(f"loss_table: {name}: expected two or more finite numbers of at least 0")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if len(self.freq) != len(self.relative):
+            raise ModelError(f"loss_table: {len(self.freq)} lines, but {len(self.relative)} factors")
+        back = np.flatnonzero(np.diff(self.freq) <= 0)
+        if back.size:
+            raise ModelError(f"loss_table: line {self.freq[back[0] + 1]:g} Hz stands behind {self.freq[back[0]]:g} Hz")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LossTable, (self.freq, self.relative)
+
+    def __repr__(self) -> str:
+        return f"LossTable({len(self.freq)} lines, {self.freq[0]:g} to {self.freq[-1]:g} Hz)"
+
+    def at(self, freq: NDArray[np.float64], group: str) -> NDArray[np.float64]:
+        """Return the factor at some lines.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n,)
+            Lines in Hz.
+        group : str
+            Whose table it is, for messages.
+
+        Returns
+        -------
+        ndarray of float, shape (n,)
+
+        Raises
+        ------
+        ModelError
+            If a line lies outside the table.
+        """
+        low, high = self.freq[0], self.freq[-1]
+        outside = (freq < low * (1.0 - ROUNDING)) | (freq > high * (1.0 + ROUNDING))
+        if outside.any():
+            raise ModelError(
+                f"group {group!r}: {freq[outside][0]:.10g} Hz is outside its loss table, which goes from {low:.10g} to "
+                f"{high:.10g} Hz; nothing is extrapolated: extend the table, or stay inside"
+            )
+        return np.interp(freq, self.freq, self.relative)
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Group:
+    """One part of a model: an element, a property, a material or a joint.
+
+    Parameters
+    ----------
+    stiffness, mass : array_like or sparse, shape (N, N), optional
+        Real symmetric contribution of the part to K (N/m) and M (kg), in the DOFs of the model. None: the part has no
+        such contribution.
+    loss_factor : float
+        Structural (hysteretic) loss factor gamma, relative to `stiffness`; not negative.
+    viscous : array_like or sparse, shape (N, N), optional
+        Likewise the contribution to C1 (N s/m).
+    mass_damping : float
+        Rayleigh coefficient alpha in 1/s: alpha times `mass` is viscous damping, too. Not negative.
+    stiffness_damping : float
+        Rayleigh coefficient beta in s: so is beta times `stiffness`. Not negative.
+    loss_table : LossTable or (array_like, array_like), optional
+        Lines in Hz and factors: the loss factor is `loss_factor` times the factor at each line, linear in between. The
+        part answers at no line outside.
+
+    Raises
+    ------
+    ModelError
+        If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes differ, a damping
+        coefficient is not a finite number of at least 0, or there is nothing that it could act on.
+    """
+
+    stiffness: Matrix | None
+    mass: Matrix | None
+    loss_factor: float
+    viscous: Matrix | None
+    mass_damping: float
+    stiffness_damping: float
+    loss_table: LossTable | None
+
+    def __init__(
+        self,
+        stiffness: ArrayLike | Any | None = None,
+        mass: ArrayLike | Any | None = None,
+        loss_factor: float = 0.0,
+        viscous: ArrayLike | Any | None = None,
+        *,
+        mass_damping: float = 0.0,
+        stiffness_damping: float = 0.0,
+        loss_table: LossTable | tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        sizes = {}
+        for name, given in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
+            matrix = None if given is None else _symmetric(given, name)
+            if matrix is not None:
+                sizes[name] = matrix.shape[0]
+            object.__setattr__(self, name, matrix)
+        if not sizes:
+            raise ModelError("a group needs at least one of stiffness, mass and viscous")
+        if len(set(sizes.values())) > 1:
+            raise ModelError(f"the matrices of a group differ in size: {sizes}")
+        self._damp(loss_factor, mass_damping, stiffness_damping, loss_table)
+
+    def _damp(self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any) -> None:
+        object.__setattr__(self, "loss_factor", _damping("loss factor", loss_factor))
+        for name, value in (("mass_damping", mass_damping), ("stiffness_damping", stiffness_damping)):
+            object.__setattr__(self, name, _damping(name, value))
+            if value and not self.has(name):
+                raise ModelError(f"{name} {value:g}: the group has no {GROUP_QUANTITIES[name]} that it could act on")
+        object.__setattr__(self, "loss_table", _table(loss_table))
+        if self.loss_table is not None and self.stiffness is None:
+            raise ModelError("loss_table: the group has no stiffness that it could act on")
+
+    @classmethod
+    def _checked(cls, stiffness: Matrix, mass: Matrix, viscous: Matrix, damping: Mapping[str, Any]) -> Group:
+        """Build from matrices that came out of a `Group` and need no second check."""
+        out = cls.__new__(cls)
+        for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
+            object.__setattr__(out, name, None if matrix is None else read_only(matrix))
+        rest = {"mass_damping": 0.0, "stiffness_damping": 0.0, "loss_table": None, **damping}
+        out._damp(**rest)
+        return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Group._checked, (self.stiffness, self.mass, self.viscous, self.damping)
+
+    def __repr__(self) -> str:
+        has = [name for name in MATRICES if getattr(self, name) is not None]
+        return f"Group({', '.join(has)}; {self.n_dofs} DOFs, {self.damping_words})"
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of DOFs N of the matrices."""
+        return int(next(m.shape[0] for m in (self.stiffness, self.mass, self.viscous) if m is not None))
+
+    @property
+    def damping(self) -> dict[str, Any]:
+        """All damping but the viscous matrix, by name, as `Group` takes it; what is not there is left out."""
+        out: dict[str, Any] = {"loss_factor": self.loss_factor}
+        out |= {name: value for name in VALUES if name != "loss_factor" and (value := getattr(self, name))}
+        return out if self.loss_table is None else out | {"loss_table": self.loss_table}
+
+    @property
+    def damping_words(self) -> str:
+        """The same as text."""
+        units = {name: f" {unit}".rstrip() for name, unit in VALUES.items()}
+        said = [
+            f"{name.replace('_', ' ')} {value:g}{units[name]}" for name, value in self.damping.items() if name in VALUES
+        ]
+        if self.loss_table is not None:
+            said[0] += f" by a table from {self.loss_table.freq[0]:g} to {self.loss_table.freq[-1]:g} Hz"
+        return ", ".join(said)
+
+    def has(self, quantity: str) -> bool:
+        """Return whether a quantity can change in the group: whether the matrix that it acts on is there.
+
+        Parameters
+        ----------
+        quantity : str
+            One of `GROUP_QUANTITIES`.
+
+        Returns
+        -------
+        bool
+
+        Raises
+        ------
+        ModelError
+            If there is no such quantity.
+        """
+        if quantity not in GROUP_QUANTITIES:
+            raise ModelError(f"no quantity {quantity!r}; {suggest(str(quantity), GROUP_QUANTITIES)}")
+        return getattr(self, GROUP_QUANTITIES[quantity]) is not None
+
+    def value(self, quantity: str) -> float:
+        """Return what a quantity is where it is unchanged.
+
+        Parameters
+        ----------
+        quantity : str
+            One of `GROUP_QUANTITIES`.
+
+        Returns
+        -------
+        float
+            1 for a factor, else the group's own value.
+        """
+        return float(getattr(self, quantity)) if quantity in VALUES else 1.0
+
+    def loss_at(self, freq: float, name: str) -> float:
+        """Return the loss factor at a line.
+
+        Parameters
+        ----------
+        freq : float
+            The line in Hz.
+        name : str
+            The group's, for messages.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ModelError
+            If the line lies outside the group's table.
+        """
+        if self.loss_table is None or not self.loss_factor:
+            return self.loss_factor
+        return self.loss_factor * float(self.loss_table.at(np.array([freq]), name)[0])
+
+    def viscous_part(self) -> Matrix | None:
+        """Return the group's part of C1: its viscous matrix, alpha M and beta K; None where there is none."""
+        parts = [] if self.viscous is None else [self.viscous]
+        parts += [self.mass * self.mass_damping] if self.mass_damping else []
+        parts += [self.stiffness * self.stiffness_damping] if self.stiffness_damping else []
+        return sum(parts[1:], parts[0]) if parts else None
+
+    def with_matrices(self, stiffness: Any | None, mass: Any | None, viscous: Any | None) -> Group:
+        """Return a group of other matrices with the same damping coefficients.
+
+        Parameters
+        ----------
+        stiffness, mass, viscous : array_like or sparse, shape (N, N), optional
+            As for `Group`.
+
+        Returns
+        -------
+        Group
+
+        Raises
+        ------
+        ModelError
+            As `Group` does.
+        """
+        return Group(stiffness, mass, viscous=viscous, **self.damping)
+
+    def changed(self, change: Mapping[str, float]) -> Group:
+        """Return a changed copy, without a check.
+
+        Parameters
+        ----------
+        change : mapping of str to float
+            As for `Model.scaled`.
+
+        Returns
+        -------
+        Group
+            What is unchanged is shared with this one.
+        """
+        new = {name: change[name] for name in VALUES if name in change}
+        matrices = (_times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES)
+        return Group._checked(*matrices, self.damping | new)
+
+
+def is_number(value: object) -> bool:
+    """Tell whether something is a real number.
+
+    Parameters
+    ----------
+    value : object
+        Anything.
+
+    Returns
+    -------
+    bool
+        False for truth values, too.
+    """
+    return isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
+
+
+def _damping(name: str, value: Any) -> float:
+    if not is_number(value):
+        raise ModelError(f"{name} {value!r}: expected a number")
+    if not (np.isfinite(value) and value >= 0):
+        raise ModelError(f"{name} {value!r}: expected a finite number of at least 0")
+    return float(value)
+
+
+def _table(given: Any) -> LossTable | None:
+    if given is None or isinstance(given, LossTable):
+        return given
+    if isinstance(given, str) or not hasattr(given, "__len__") or len(given) != 2:
+        raise ModelError("loss_table: expected two rows, lines in Hz and factors on the loss factor")
+    return LossTable(given[0], given[1])
+
+
+def _times(matrix: Matrix | None, factor: float) -> Matrix | None:
+    if matrix is None or factor == 1.0:
+        return matrix
+    return sp.csr_array((matrix.data * float(factor), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def read_only(matrix: Matrix) -> Matrix:
+    """Close the arrays of a sparse matrix to writing.
+
+    Parameters
+    ----------
+    matrix : sparse
+        In a compressed form.
+
+    Returns
+    -------
+    sparse
+        The same.
+    """
+    for array in (matrix.data, matrix.indices, matrix.indptr):
+        array.flags.writeable = False
+    return matrix
+
+
+def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
+    """Return `given` as a read-only canonical CSR array, after checking that it is real, finite and symmetric."""
+    array: Any = given
+    if not sp.issparse(given):
+        if np.ma.is_masked(given):
+            raise ModelError(f"{name}: holds masked values")
+        try:
+            array = np.asarray(given)
+        except ValueError as error:
+            raise ModelError(f"{name}: not a matrix of numbers ({error})") from error
+    if array.dtype.kind == "c":
+        raise ModelError(f"{name}: found complex numbers; damping goes into loss_factor and viscous")
+    if array.dtype.kind not in "iuf":
+        raise ModelError(f"{name}: expected a matrix of numbers, found {array.dtype}")
+    if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] == 0:
+        raise ModelError(f"{name}: expected a square matrix, found shape {array.shape}")
+    matrix = sp.csr_array(array).astype(np.float64)
+    matrix.sum_duplicates()
+    if not np.isfinite(matrix.data).all():
+        row = int(np.searchsorted(matrix.indptr, np.flatnonzero(~np.isfinite(matrix.data))[0], side="right"))
+        raise ModelError(f"{name}: row {row} holds a number that is not finite")
+    skew = abs(matrix - matrix.T)
+    largest = float(np.abs(matrix.data).max(initial=0.0))
+    if skew.nnz and skew.data.max() > ROUNDING * largest:
+        worst = skew.tocoo()
+        at = int(np.argmax(worst.data))
+        i, j = int(worst.row[at]), int(worst.col[at])
+        raise ModelError(
+            f"{name} is not symmetric: entry ({i + 1}, {j + 1}) is {matrix[i, j]:g}, "
+            f"({j + 1}, {i + 1}) is {matrix[j, i]:g}"
+        )
+    if skew.nnz and skew.data.max() > 0.0:
+        matrix = sp.csr_array((matrix + matrix.T) * 0.5)
+    matrix.sort_indices()
+    return read_only(matrix)
