@@ -17,6 +17,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from updyn.comparison import Comparison as Comparison
+    from updyn.comparison import compare as compare
+    from updyn.comparison import compare_jointly as compare_jointly
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
     from updyn.dofs import DofSet as DofSet
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _WHERE = {
+    "Comparison": "updyn.comparison",
     "Dof": "updyn.dofs",
     "DofSet": "updyn.dofs",
     "FRF": "updyn.frf",
@@ -62,6 +66,8 @@ _WHERE = {
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
+    "compare": "updyn.comparison",
+    "compare_jointly": "updyn.comparison",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
     "link": "updyn.updating.choice",

@@ -24,7 +24,7 @@ ORDER = (
     ("sensitivity",),
     ("correlation",),
     ("updating",),
-    ("compare", "uncertainty"),
+    ("comparison", "uncertainty"),
     ("elements",),
     ("io",),
     ("matching",),

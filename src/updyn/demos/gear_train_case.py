@@ -16,7 +16,7 @@ import numpy as np
 from updyn.errors import UpdynWarning
 from updyn.model import Group, Model
 
-__all__ = ["READINGS", "starting_model", "table", "true_model", "unit_names"]
+__all__ = ["READINGS", "starting_model", "table", "true_model", "true_values", "unit_names"]
 
 #: How the paper's "error rates" may be meant; it does not say, and both recover.
 READINGS = ("start = true (1 + rate)", "true = start (1 + rate)")
@@ -61,3 +61,15 @@ def starting_model(reading: int = 0) -> Model:
             kappa, mu = 1.0 / kappa, 1.0 / mu
         changes[name] = {"stiffness": kappa, "mass": mu, "loss_factor": 0.0}
     return true_model().scaled(changes)
+
+
+def true_values(reading: int = 0) -> dict[str, float]:
+    """Return the true values of the 18 unknowns, by name, as `starting_model` of that reading has them."""
+    data = table()
+    out = {}
+    for e, name in enumerate(unit_names()):
+        for quantity, rates in (("mass", "mass_error_percent_X"), ("stiffness", "stiffness_error_percent_Y")):
+            start = 1.0 + data[rates][e] / 100.0
+            out[f"{name}.{quantity}"] = 1.0 / start if reading == 0 else start
+        out[f"{name}.loss_factor"] = float(data["loss_factor"][e])
+    return out

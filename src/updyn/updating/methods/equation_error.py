@@ -43,6 +43,7 @@ class EquationErrorMethod:
     solver: str = "trust-region"
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("trust-region", "gauss-newton")
+    reference: ClassVar[str] = "Bao, Wang & Cheng 2010"
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:

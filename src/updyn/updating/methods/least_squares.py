@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
 
-__all__ = ["LogMethod", "OutputMethod"]
+__all__ = ["LogMethod", "OutputMethod", "judged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ class LogMethod:
     tolerance: float = 1e-10
     starts: int = 8
     seed: int = 0
+
+    reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
@@ -80,6 +83,8 @@ class OutputMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
+    reference: ClassVar[str] = "Pintelon & Schoukens 2012"
+
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
@@ -97,10 +102,29 @@ class OutputMethod:
 
 def _descend(problem: Task, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
     outcome = descend_to_scale(problem, residual, x, monitor, settings)
+    return judged(problem, residual, outcome.x, outcome.reason)
+
+
+def judged(problem: Task, residual: Residual, x: NDArray[np.float64], reason: str, note: str = "") -> Fit:
+    """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    residual : Residual
+        Log error or output error.
+    x : ndarray of float, shape (n,)
+        Where the fit ended.
+    reason : str
+        Why.
+    note : str
+        What the user should know.
+    """
     try:
-        local = residual.local(problem, outcome.x)
+        local = residual.local(problem, x)
     except Stopped:
-        return Fit.blind(outcome.x, "stopped")
+        return Fit.blind(x, "stopped")
     assert local is not None
 
     def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -108,7 +132,7 @@ def _descend(problem: Task, residual: Residual, x: np.ndarray, monitor: Monitor,
         return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
 
     sigma = spread_of(local, problem.n_values, problem.n)
-    known = known_length(problem, outcome.x, difference)
+    known = known_length(problem, x, difference)
     length = known.get("correlation_length", 1.0)
     record = {
         "kind": "spread of the residual",
@@ -118,4 +142,4 @@ def _descend(problem: Task, residual: Residual, x: np.ndarray, monitor: Monitor,
         "inflation": float(np.sqrt(length)),
     }
     unit = sigma * float(np.sqrt(length))
-    return Fit(outcome.x, outcome.reason, local.R / unit if unit > 0 else local.R, (record,) * len(problem.parts))
+    return Fit(x, reason, local.R / unit if unit > 0 else local.R, (record,) * len(problem.parts), note)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,8 @@ class MaximumLikelihood:
     tolerance: float = 1e-10
     starts: int = 8
     seed: int = 0
+
+    reference: ClassVar[str] = "Pintelon & Schoukens 2012; Green 1984"
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,).

@@ -1,0 +1,203 @@
+"""What a comparison gives back: `Comparison` and its rows. Pure data; computes no physics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.comparison.fewest import Fewest
+from updyn.errors import OptionError, suggest
+from updyn.updating.parameters import ParameterSet
+from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.run import Test
+
+__all__ = ["NOT_APPLICABLE", "Comparison", "Row", "figures_of"]
+
+#: Status of a method that cannot be used on the data or the unknowns.
+NOT_APPLICABLE = "does not apply"
+
+_Figures = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One method on the bench.
+
+    Attributes
+    ----------
+    method : str
+        Its name.
+    reference : str
+        Where it comes from, in short.
+    status : str
+        As of `updyn.UpdateResult`, or ``"does not apply"``.
+    message : str
+        The cause, in a sentence; why it does not apply.
+    cannot : tuple of str
+        Quantities that it cannot update, whatever the data.
+    needs : str
+        What it asks of the data beyond what the default does; empty where nothing.
+    updated : tuple of str
+        Unknowns that it was run with.
+    left : tuple of str
+        Unknowns left at their start, as they are of those quantities.
+    values, std : mapping of str to float
+        By unknown; those left stand at their start, with no (nan) standard deviation. Empty where it does not apply.
+    errors : mapping of str to float
+        Estimate against the truth where that is known, as `errors_against` has it. Unknowns left at their start count
+        with it.
+    fitted, held_out : mapping of str to mapping of str to float
+        ``before`` and ``after``: figures of agreement with the data of the fit and with what was held out
+        (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
+    iterations : int
+        Accepted steps, those of its search included.
+    lines_solved : int
+        Lines at which the model was solved up to the last step.
+    n_lines : int
+        Lines of the data that were fitted.
+    seconds : float
+        From start to judgement, in s.
+    fewest : Fewest or None
+        The fewest lines with which it still recovers; None where that was not sought.
+    result : UpdateResult, JointResult or None
+        All of it; None where it does not apply.
+    """
+
+    method: str
+    reference: str
+    status: str
+    message: str
+    cannot: tuple[str, ...] = ()
+    needs: str = ""
+    updated: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+    fitted: _Figures = field(default_factory=dict)
+    held_out: _Figures = field(default_factory=dict)
+    iterations: int = 0
+    lines_solved: int = 0
+    n_lines: int = 0
+    seconds: float = math.nan
+    fewest: Fewest | None = None
+    result: UpdateResult | JointResult | None = field(default=None, repr=False)
+
+    @property
+    def applies(self) -> bool:
+        """Whether the method could be run."""
+        return self.status != NOT_APPLICABLE
+
+    @property
+    def error_max(self) -> float:
+        """Largest size of `errors`; nan where the truth is not known."""
+        return max((abs(e) for e in self.errors.values()), default=math.nan)
+
+    @property
+    def error_rms(self) -> float:
+        """Root of the mean square of `errors`; nan where the truth is not known."""
+        sizes = list(self.errors.values())
+        return math.sqrt(sum(e * e for e in sizes) / len(sizes)) if sizes else math.nan
+
+    @property
+    def error_max_updated(self) -> float:
+        """Largest size of `errors` of the unknowns that it was run with; nan where the truth is not known."""
+        return max((abs(e) for name, e in self.errors.items() if name in self.updated), default=math.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison(Sequence[Row]):
+    """Methods side by side; a sequence of `Row`, in the order in which they were run.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        One for each method.
+    tests : tuple of Test
+        The tests, with the lines that every method was given.
+    parameters : ParameterSet
+        The unknowns.
+    truth : mapping of str to float
+        True values, as far as they are known.
+    tolerance : float
+        How close to the truth, or to a method's own answer with all lines, counts as recovered.
+    rule : str
+        How the fewest lines were sought, in words; empty where they were not.
+    stopped : bool
+        Whether the user stopped it.
+    not_run : tuple of str
+        Methods that were not begun then.
+    title : str
+        For the record.
+    """
+
+    rows: tuple[Row, ...]
+    tests: tuple[Test, ...]
+    parameters: ParameterSet
+    truth: Mapping[str, float] = field(default_factory=dict)
+    tolerance: float = math.nan
+    rule: str = ""
+    stopped: bool = False
+    not_run: tuple[str, ...] = ()
+    title: str = ""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, item: int | str) -> Row: ...
+    @overload
+    def __getitem__(self, item: slice) -> tuple[Row, ...]: ...
+    def __getitem__(self, item: int | str | slice) -> Row | tuple[Row, ...]:
+        """Return a row by its place or by the name of its method."""
+        if isinstance(item, str):
+            found = next((row for row in self.rows if row.method == item), None)
+            if found is None:
+                raise OptionError(
+                    f"no method {item!r} in this comparison; {suggest(item, [r.method for r in self.rows])}"
+                )
+            return found
+        return self.rows[item]
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    def __repr__(self) -> str:
+        run = sum(row.applies for row in self.rows)
+        return f"Comparison({len(self.rows)} methods, {run} of them run, {len(self.parameters)} unknowns)"
+
+    @property
+    def before(self) -> Mapping[str, float]:
+        """Figures of agreement of the start with the data of the fit; empty where no method could be run."""
+        return next((row.fitted["before"] for row in self.rows if row.fitted.get("before")), {})
+
+    def summary(self) -> str:
+        """Return the comparison as text: one table, then why methods do not apply and what was left out."""
+        from updyn.comparison.words import summary
+
+        return summary(self)
+
+
+def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
+    """Return the figures of agreement of what was fitted and of what was held out; of several tests the worst."""
+    results = [result] if isinstance(result, UpdateResult) else list(result.results.values())
+    fitted = {when: _worst([r.correlation.get(when) or {} for r in results]) for when in ("before", "after")}
+    held = [r.correlation.get("validation") or {} for r in results]
+    return fitted, {when: _worst([h.get(when) or {} for h in held]) for when in ("before", "after")} if any(
+        held
+    ) else {}
+
+
+def _worst(tables: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    there = [t for t in tables if t]
+    names = list(dict.fromkeys(name for t in there for name in t))
+    out: dict[str, float] = {}
+    for name in names:
+        values: NDArray[np.float64] = np.array([t[name] for t in there if name in t], dtype=np.float64)
+        out[name] = float(values.max() if name.startswith("db_") else values.min())
+    return out
