@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.fit import correlation_length
-from updyn.updating.noise import ASSUMED, Assumed, Coherence, Estimated, Stated, Variance, choose_noise, level_by_unit
+from updyn.updating.noise import ASSUMED, Assumed, Estimated, Stated, Variance, choose_noise, level_by_unit
 
 RNG = np.random.default_rng
 
@@ -94,48 +94,6 @@ def test_estimate_from_exact_data_is_at_rounding(H):
     assert found.relative < 1e-11
     assert np.isfinite(found.variance(H, frf(H))).all()
     assert (found.variance(H, frf(H)) > 0).all()
-
-
-@pytest.mark.parametrize("coherence", [0.9, 0.99])
-def test_coherence_gives_the_variance_of_an_h1_estimate(coherence):
-    """Averages of Gaussian spectra with output noise: H1 = Gxy / Gxx scatters as |H|^2 (1 - g2) / (g2 n).
-
-    Bendat & Piersol, Random Data, 4th ed. 2010, section 9.2.4, where the magnitude has half of it.
-    """
-    rng, n_avg, draws, H = RNG(5), 40, 20_000, 0.7 - 0.4j
-    F = circular(rng, (draws, n_avg))
-    noise = np.sqrt(abs(H) ** 2 * (1 - coherence) / coherence) * circular(rng, (draws, n_avg))
-    X = H * F + noise
-    H1 = (X * F.conj()).sum(axis=1) / (np.abs(F) ** 2).sum(axis=1)
-    gamma2 = np.abs((X * F.conj()).sum(axis=1)) ** 2 / (
-        (np.abs(F) ** 2).sum(axis=1) * (np.abs(X) ** 2).sum(axis=1)
-    )  # fmt: skip
-    assert gamma2.mean() == pytest.approx(coherence, abs=0.01)
-    data = frf(np.full((1, 1, 1), H), coherence=np.full((1, 1, 1), coherence), averages=n_avg)
-    expected = Coherence(True).variance(data.values, data)[0, 0, 0]
-    assert np.mean(np.abs(H1 - H) ** 2) == pytest.approx(expected, rel=0.05)
-    assert np.var(np.abs(H1)) == pytest.approx(expected / 2, rel=0.05)
-
-
-def test_coherence_without_averages_knows_the_shape_only():
-    values = np.ones((2, 1, 1), dtype=complex)
-    data = frf(values, coherence=np.array([0.5, 0.8]).reshape(2, 1, 1))
-    model = choose_noise(None, data)
-    assert isinstance(model, Coherence)
-    assert not model.scale_known
-    v = model.variance(values, data).ravel()
-    assert v[0] / v[1] == pytest.approx(1.0 / 0.25, rel=1e-3)
-    counted = frf(values, coherence=np.array([0.5, 0.8]).reshape(2, 1, 1), averages=10)
-    assert choose_noise(None, counted).scale_known
-    assert choose_noise(None, counted).variance(values, counted).ravel()[0] == pytest.approx(0.1, rel=1e-3)
-
-
-@pytest.mark.parametrize("coherence", [0.0, 1.0])
-def test_perfect_and_vanishing_coherence_keep_weights_finite(coherence):
-    values = np.ones((1, 1, 1), dtype=complex)
-    v = Coherence(True).variance(values, frf(values, coherence=np.full((1, 1, 1), coherence), averages=5))
-    assert np.isfinite(v).all()
-    assert (v > 0).all()
 
 
 def test_variance_with_the_data_is_used_as_it_is(H):

@@ -163,8 +163,8 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     Returns
     -------
     FRF
-        Accelerances with noise, and the coherence of n averages that goes with it, E|dH|^2 = |H|^2 (1 - gamma^2) /
-        (gamma^2 n) (Bendat & Piersol, Random Data, 2010).
+        Accelerances with noise, and the coherence of n averages that goes with it, from which E|dH|^2 is estimated as
+        |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data, 2010).
     """
     sensors = [label for labels in SENSORS.values() for label in labels] + (list(MOTORS) if torques else [])
     forces = [*HAMMER, *(MOTORS if torques else ())]
@@ -174,7 +174,9 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     variance = (_NOISE["relative"] * np.abs(H)) ** 2 + (_NOISE["floor"] * rms) ** 2
     draw = np.random.default_rng(seed).normal(size=(2, *H.shape)) / np.sqrt(2.0)
     values = H + np.sqrt(variance) * (draw[0] + 1j * draw[1])
-    coherence: NDArray[np.float64] = 1.0 / (1.0 + _AVERAGES * variance / np.abs(H) ** 2)
+    # What the spectra leave unexplained belongs to these very values: n averages less the one number that was fitted.
+    unexplained = variance * np.random.default_rng((seed, 1)).gamma(_AVERAGES - 1, size=H.shape)
+    coherence: NDArray[np.float64] = np.abs(values) ** 2 / (np.abs(values) ** 2 + unexplained)
     return FRF(
         exact.freq,
         values,

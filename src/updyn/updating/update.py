@@ -240,6 +240,6 @@ def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet) -> Id
     """
     check(tests, parameters)
     parts = [on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
-    noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
+    noises = [choose_noise(test.noise, test.frf) for test in tests]
     analysis, advice = at_start(together(parts), noises)
     return replace(analysis.report, advice=advice)

@@ -1,0 +1,67 @@
+"""Noise estimated from the residual, along with the unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.noise.base import ASSUMED, SMALLEST, level_by_unit, two_part
+from updyn.updating.noise.stated import Assumed
+
+__all__ = ["Estimated"]
+
+_SAMPLES = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with both numbers estimated from the residual.
+
+    They maximise the likelihood of the residual under complex Gaussian noise; the residual is first corrected for the
+    unknowns that were fitted. Model error counts as noise here: nothing else is known.
+    """
+
+    relative: float = np.nan
+    floor: float = np.nan
+    kind: ClassVar[str] = "estimated from the residual"
+    scale_known: ClassVar[bool] = True  # once it has been estimated
+
+    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+        """Return E|dH|^2, shape (n_f, n_i, n_j)."""
+        return two_part(self.relative, self.floor, H, level_by_unit(frf))
+
+    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
+        """Return the model with `relative` and `floor` estimated from frf - H, or `Assumed` where nothing is left."""
+        from scipy.optimize import minimize
+
+        if 2 * H.size <= n_parameters:
+            return Assumed(**ASSUMED)
+        level = np.broadcast_to(level_by_unit(frf), H.shape)
+        stride = max(1, H.size // _SAMPLES)
+        size, floor = np.abs(H).ravel()[::stride], level.ravel()[::stride]
+        squared = np.abs(frf.values - H).ravel()[::stride] ** 2
+        squared = squared * H.size / (H.size - 0.5 * n_parameters)
+
+        def unlikely(logs: NDArray[Any]) -> float:
+            a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
+            v = (a * size) ** 2 + (b * floor) ** 2
+            return float(np.mean(np.log(v) + squared / v))
+
+        positive = size > 0
+        guess = np.sqrt(np.mean(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
+        both = max(guess, SMALLEST), max(np.sqrt(np.mean(squared / floor**2)), SMALLEST)
+        tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
+        found = min(
+            (minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6}) for t in tries),
+            key=lambda m: float(m.fun),
+        )
+        a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))
+        return replace(self, relative=float(a), floor=float(b))
+
+    def figures(self) -> dict[str, Any]:
+        """Return relative and floor."""
+        return {"relative": self.relative, "floor": self.floor}
