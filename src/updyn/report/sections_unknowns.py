@@ -20,6 +20,10 @@ _STAGE_WORDS = {
     "maximum-likelihood": "fit weighted with the noise",
     "output-error": "fit of the unweighted FRFs",
     "equation-error": "fit of the condensed force equation",
+    "rfm": "response function equation",
+    "complex-rfm": "response function equation, complex stiffnesses",
+    "frf-sensitivity": "linearised FRFs",
+    "reduced-frf": "force equation of the reduced model",
 }
 
 

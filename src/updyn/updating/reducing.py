@@ -33,6 +33,15 @@ _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
+#: Why some methods need the exact model.
+_NEED_EXACT = {
+    "equation-error": NOT_CONDENSED,
+    "rfm": "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'",
+    "complex-rfm": "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier 'sparse'",
+    "frf-sensitivity": "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length; use "
+    "tier 'sparse', or method 'output-error'",
+    "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
+}
 #: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or half their value), and
 #: make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
@@ -62,10 +71,10 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    condenses = method == "equation-error"
-    if tier == "reduced" and condenses:
-        raise OptionError(NOT_CONDENSED)
-    return tier == "reduced" or (tier is None and not condenses and n > _DOFS and n_lines >= _LINES)
+    refused = _NEED_EXACT.get(method or "")
+    if tier == "reduced" and refused:
+        raise OptionError(refused)
+    return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
 
 
 @dataclass(slots=True, eq=False)

@@ -25,6 +25,10 @@ METHODS = {
     "log": (_HERE + "least_squares", "LogMethod"),
     "output-error": (_HERE + "least_squares", "OutputMethod"),
     "equation-error": (_HERE + "equation_error", "EquationErrorMethod"),
+    "rfm": (_HERE + "rfm", "ResponseFunctionMethod"),
+    "complex-rfm": (_HERE + "complex_rfm", "ComplexResponseFunctionMethod"),
+    "frf-sensitivity": (_HERE + "frf_sensitivity", "FrfSensitivityMethod"),
+    "reduced-frf": (_HERE + "reduced_frf", "ReducedFrfMethod"),
 }
 
 

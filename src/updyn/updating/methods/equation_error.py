@@ -8,12 +8,12 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.updating.fit import Fit, descend_to_scale, spread_of
 from updyn.updating.joint import Task
+from updyn.updating.methods._linear import basic_solution
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.residuals import EquationError, solved
@@ -125,20 +125,6 @@ def _plain_step(problem: Task, x: NDArray[np.float64]) -> Record:
     r = np.concatenate([p[0].ravel() for p in parts])
     S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
     A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
-    change = _basic_solution(A / problem.coordinates.slope(x), b)
+    change = basic_solution(A / problem.coordinates.slope(x), b)
     error = max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts)
     return np.array(0.5 * float(b @ b)), np.asarray(np.linalg.qr(A, mode="r")), change, np.array(error)
-
-
-def _basic_solution(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
-
-    Of the usual ways to solve a system of short rank this one reaches the paper's five iterations from both readings of
-    its error rates; least-norm solutions move along the open direction and take longer.
-    """
-    Q, R, order = scipy.linalg.qr(A, mode="economic", pivoting=True)
-    size = np.abs(np.diag(R))
-    rank = int((size > 1e-13 * size[0]).sum()) if size.size else 0
-    out = np.zeros(A.shape[1])
-    out[order[:rank]] = scipy.linalg.solve_triangular(R[:rank, :rank], (Q.T @ b)[:rank])
-    return out
