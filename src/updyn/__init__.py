@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from updyn.matching import match as match
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
+    from updyn.uncertainty.profile import profile as profile
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
     from updyn.updating.result import JointResult as JointResult
@@ -75,6 +76,7 @@ _WHERE = {
     "LossTable": "updyn.group",
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
+    "profile": "updyn.uncertainty.profile",
     "read_frf": "updyn.io",
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",

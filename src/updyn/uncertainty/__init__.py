@@ -1,0 +1,1 @@
+"""How far an estimate can be believed: profile likelihood, bootstrap, sampling, and bands of prediction."""

@@ -1,0 +1,154 @@
+"""The likelihood of a fit with its priors, as a function of the unknowns, and its descents.
+
+The density is that of circular complex Gaussian noise whose variance is held as the fit has found it,
+
+    -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2) + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
+
+with sigma^2 = E|dH|^2 times the square of the fit's inflation, so that near the estimate it is the Gaussian of the
+Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm of a factor, a loss factor as it is.
+Priors are Gaussian there where the unknown has one, and flat within its bounds where not; so a factor without a prior
+is as likely to lie between 0.5 and 1 as between 1 and 2 (Jaynes 1968: the prior of a scale).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.joint import Task
+from updyn.updating.residuals import Each, LogError, Residual, with_prior
+from updyn.updating.trust_region import Local, TrustRegion
+
+__all__ = ["Likelihood", "Point"]
+
+_Vector = NDArray[np.float64]
+
+#: Steps of a descent.
+_STEPS = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """Where a descent has ended.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        All unknowns, in the optimiser's coordinates.
+    local : Local
+        The least-squares problem there, in all unknowns.
+    """
+
+    x: _Vector
+    local: Local
+
+    @property
+    def cost(self) -> float:
+        """The negative logarithm of the density, up to a constant."""
+        return self.local.cost
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likelihood:
+    """Data and priors as one cost: the negative logarithm of the density, up to a constant.
+
+    Attributes
+    ----------
+    problem : Task
+        Model, data and unknowns.
+    residual : Residual
+        In units of the noise, but for `unit`.
+    unit : float
+        Standard deviation of the residual.
+    """
+
+    problem: Task
+    residual: Residual
+    unit: float
+
+    @property
+    def bounds(self) -> tuple[_Vector, _Vector]:
+        """Bounds in x, each shape (n,)."""
+        return self.problem.coordinates.bounds
+
+    def local(self, x: _Vector) -> Local | None:
+        """Return cost and slopes at x, shape (n,); None where the model cannot be solved."""
+        local = self.residual.local(self.problem, x)
+        if local is None:
+            return None
+        return with_prior(Local(local.cost / self.unit**2, local.R / self.unit, local.q / self.unit), self.problem, x)
+
+    def cost(self, x: _Vector) -> float:
+        """Return the cost at x, shape (n,), without slopes; inf beyond the bounds and where it cannot be solved."""
+        lower, upper = self.bounds
+        if not ((x >= lower) & (x <= upper)).all():
+            return np.inf
+        total = 0.0
+        for i, part in enumerate(self.problem.parts):
+            try:
+                H = part.responses(x)
+            except SolverError:
+                return np.inf
+            total += float(np.sum(np.abs(_misfit(self.residual, i, H, part.frf.values)) ** 2))
+        centre, weight = self.problem.coordinates.prior
+        prior = weight * (x - centre)
+        cost = 0.5 * total / self.unit**2 + 0.5 * float(prior @ prior)
+        return cost if np.isfinite(cost) else np.inf
+
+    def descend(self, x: _Vector, held: int | None = None) -> Point | None:
+        """Minimise the cost from x within the bounds.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (n,)
+            Start.
+        held : int, optional
+            An unknown that stays where it is.
+
+        Returns
+        -------
+        Point or None
+            None where the model cannot be solved at the start.
+        """
+        free = np.ones(len(x), dtype=np.bool_)
+        if held is not None:
+            free[held] = False
+        lower, upper = self.bounds
+        seen: dict[bytes, Local] = {}
+
+        def evaluate(y: _Vector) -> Local | None:
+            full = np.array(x)
+            full[free] = y
+            local = self.local(full)
+            if local is None:
+                return None
+            seen[y.tobytes()] = local
+            return Local(local.cost, local.R[:, free], local.q)
+
+        start = np.clip(x[free], lower[free], upper[free])
+        if evaluate(start) is None:
+            return None
+        settings = TrustRegion(_STEPS, 1e-8, fall=1e-6)
+        outcome = settings.minimise(lambda y: _again(seen, free, y) or evaluate(y), start, lower[free], upper[free])
+        full = np.array(x)
+        full[free] = outcome.x
+        return Point(full, seen[outcome.x.tobytes()])
+
+
+def _again(seen: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector) -> Local | None:
+    known = seen.get(y.tobytes())
+    return None if known is None else Local(known.cost, known.R[:, free], known.q)
+
+
+def _misfit(
+    residual: Residual, part: int, H: NDArray[np.complex128], measured: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return the residual of a part, shape (n_f, n_i, n_j), as its class defines it, without slopes."""
+    if isinstance(residual, LogError):
+        usable = (measured != 0) & (H != 0)
+        return np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0))
+    assert isinstance(residual, Each)
+    return np.asarray(residual.of(part).weight * (H - measured))

@@ -1,0 +1,187 @@
+"""What a finished update is brought back to: its problem, its estimate and its noise, to be asked further questions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, suggest
+from updyn.uncertainty.likelihood import Likelihood
+from updyn.updating.joint import Task, together
+from updyn.updating.methods import make_method, options_of
+from updyn.updating.noise import NoiseModel, Stated, choose_noise
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import Each, LogError, OutputError, Residual
+from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.session import Session
+
+__all__ = ["METHODS", "Setting", "chosen", "parts_of", "restore"]
+
+_Vector = NDArray[np.float64]
+
+#: Methods whose residual is in units of the noise: what they minimise is a likelihood.
+METHODS = ("maximum-likelihood", "log", "output-error")
+#: How an update has to have ended.
+_ENDED = ("converged", "not-identifiable", "stalled")
+#: Kinds of noise that come with the data, by the names under which they can be chosen again.
+_WITH_DATA = ("variance", "coherence")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """An update that has ended, ready to be looked at again.
+
+    Attributes
+    ----------
+    results : tuple of UpdateResult
+        One for each test.
+    problem : Task
+        Model, data of the fit and unknowns.
+    x : ndarray of float, shape (n,)
+        The estimate, in the optimiser's coordinates.
+    noises : tuple of NoiseModel
+        How uncertain the data of each part are, as the fit ended: nothing is estimated any more.
+    inflation : float
+        Factor on the standard deviations of the noise, as the fit applied it.
+    """
+
+    results: tuple[UpdateResult, ...]
+    problem: Task
+    x: _Vector
+    noises: tuple[NoiseModel, ...]
+    inflation: float
+
+    @property
+    def first(self) -> UpdateResult:
+        """The result of the first test, for what is the same in all."""
+        return self.results[0]
+
+    @property
+    def names(self) -> list[str]:
+        """The unknowns."""
+        return self.first.parameters.names
+
+    def with_problem(self, problem: Task) -> Setting:
+        """Return the setting with a problem that is solved otherwise."""
+        return replace(self, problem=problem)
+
+    def variances(self) -> list[NDArray[np.float64]]:
+        """Return E|dH|^2 of each part, inflation included, in the unit of its data squared.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at the estimate.
+        """
+        pairs = zip(self.noises, self.problem.parts, strict=True)
+        return [noise.variance(p.responses(self.x), p.frf) * self.inflation**2 for noise, p in pairs]
+
+    def likelihood(self) -> Likelihood:
+        """Return the likelihood of the fit, its weights held as they are at the estimate.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at the estimate.
+        """
+        residual: Residual
+        if self.first.method == "log":
+            (relative,) = {float(r.noise["relative"]) for r in self.results}
+            return Likelihood(self.problem, LogError(), relative / np.sqrt(2.0) * self.inflation)
+        residual = Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances()))
+        return Likelihood(self.problem, residual, 1.0)
+
+    def strategy(self) -> Any:
+        """Return the method as it was used, without its search."""
+        known = options_of(self.first.method)
+        options = {k: v for k, v in self.first.options.items() if k in known}
+        return make_method(self.first.method, options | ({"starts": 0} if "starts" in known else {}))
+
+
+def restore(result: UpdateResult | JointResult, session: Session | None = None) -> Setting:
+    """Bring an update back to its problem.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        A fit that has ended.
+    session : Session, optional
+        Where lines are solved.
+
+    Returns
+    -------
+    Setting
+
+    Raises
+    ------
+    OptionError
+        If it is no result, its method has no likelihood, or the fit did not end at a minimum.
+    """
+    results = parts_of(result)
+    first = results[0]
+    if first.method not in METHODS:
+        raise OptionError(
+            f"method {first.method!r} has no likelihood: its residual is not in units of the noise; update with "
+            f"{' or '.join(repr(m) for m in METHODS)}"
+        )
+    if first.status not in _ENDED or not all(r.noise for r in results):
+        raise OptionError(f"the update has ended as {first.status!r}, not at a minimum of the misfit: {first.message}")
+    session = session or Session()
+    problems = [_problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)]
+    x = problems[0].coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
+    noises = tuple(_noise(r, p) for r, p in zip(results, problems, strict=True))
+    return Setting(results, together(problems), x, noises, float(first.noise.get("inflation", 1.0)))
+
+
+def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
+    """Return the result of each test.
+
+    Raises
+    ------
+    OptionError
+        If it is no result.
+    """
+    if isinstance(result, UpdateResult):
+        return (result,)
+    if isinstance(result, JointResult):
+        return tuple(result.results.values())
+    raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+
+
+def chosen(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
+    """Return the positions of chosen unknowns; of all where none is named.
+
+    Raises
+    ------
+    OptionError
+        If a name is not known (the nearest is named) or stands twice, or none is left.
+    """
+    if names is None:
+        return list(range(len(known)))
+    listed = [names] if isinstance(names, str) else list(names)
+    for name in listed:
+        if name not in known:
+            raise OptionError(f"no unknown {name!r}; {suggest(str(name), known)}")
+        if listed.count(name) > 1:
+            raise OptionError(f"unknown {name!r} is named twice")
+    if not listed:
+        raise OptionError("names: expected at least one unknown, found none")
+    return [list(known).index(name) for name in listed]
+
+
+def _problem(result: UpdateResult, session: Session, name: str) -> Problem:
+    frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
+    tier = "sparse" if result.options.get("tier") == "reduced" else result.options.get("tier")
+    backend = None if tier == "dense" else result.options.get("backend")
+    return Problem.build(result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name)
+
+
+def _noise(result: UpdateResult, problem: Problem) -> NoiseModel:
+    kind = result.noise.get("kind")
+    if kind in _WITH_DATA:
+        return choose_noise(kind, problem.frf)
+    return Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
