@@ -297,9 +297,8 @@ class Group:
 
     def viscous_part(self) -> Matrix | None:
         """Return the group's part of C1: its viscous matrix, alpha M and beta K; None where there is none."""
-        parts = [] if self.viscous is None else [self.viscous]
-        parts += [self.mass * self.mass_damping] if self.mass_damping else []
-        parts += [self.stiffness * self.stiffness_damping] if self.stiffness_damping else []
+        shares = ((self.viscous, 1.0), (self.mass, self.mass_damping), (self.stiffness, self.stiffness_damping))
+        parts = [matrix if share == 1.0 else matrix * share for matrix, share in shares if matrix is not None and share]
         return sum(parts[1:], parts[0]) if parts else None
 
     def with_matrices(self, stiffness: Any | None, mass: Any | None, viscous: Any | None) -> Group:
@@ -335,8 +334,8 @@ class Group:
             What is unchanged is shared with this one.
         """
         new = {name: change[name] for name in VALUES if name in change}
-        matrices = (_times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES)
-        return Group._checked(*matrices, self.damping | new)
+        stiffness, mass, viscous = (_times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES)
+        return Group._checked(stiffness, mass, viscous, self.damping | new)
 
 
 def is_number(value: object) -> bool:

@@ -83,7 +83,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         (lambda f: f.attrs.__setitem__("updyn_kind", "frf"), "read it with updyn.read_frf"),
         (lambda f: f.attrs.__setitem__("updyn_kind", "result"), "read it with updyn.read_result"),
         (lambda f: f.attrs.__setitem__("updyn_kind", "modle"), "did you mean 'model'"),
-        (lambda f: f.attrs.__setitem__("updyn_format", 2), "format version 2"),
+        (lambda f: f.attrs.__setitem__("updyn_format", 3), "format version 3"),
         (lambda f: f.attrs.__delitem__("updyn_kind"), "without the attribute 'updyn_kind'.*dofs, geometry, groups"),
         (lambda f: f.__delitem__("dofs"), "no group 'dofs'; found: geometry, groups"),
         (lambda f: f.create_group("grups"), "unknown name 'grups'; did you mean 'groups'"),

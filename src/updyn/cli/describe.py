@@ -71,6 +71,7 @@ def describe_model(model: Model) -> str:
             describe_geometry(model.geometry) if model.geometry is not None else "No geometry.",
             "",
             table(header, rows),
+            *(f"{name}: {group.damping_words}" for name, group in model.groups.items() if len(group.damping) > 1),
             "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous: largest diagonal entry",
             "",
             _natural_frequencies(model),

@@ -12,8 +12,10 @@ import scipy.sparse as sp
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.geometry import Geometry
+from updyn.group import VALUES
 from updyn.io.abaqus_parts import MATRICES
 from updyn.io.atomic import atomic_path
+from updyn.io.damping import refuse_damping
 from updyn.io.keyword_cards import short_number
 from updyn.model import Group, Matrix, Model
 
@@ -31,6 +33,8 @@ _LARGEST = 10**9 - 1  # node number of Abaqus
 def write_model(model: Model, path: str | Path) -> None:
     """Write a model as a deck, and its matrices beside it, in SI units.
 
+    Damping in proportion to a group's mass or stiffness goes into its viscous matrix.
+
     Abaqus reads numbers of up to twenty characters: an entry keeps 13 digits or more.
 
     Parameters
@@ -45,15 +49,24 @@ def write_model(model: Model, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        If the node number of a degree of freedom is not from 1 to 999999999, or two groups would have one name.
+        If the node number of a degree of freedom is not from 1 to 999999999, two groups would have one name, or a loss
+        factor depends on frequency.
 
     Warns
     -----
     UpdynWarning
-        If nodes have directions of their own.
+        If nodes have directions of their own, or Rayleigh coefficients have become matrices.
     """
     path = Path(path)
     _check(model, path)
+    refuse_damping(model, path, *VALUES)
+    if folded := [name for name, g in model.groups.items() if g.mass_damping or g.stiffness_damping]:
+        warnings.warn(
+            f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous matrices, which no "
+            "longer follow mass and stiffness",
+            UpdynWarning,
+            stacklevel=3,
+        )
     lines = ["*HEADING", _one_line(model.title) or "written by updyn"]
     lines += ["** SI units: m, N, kg, s.", *_nodes(model.geometry, path)]
     assemblies = []
@@ -102,7 +115,7 @@ def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
 
 def _matrices(group: Group) -> dict[str, Matrix | None]:
     damped = None if group.stiffness is None or not group.loss_factor else group.stiffness * group.loss_factor
-    return {"stiffness": group.stiffness, "mass": group.mass, "viscous": group.viscous, "structural": damped}
+    return {"stiffness": group.stiffness, "mass": group.mass, "viscous": group.viscous_part(), "structural": damped}
 
 
 def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:

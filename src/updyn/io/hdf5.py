@@ -2,11 +2,13 @@
 
 Layout (``*`` where present)::
 
-    /                      attributes updyn_kind = "model", updyn_format = 1, updyn_version, title
+    /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping below), updyn_version,
+                           title
     /dofs/node             int64 (N,)         node numbers
     /dofs/direction        text (N,)          X Y Z RX RY RZ
     /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2), axes * float64 (n, 3, 3)
-    /groups/0000 ...       in order; attributes name, loss_factor
+    /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *, stiffness_damping *
+        loss_table *       freq float64 (n,) in Hz, relative float64 (n,)
         stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr; attribute size = N
         mass *
         viscous *
@@ -26,10 +28,11 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, InputError, suggest
 from updyn.geometry import Geometry
+from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.atomic import atomic_path
 from updyn.io.guard import known_only, library, placed
 from updyn.io.items import compressed
-from updyn.model import Group, Matrix, Model
+from updyn.model import Model
 
 __all__ = [
     "check_kind",
@@ -47,8 +50,8 @@ __all__ = [
 ]
 
 FORMAT_VERSION = 1
+_DAMPED_VERSION = 2  # where groups have what version 1 had no place for: a reader of version 1 would drop it
 _READERS = {"model": "read_model", "frf": "read_frf", "result": "read_result"}
-_MATRICES = ("stiffness", "mass", "viscous")
 _LIBVER = ("v108", "v110")  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
 _COMPRESS_FROM = 2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
 
@@ -125,10 +128,12 @@ def check_kind(file: Any, path: str | Path, expected: str) -> None:
         right = f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
         raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
     version = take_number(file, "updyn_format", path)
-    if version != FORMAT_VERSION:
+    if version not in (FORMAT_VERSION, _DAMPED_VERSION):
         writer = take_text(file, "updyn_version", path) if "updyn_version" in file.attrs else "(unknown)"
         raise FormatError(
-            f"format version {version:g}, written by updyn {writer}; this updyn reads version {FORMAT_VERSION}", path
+            f"format version {version:g}, written by updyn {writer}; this updyn reads versions {FORMAT_VERSION} "
+            f"and {_DAMPED_VERSION}",
+            path,
         )
 
 
@@ -157,8 +162,8 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
     for number, (name, group) in enumerate(model.groups.items()):
         place = groups.create_group(f"{number:04d}")
         _put_text(place, "name", name)
-        place.attrs["loss_factor"] = group.loss_factor
-        for what in _MATRICES:
+        _put_damping(place, group)
+        for what in MATRICES:
             matrix = getattr(group, what)
             if matrix is None:
                 continue
@@ -166,6 +171,28 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
                 place[what] = stored[id(matrix)]
             else:
                 stored[id(matrix)] = _put_matrix(place.create_group(what), matrix)
+
+
+def _put_damping(place: Any, group: Group) -> None:
+    damping = group.damping
+    for name in damping.keys() & VALUES.keys():
+        place.attrs[name] = damping[name]
+    if group.loss_table is not None:
+        table = place.create_group("loss_table")
+        _put_array(table, "freq", group.loss_table.freq)
+        _put_array(table, "relative", group.loss_table.relative)
+    if len(damping) > 1:
+        place.file.attrs["updyn_format"] = _DAMPED_VERSION
+
+
+def _take_damping(place: Any, path: str | Path) -> dict[str, Any]:
+    out: dict[str, Any] = {"loss_factor": take_number(place, "loss_factor", path)}
+    out |= {name: take_number(place, name, path) for name in VALUES if name in place.attrs}
+    if "loss_table" in place:
+        table = _group(place, "loss_table", path)
+        with placed(path, table.name):
+            out["loss_table"] = LossTable(*(take_array(table, name, path, "iuf", 1) for name in ("freq", "relative")))
+    return out
 
 
 def take_model(parent: Any, path: str | Path) -> Model:
@@ -196,13 +223,11 @@ def take_model(parent: Any, path: str | Path) -> Model:
 
 
 def _take_group(place: Any, path: str | Path, name: str) -> Group:
-    known_only(list(place), _MATRICES, path, place.name)
-    matrices = {what: _take_matrix(_group(place, what, path), path) for what in _MATRICES if what in place}
-    loss_factor = take_number(place, "loss_factor", path)
+    known_only(list(place), (*MATRICES, "loss_table"), path, place.name)
+    matrices = {what: _take_matrix(_group(place, what, path), path) for what in MATRICES if what in place}
+    damping = _take_damping(place, path)
     with placed(path, f"group {name!r}"):
-        return Group(
-            matrices.get("stiffness"), matrices.get("mass"), loss_factor=loss_factor, viscous=matrices.get("viscous")
-        )
+        return Group(**matrices, **damping)
 
 
 def take_dofs(place: Any, path: str | Path) -> DofSet:

@@ -14,6 +14,9 @@
     stiffness = "K_housing.mtx"       # stiffness, mass, viscous: at least one
     mass = "M_housing.mtx"
     loss_factor = 0.02                # optional, 0 where absent
+    mass_damping = 1.5                # optional: C = 1.5 M, in 1/s
+    stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
+    loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
 
 File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
 those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`; OUTPUT4 and DMIG files of Nastran, as in
@@ -37,6 +40,7 @@ from updyn.geometry import Geometry
 from updyn.io import abaqus_toml
 from updyn.io.abaqus_matrix import is_abaqus
 from updyn.io.atomic import atomic_path
+from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
 from updyn.io.guard import library, placed
 from updyn.io.nastran import matrices as nastran_matrices
@@ -48,7 +52,7 @@ _TOP = ("title", "dofs", "geometry", "group")
 _JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of TOML file
 _GEOMETRY = ("nodes", "lines")
 _MATRICES = ("stiffness", "mass", "viscous")
-_GROUP = ("name", *_MATRICES, "loss_factor")
+_GROUP = ("name", *_MATRICES, *DAMPING)
 _DIGITS = 17  # enough for any double to come back as it was
 
 
@@ -221,16 +225,13 @@ def _group(entry: Entry, parts: Mapping[str, Any], number: int) -> tuple[str, Gr
     name = entry.text(parts, "name", "group", number)
     matrices = {what: _matrix(entry.file(parts, what, "group", number)) for what in _MATRICES if what in parts}
     try:
-        group = Group(
-            matrices.get("stiffness"),
-            matrices.get("mass"),
-            loss_factor=parts.get("loss_factor", 0.0),
-            viscous=matrices.get("viscous"),
-        )
+        group = Group(**matrices, **{what: parts[what] for what in DAMPING if what in parts})
     except ModelError as error:
         fault = str(error)
+        damping = next((what for what in DAMPING if fault.replace(" ", "_").startswith(what)), None)
         guilty = next((what for what in _MATRICES if what in parts and fault.startswith(what)), None)
-        key = guilty or ("loss_factor" if "loss factor" in fault else "name")
+        guilty = None if damping else guilty
+        key = guilty or damping or "name"
         file = f" ({parts[guilty]})" if guilty else ""
         raise FormatError(f"group {name!r}: {fault}{file}", entry.path, entry.line(key, "group", number)) from error
     return name, group
@@ -301,7 +302,7 @@ def write_model(model: Model, path: str | Path) -> None:
                 table[what] = _beside(path, f"{number:02d}_{letter}.mtx")
                 with atomic_path(path.parent / table[what]) as temporary:
                     _write_matrix(matrix, temporary, name)
-        table["loss_factor"] = group.loss_factor
+        table.update(plain_damping(group))
         listed.append(table)
     entry["group"] = listed
     with atomic_path(path) as temporary:

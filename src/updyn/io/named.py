@@ -6,6 +6,9 @@ An item is a number array, a sparse matrix, a list of texts, or a mapping of ite
     K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
     groups                  mapping of group name to K, M, C, loss_factor, name                 } these
                             (or one of the ways in `updyn.io.named_groups`)
+    mass_damping            1/s, beside loss_factor; optional, as are
+    stiffness_damping       s
+    loss_table              (2, n): lines in Hz, factors on loss_factor
     nodes, xyz, lines, axes geometry, optional
     title                   optional
 
@@ -34,6 +37,8 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.group import VALUES
+from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.guard import known_only, placed
 from updyn.io.items import Items, dofs, kind_of, listed, matrix, number, numbers, real, text, vector, whole
 from updyn.io.named_groups import refuse_triangle, with_groups
@@ -44,7 +49,7 @@ __all__ = ["build_frf", "build_model", "frf_items", "model_items"]
 _GEOMETRY = ("nodes", "xyz", "lines", "axes")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
 _MARKS = ("updyn_kind", "updyn_version")
-_MODEL = ("dofs", "groups", *_MATRICES, "loss_factor", "title", *_GEOMETRY, *_MARKS)
+_MODEL = ("dofs", "groups", *_MATRICES, *DAMPING, "title", *_GEOMETRY, *_MARKS)
 _FRF = ("freq", "H", "values", "responses", "references", "quantity", "coherence", "variance", "averages", "source")
 _AXES = ("freq", "response", "reference")
 
@@ -61,7 +66,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     items = with_groups(items, path)
     _check_kind(items, "model", path)
     known_only(items, _MODEL, path)
-    plain = [name for name in (*_MATRICES, "loss_factor") if name in items]
+    plain = [name for name in (*_MATRICES, *DAMPING) if name in items]
     if "groups" in items and plain:
         raise FormatError(f"holds both 'groups' and {plain[0]!r}; expected one or the other", path)
     if "groups" in items:
@@ -103,15 +108,15 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
 
 def _group(parts: Items, name: str, path: str | Path) -> Group:
     where = f"group {name!r}"
-    known_only(parts, (*_MATRICES, "loss_factor"), path, where)
+    known_only(parts, (*_MATRICES, *DAMPING), path, where)
     matrices = {what: matrix(parts[key], f"{where}: {key}", path) for key, what in _MATRICES.items() if key in parts}
     for what, given in matrices.items():
         refuse_triangle(given, f"{where}: {what}", path)
-    loss_factor = number(parts["loss_factor"], f"{where}: loss_factor", path) if "loss_factor" in parts else 0.0
+    damping: dict[str, Any] = {name: number(parts[name], f"{where}: {name}", path) for name in VALUES if name in parts}
+    if "loss_table" in parts:
+        damping["loss_table"] = real(parts["loss_table"], f"{where}: loss_table", path)
     with placed(path, where):
-        return Group(
-            matrices.get("stiffness"), matrices.get("mass"), loss_factor=loss_factor, viscous=matrices.get("viscous")
-        )
+        return Group(**matrices, **damping)
 
 
 def model_items(model: Model) -> dict[str, Any]:
@@ -121,7 +126,9 @@ def model_items(model: Model) -> dict[str, Any]:
         parts: dict[str, Any] = {
             key: getattr(group, what) for key, what in _MATRICES.items() if getattr(group, what) is not None
         }
-        groups[name] = {**parts, "loss_factor": group.loss_factor}
+        groups[name] = {**parts, **plain_damping(group)}
+        if group.loss_table is not None:
+            groups[name]["loss_table"] = np.array([group.loss_table.freq, group.loss_table.relative])
     items: dict[str, Any] = {"dofs": model.dofs.labels, "groups": groups, **_geometry_items(model.geometry)}
     return {**_marks("model"), **({"title": model.title} if model.title else {}), **items}
 

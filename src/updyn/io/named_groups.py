@@ -1,7 +1,8 @@
 """The ways in which people store a model's matrices by part, brought to one: a mapping of group name to K, M, C.
 
 Besides ``groups.NAME.K`` (`updyn.io.named`): a struct array ``groups`` with fields name, K, M, C, loss_factor; and
-``K``, ``M``, ``C`` as structs themselves, a field for each part (``K.shaft``, ``M.shaft``). Labels may be ``dof_ref``,
+``K``, ``M``, ``C`` as structs themselves, a field for each part (``K.shaft``, ``M.shaft``), and so ``loss_factor`` and
+the other damping. Labels may be ``dof_ref``,
 node and direction 0 to 5, as ansys-mapdl-reader returns them and the ``MK_model`` of pyFBS keeps them. The matrices
 that ansys-mapdl-reader returns are upper triangles, which are refused with that word.
 """
@@ -16,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.errors import FormatError
+from updyn.io.damping import DAMPING
 from updyn.io.items import Items, kind_of, number, text, whole
 
 __all__ = ["refuse_triangle", "with_groups"]
@@ -55,21 +57,19 @@ def with_groups(items: Items, path: str | Path) -> Items:
     for key in split:
         for name, part in out.pop(key).items():
             groups.setdefault(name, {})[key] = part
-    for name, value in _loss_factors(out, path).items():
-        if name not in groups:
-            raise FormatError(f"loss_factor: no part {name!r} in {', '.join(split)}", path)
-        groups[name]["loss_factor"] = value
+    for key in DAMPING:
+        for name, value in _by_part(out, key, path).items():
+            if name not in groups:
+                raise FormatError(f"{key}: no part {name!r} in {', '.join(split)}", path)
+            groups[name][key] = value
     return {**out, "groups": groups}
 
 
-def _loss_factors(out: dict[str, Any], path: str | Path) -> dict[str, Any]:
-    given = out.pop("loss_factor", {})
+def _by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
+    given = out.pop(key, {})
     if not isinstance(given, Mapping):
-        raise FormatError(
-            f"loss_factor is {number(given, 'loss_factor', path):g} for several parts; expected a struct with one for "
-            "each",
-            path,
-        )
+        found = "one table" if key == "loss_table" else f"{number(given, key, path):g}"
+        raise FormatError(f"{key} is {found} for several parts; expected a struct with one for each", path)
     return dict(given)
 
 

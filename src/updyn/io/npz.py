@@ -1,6 +1,7 @@
 """NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
 
 A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group is called "model".
+Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and ``loss_table``, see `updyn.io.named`.
 
 A model with several groups, ``NAME`` being a group's name (without dots)::
 

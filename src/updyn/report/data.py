@@ -214,11 +214,18 @@ def data_checksum(frf: FRF) -> str:
 
 
 def model_checksum(model: Model) -> str:
-    """Return the SHA-256 of a model: labels, then by group its name, loss factor and sparse matrices, little-endian."""
+    """Return the SHA-256 of a model: labels, then by group its name, damping and sparse matrices, little-endian."""
     digest = hashlib.sha256()
     digest.update("\n".join(model.dofs.labels).encode())
     for name, group in model.groups.items():
         digest.update(f"\n{name}\n{group.loss_factor!r}".encode())
+        for what, value in group.damping.items():
+            if what == "loss_table":
+                digest.update(f"\n{what}".encode())
+                for array in (value.freq, value.relative):
+                    digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+            elif what != "loss_factor":
+                digest.update(f"\n{what} {value!r}".encode())
         for what in ("stiffness", "mass", "viscous"):
             matrix = getattr(group, what)
             digest.update(f"\n{what}".encode())

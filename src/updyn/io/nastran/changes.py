@@ -10,11 +10,11 @@ from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import Deck
 from updyn.io.nastran.fields import text_of
 from updyn.io.nastran.kinds import Values, materials_of, values
-from updyn.model import GROUP_QUANTITIES
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 
 _WIDTH = 16
+_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +142,9 @@ def _users(deck: Deck) -> dict[int, set[str]]:
 
 def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
     for quantity in change:
-        if quantity not in GROUP_QUANTITIES:
+        if quantity not in _QUANTITIES:
             raise ModelError(
-                f"group {name!r}: no quantity {quantity!r}; expected stiffness, mass, viscous or loss_factor"
+                f"group {name!r}: no quantity {quantity!r} in a deck; expected stiffness, mass, viscous or loss_factor"
             )
     stiffness, mass, viscous = (float(change.get(q, 1.0)) for q in ("stiffness", "mass", "viscous"))
     if viscous != 1.0 and not values(card).viscous:

@@ -10,7 +10,7 @@
     name = "skin"
     stiffness = "skin.op4:KGG"         # file and matrix; without a name the file holds one matrix
     mass = "skin.op4:MGG"
-    loss_factor = 0.02                 # optional, 0 where absent
+    loss_factor = 0.02                 # optional, 0 where absent; other damping as in `updyn.io.matrix_market`
 
     [[group]]
     name = "spar"
@@ -35,6 +35,7 @@ from updyn.errors import FormatError, ModelError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import system
+from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.dof_table import write_dofs, write_geometry, write_lines
 from updyn.io.guard import placed
 from updyn.io.nastran.deck import Deck, read_deck
@@ -52,7 +53,7 @@ __all__ = ["SUFFIXES", "names_nastran_files", "read_beside", "read_table", "writ
 SUFFIXES = {".op4": "op4", ".pch": "dmig", ".dmig": "dmig"}
 _MATRICES = ("stiffness", "mass", "viscous")
 _TOP = ("title", "dofs", "geometry", "group", "unit", "deck")
-_GROUP = ("name", *_MATRICES, "loss_factor")
+_GROUP = ("name", *_MATRICES, *DAMPING)
 
 
 def names_nastran_files(table: Mapping[str, Any]) -> bool:
@@ -96,7 +97,7 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
         geometry = geometry_of(deck, units.name) if geometry is None else geometry
         dofs = _dofs_of(deck) if dofs is None else dofs
     files = _Files()
-    named: dict[str, tuple[dict[str, Any], float]] = {}
+    named: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
     for number, parts in enumerate(table["group"]):
         entry.only_known(parts, _GROUP, "group", number)
         if "name" not in parts:
@@ -107,16 +108,16 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
         if name in named:
             raise FormatError(f"group name {name!r} stands twice", entry.path, entry.line("name", "group", number))
         found = {w: files.matrix(entry, parts, w, number) for w in _MATRICES if w in parts}
-        named[name] = found, parts.get("loss_factor", 0.0)
+        named[name] = found, {what: parts[what] for what in DAMPING if what in parts}
     dofs, used = _used(entry, [m for found, _ in named.values() for m in found.values()], dofs)
     groups = {}
-    for number, (name, (found, loss)) in enumerate(named.items()):
+    for number, (name, (found, damping)) in enumerate(named.items()):
         matrices = {}
         for what, matrix in found.items():
             whole = _placed(matrix, dofs, entry, entry.line(what, "group", number))
             matrices[what] = units.to_si(whole, dofs)[used][:, used]
         try:
-            groups[name] = Group(**matrices, loss_factor=loss)
+            groups[name] = Group(**matrices, **damping)
         except ModelError as error:
             raise FormatError(f"group {name!r}: {error}", entry.path, entry.line("name", "group", number)) from error
     title = entry.text(table, "title") if "title" in table else ""
@@ -287,7 +288,7 @@ def write_beside(model: Model, path: str | Path, kind: str) -> None:
             if (matrix := getattr(group, what)) is not None:
                 matrices[f"{letter}{number}"] = matrix
                 table[what] = f"{held.name}:{letter}{number}"
-        table["loss_factor"] = group.loss_factor
+        table.update(plain_damping(group))
         listed.append(table)
     entry["group"] = listed
     if kind == "op4":
