@@ -1,0 +1,235 @@
+"""Noise or structure: p-values against simulation and exact tails, false alarms, what is said of a planted misfit."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, f
+
+from updyn.updating.adequacy import LEVEL, Suspect, assess, blamed
+from updyn.updating.whiteness import adjusted, bands, clipped, serial_p
+
+RNG = np.random.default_rng
+N_F, N_I, N_J = 60, 4, 2
+FREQ = np.linspace(1.0, 100.0, N_F)
+H = sum(1.0 / (f0**2 - FREQ**2 + 0.02j * f0**2) for f0 in (15.0, 40.0, 75.0))[:, None, None] * np.ones((N_I, N_J))
+RESPONSES, REFERENCES = [f"{i}:Z" for i in range(1, N_I + 1)], ["2:Z", "4:-Z"]
+
+
+def noise(seed, shape=(N_F, N_I, N_J)):
+    """Unit variance of the real and of the imaginary part."""
+    rng = RNG(seed)
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+
+
+def look(whitened, **options):
+    n_i, n_j = whitened.shape[1:]
+    settings = {"n_unknowns": 0, "absolute": True} | options
+    return assess(whitened, H[:, :n_i, :n_j], FREQ, RESPONSES[:n_i], REFERENCES[:n_j], **settings)
+
+
+# -- likeness along lines ------------------------------------------------------------------------------------
+def test_of_two_neighbours_the_tail_is_known_in_closed_form():
+    """Five values of which only two are neighbours: 2 Re(e1* e2) / |e|^2 has eigenvalues 3/4, 0, 0, 0, -3/4 of T.
+
+    P(sum a_j E_j > 0) with a = (3/4 - r, -r, -r, -r, -3/4 - r) by partial fractions; a repeated pole is split slightly.
+    """
+    at = [0, 1, 10, 20, 30]
+    rng = RNG(1)
+    e = np.full((31, 400), np.nan, dtype=complex)
+    e[at] = rng.standard_normal((5, 400)) + 1j * rng.standard_normal((5, 400))
+    r = 2.0 * 0.75 * (e[0].conj() * e[1]).real / np.sum(np.abs(e[at]) ** 2, axis=0)
+    positive = np.flatnonzero((r > 0.1) & (r < 0.6))
+    a = np.array([0.75 - r, -r, -1.0001 * r, -0.9999 * r, -0.75 - r])
+    exact = np.prod([a[0] / (a[0] - a[k]) for k in range(1, 5)], axis=0)
+    assert len(positive) > 50
+    assert serial_p(e)[positive] == pytest.approx(exact[positive], rel=0.06)
+
+
+@pytest.mark.parametrize("m", [5, 12, 60])
+def test_p_values_of_noise_are_uniform_far_into_the_tail(m):
+    p = serial_p(noise(m, (m, 40_000)))
+    for q in (0.5, 0.1, 0.01, 0.001):
+        assert np.mean(p < q) == pytest.approx(q, rel=0.15 if q > 0.001 else 0.35)
+
+
+def test_cutting_outliers_back_leaves_the_p_values_of_noise_and_silences_an_outlier():
+    p = serial_p(clipped(noise(3, (20, 20_000))))
+    assert np.mean(p < 0.01) == pytest.approx(0.01, rel=0.2)
+    hit = noise(4, (60, 1000))
+    hit[30:35] *= 30.0  # a glitch of five lines, each of its own phase
+    assert np.mean(serial_p(hit) < 0.001) > 0.05
+    assert np.mean(serial_p(clipped(hit)) < 0.001) < 0.02
+
+
+def test_likeness_does_not_depend_on_the_scale_and_is_one_sided():
+    e = noise(5, (30, 50))
+    assert serial_p(1e-9 * e) == pytest.approx(serial_p(e))
+    smooth = np.exp(0.05j * np.arange(30))[:, None]
+    assert serial_p(smooth + 0.3 * e).max() < 1e-6
+    alternating = smooth * (-1.0) ** np.arange(30)[:, None]
+    assert serial_p(alternating + 0.3 * e).min() > 0.5
+
+
+def test_too_few_values_or_none_are_not_tested():
+    e = noise(6, (10, 3))
+    e[4:, 0] = np.nan
+    e[:, 1] = 0.0
+    assert serial_p(e)[:2].tolist() == [1.0, 1.0]
+    assert serial_p(e)[2] == serial_p(e[:, 2:])[0] < 1.0
+
+
+# -- many tests ------------------------------------------------------------------------------------------------
+def test_adjusted_p_values_by_hand():
+    """Benjamini & Hochberg: p_(k) n / k, made monotone from above; Table of four by hand."""
+    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx([4 * 0.04 / 3, 0.04, 4 * 0.04 / 3, 0.5])
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_pure_noise_seldom_raises_an_alarm(absolute):
+    found = [look(noise(seed), absolute=absolute) for seed in range(200)]
+    assert sum(not a.adequate for a in found) <= 10  # 5 % of runs; the level is 2 %
+    assert {a.verdict for a in found if a.adequate} == {
+        "What is left cannot be told from noise" + ("." if absolute else ", whose size was taken from it.")
+    }
+    assert all(a.worst == () and a.p_value > LEVEL for a in found if a.adequate)
+
+
+def test_noise_whose_size_was_told_from_averages_seldom_raises_an_alarm():
+    """Variances from 5 averages scatter with 4 degrees of freedom; taken band by band here."""
+    alarms = blind = 0
+    for seed in range(100):
+        e = noise(seed).copy()
+        rng = RNG(1000 + seed)
+        for k in bands(np.log(np.abs(H[:, 0, 0]))):
+            n = k.stop - k.start
+            e[k] /= np.sqrt(rng.gamma(4.0 * n, 1.0 / (4.0 * n), (N_I, N_J)))
+        alarms += not look(e, averages=5).adequate
+        blind += not look(e).adequate
+    assert alarms <= 5
+    assert blind > alarms
+
+
+# -- what is said ------------------------------------------------------------------------------------------------
+def planted(size):
+    """Noise, and in channel 3:Z / 4:-Z from line 40 to 51 a misfit of one phase."""
+    e = noise(11)
+    e[40:52, 2, 1] += size * np.sqrt(2.0) * np.exp(0.3j + 0.05j * np.arange(12))
+    return e
+
+
+def test_a_planted_misfit_is_named_with_place_size_and_length():
+    found = look(planted(4.0))
+    assert found.outcome == "structure"
+    assert not found.adequate
+    worst = found.worst[0]
+    assert (worst.response, worst.reference, worst.kind) == ("3:Z", "4:-Z", "structure")
+    assert FREQ[40] <= worst.near <= FREQ[51]
+    assert worst.low <= worst.near <= worst.high
+    assert worst.chi_square_p < 1e-6
+    assert worst.whiteness_p < 1e-4
+    assert found.verdict.startswith(
+        f"The model cannot explain channel 3:Z (force 4:-Z) near {worst.near:.4g} Hz: misfit "
+    )
+    assert f"misfit {worst.misfit:.2g} times the noise, alike over {worst.alike:.0f} lines" in found.verdict
+    at = np.argwhere(found.bands[:, 0] == worst.low)[0, 0]
+    assert found.misfit[2, 1, at] == worst.misfit
+    band = (found.bands[at, 0] <= FREQ) & (found.bands[at, 1] >= FREQ)
+    e = planted(4.0)[band, 2, 1]
+    assert worst.misfit == pytest.approx(np.sqrt(np.mean(np.abs(e) ** 2) / 2.0))
+
+
+def test_p_values_of_size_are_those_of_chi_square_and_of_f():
+    e = planted(2.0)
+    for absolute in (True, False):
+        found = look(e, absolute=absolute, n_unknowns=3)
+        square = np.stack([np.sum(np.abs(e[k]) ** 2, axis=0) for k in bands(np.log(np.abs(H[:, 0, 0])))], axis=-1)
+        count = np.stack([np.full((N_I, N_J), 2.0 * (k.stop - k.start)) for k in bands(np.log(np.abs(H[:, 0, 0])))], -1)
+        if absolute:
+            p = chi2.sf(square, count)
+        else:
+            rest = 2.0 * e.size - count - 3
+            p = f.sf((square / count) / ((square.sum() - square) / rest), count, rest)
+        least = float(p.min())
+        # Four families; among the places there are as many tests of size as of likeness.
+        assert found.chi_square_p.min() <= 4.0 * 2 * p.size * least * (1 + 1e-9)
+        assert found.chi_square_p.min() >= 4.0 * least
+
+
+def test_structure_is_found_though_the_noise_was_taken_from_it():
+    found = look(planted(4.0), absolute=False)
+    assert found.outcome == "structure"
+    assert "times the typical misfit" in found.verdict
+
+
+def test_a_noisy_sensor_is_not_called_an_error_of_the_model():
+    e = noise(12)
+    e[:, 1] *= 3.0
+    found = look(e)
+    assert found.outcome == "excess"
+    assert "More noise than expected, or outliers, in channel 2:Z" in found.verdict
+    assert "not alike from line to line" in found.verdict
+    assert {m.response for m in found.worst} == {"2:Z"}
+
+
+def test_a_weak_misfit_of_all_channels_is_found_in_their_sum():
+    e = noise(13) + 0.45 * np.exp(0.05j * np.arange(N_F))[:, None, None]
+    found = look(e)
+    assert found.outcome == "structure"
+    assert min(found.whiteness_p.min(), found.chi_square_p.min()) > found.p_value
+
+
+def test_what_cannot_be_tested_is_said():
+    assert look(noise(1), relative=1e-12).outcome == "exact"
+    assert look(noise(1), relative=1e-12).adequate
+    assert look(noise(1), n_unknowns=2 * N_F * N_I * N_J).outcome == "untested"
+    part = noise(2)
+    part[:, 0] = np.nan
+    found = look(part)
+    assert np.isnan(found.misfit[0]).all()
+    assert (found.chi_square_p[0] == 1.0).all()
+    assert found.adequate
+
+
+def test_one_channel_in_one_band():
+    flat = np.ones((6, 1, 1))
+    found = assess(noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True)
+    assert found.bands.tolist() == [[FREQ[0], FREQ[5]]]
+    assert found.adequate
+    loud = assess(9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True)
+    assert loud.outcome == "excess"
+    relative = assess(9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=False)
+    assert relative.adequate  # nothing to compare with
+
+
+def test_what_would_explain_it_is_said():
+    suspects = [
+        Suspect("gear 2", "stiffness", 0.9, 0.1, 0.5),
+        Suspect("gear 2", "mass", 0.8, -0.1, 0.2),
+        Suspect("shaft", "mass", 0.3, 0.1, 0.1),
+    ]
+    found = blamed(look(planted(4.0)), suspects)
+    assert found.verdict.endswith(
+        " An error in the stiffness of gear 2 (too low) or the mass of gear 2 (too high) would explain 90 % of it."
+    )
+    assert found.explained_by == tuple(suspects)
+    e = noise(12)
+    e[:, 1] *= 3.0
+    assert blamed(look(e), suspects).outcome == "structure"
+    assert blamed(look(noise(0)), suspects).explained_by == ()
+
+
+# -- bands -------------------------------------------------------------------------------------------------------
+def test_bands_lie_about_the_resonances():
+    cut = bands(np.log(np.abs(H[:, 0, 0])))
+    assert [k.start for k in cut[1:]] == [k.stop for k in cut[:-1]]
+    assert (cut[0].start, cut[-1].stop) == (0, N_F)
+    assert all(k.stop - k.start >= 7 for k in cut)
+    for f0 in (15.0, 40.0, 75.0):  # no cut at a peak
+        assert min(abs(FREQ[k.start] - f0) for k in cut[1:]) > 3.0
+
+
+def test_many_resonances_and_few_lines():
+    many = bands(np.sin(np.arange(2000) / 2.0))
+    assert len(many) <= 24
+    assert sum(k.stop - k.start for k in many) == 2000
+    assert bands(np.zeros(3)) == [slice(0, 3)]
+    assert bands(np.zeros(1)) == [slice(0, 1)]
