@@ -197,7 +197,7 @@ class Plain:
             try:
                 moved = self._checked(problem, values + share * (wanted - values), number)
                 there = evaluate(moved)
-                if not self.halving or there.cost <= here.cost or _is_rounding(problem, moved, values):
+                if not self.halving or there.cost < here.cost or _is_rounding(problem, moved, values):
                     return moved, there, share == 1.0
             except SolverError:
                 if not self.halving:
