@@ -49,6 +49,11 @@ if TYPE_CHECKING:
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
     from updyn.updating.run import Test as Test
+    from updyn.updating.selected import Selection as Selection
+    from updyn.updating.selection import cluster as cluster
+    from updyn.updating.selection import cluster_jointly as cluster_jointly
+    from updyn.updating.selection import select as select
+    from updyn.updating.selection import select_jointly as select_jointly
     from updyn.updating.update import update as update
     from updyn.updating.update import update_jointly as update_jointly
 
@@ -64,10 +69,13 @@ _WHERE = {
     "JointResult": "updyn.updating.result",
     "Model": "updyn.model",
     "Test": "updyn.updating.run",
+    "Selection": "updyn.updating.selected",
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
     "compare": "updyn.comparison",
+    "cluster": "updyn.updating.selection",
+    "cluster_jointly": "updyn.updating.selection",
     "compare_jointly": "updyn.comparison",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
@@ -82,6 +90,8 @@ _WHERE = {
     "read_model": "updyn.io",
     "read_result": "updyn.io",
     "response": "updyn.dynamics.response",
+    "select": "updyn.updating.selection",
+    "select_jointly": "updyn.updating.selection",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",

@@ -18,7 +18,16 @@ from updyn.errors import JobError
 from updyn.io.registry import FORMATS, load
 from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
-from updyn.job.schema import Job, MatchTable, MethodTable, ModelTable, OutputTable, ParameterTable, TestTable
+from updyn.job.schema import (
+    Job,
+    MatchTable,
+    MethodTable,
+    ModelTable,
+    OutputTable,
+    ParameterTable,
+    SelectionTable,
+    TestTable,
+)
 from updyn.updating.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
@@ -56,6 +65,7 @@ TABLES = tables()
         ("[match]", MatchTable),
         ("[[parameter]]", ParameterTable),
         ("[method]", MethodTable),
+        ("[selection]", SelectionTable),
         ("[output]", OutputTable),
     ],
 )

@@ -118,17 +118,20 @@ def check(job: Path, /) -> int:
         The job file (TOML).
     """
     from updyn.cli.describe import describe_identifiability, describe_parameters
-    from updyn.job import check_out, default_out, job_identifiability, load_job, prepare
+    from updyn.job import check_out, default_out, job_identifiability, job_selection, load_job, prepare
 
     ready = prepare(loaded := load_job(job))
     out = check_out(loaded, default_out(loaded))
-    found = job_identifiability(ready)
+    chosen = job_selection(ready)
+    found = job_identifiability(ready, chosen)
     _say(_overview(ready))
     for test in ready.tests:
         _say(f"\n{test.name}\n{test.matching}" if test.name else f"\n{test.matching}")
     _say("")
     _say(describe_parameters(ready.parameters))
     _say("\nAt the start of the unknowns:")
+    if chosen is not None:
+        _say(f"\nSelected before the fit:\n{chosen.summary()}")
     _say(describe_identifiability(found))
     _say(f"\nThe job can be run; results would go to {out}.")
     return DONE if found.complete else NOT_DETERMINED

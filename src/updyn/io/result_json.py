@@ -25,10 +25,10 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``status``, ``message``, ``remedy``, ``title``, ``method``; ``parameters``, one dict an unknown in order, with
-        ``std`` None and ``identifiable`` False where the data leave it open, ``at_bound`` True or False and ``bound``
-        ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a
-        linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
+        ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one dict an unknown in
+        order, with ``std`` None and ``identifiable`` False where the data leave it open, ``at_bound`` True or False and
+        ``bound`` ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for,
+        ``drives`` of a linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
         ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
         ``timing_s`` in s; ``versions``. Of several tests also ``tests``: ``correlation`` and ``noise`` by name.
     """
@@ -43,6 +43,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         "remedy": result.remedy,
         "title": result.title,
         "method": result.method,
+        "options": plain(result.options),
         "parameters": [_parameter(result, name) for name in result.parameters.names],
         "identifiability": plain(
             {

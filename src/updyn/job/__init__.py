@@ -2,7 +2,7 @@
 
 from updyn.job.load import load_job
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import OUTPUTS, check_out, default_out, job_identifiability, run_job
+from updyn.job.run import OUTPUTS, check_out, default_out, job_identifiability, job_selection, run_job
 from updyn.job.schema import Job
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "check_out",
     "default_out",
     "job_identifiability",
+    "job_selection",
     "load_job",
     "prepare",
     "run_job",

@@ -8,7 +8,16 @@ from typing import Any
 from pydantic import ValidationError
 
 from updyn.errors import suggest
-from updyn.job.schema import Job, MatchTable, MethodTable, ModelTable, OutputTable, ParameterTable, TestTable
+from updyn.job.schema import (
+    Job,
+    MatchTable,
+    MethodTable,
+    ModelTable,
+    OutputTable,
+    ParameterTable,
+    SelectionTable,
+    TestTable,
+)
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = ["complaints"]
@@ -92,6 +101,7 @@ _TABLES = {
     "test": TestTable,
     "match": MatchTable,
     "parameter": ParameterTable,
+    "selection": SelectionTable,
     "method": MethodTable,
     "output": OutputTable,
 }

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from updyn.updating.monitor import Progress
     from updyn.updating.result import Identifiability, JointResult, UpdateResult
     from updyn.updating.run import Test
+    from updyn.updating.selected import Selection
 
-__all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "run_job"]
+__all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "job_selection", "run_job"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
@@ -170,13 +171,50 @@ def run_job(
     return result
 
 
-def job_identifiability(prepared: Prepared) -> Identifiability:
+def job_selection(prepared: Prepared) -> Selection | None:
+    """Join and choose the unknowns of a job as its ``[selection]`` says.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        From `prepare`.
+
+    Returns
+    -------
+    Selection or None
+        None where the job has no such table: all unknowns are fitted.
+
+    Raises
+    ------
+    JobError
+        If what it asks for does not fit the unknowns, or lines or noise do not fit the data.
+    SolverError
+        If the model cannot be solved at a line.
+    """
+    wish = prepared.job.selection
+    if wish is None:
+        return None
+    from updyn.updating.selected import Selection
+    from updyn.updating.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+
+    tests, found = _tests(prepared, held_out=False), Selection(prepared.parameters)
+    with _method_errors(prepared.job):
+        if wish.cluster is not None:
+            found = cluster_jointly(tests, found, wish.cluster)
+        if wish.n is not None or wish.max_collinearity is not None:
+            found = select_jointly(tests, found, wish.n, wish.max_collinearity or MAX_COLLINEARITY)
+    return found
+
+
+def job_identifiability(prepared: Prepared, selection: Selection | None = None) -> Identifiability:
     """Say what the job's data could determine, at the start of the unknowns.
 
     Parameters
     ----------
     prepared : Prepared
         From `prepare`.
+    selection : Selection, optional
+        From `job_selection`, where only some of the unknowns are fitted.
 
     Returns
     -------
@@ -193,7 +231,7 @@ def job_identifiability(prepared: Prepared) -> Identifiability:
 
     job = prepared.job
     with _method_errors(job):
-        return joint_identifiability(_tests(prepared, held_out=False), prepared.parameters)
+        return joint_identifiability(_tests(prepared, held_out=False), selection or prepared.parameters)
 
 
 def _tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
@@ -225,22 +263,25 @@ def _update(
     for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
-    tests = _tests(ready)
+    tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters
     with _method_errors(job):
         if len(tests) > 1:
-            return update_jointly(tests, ready.parameters, **options)
+            return update_jointly(tests, unknowns, **options)
         (test,) = tests
         options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
-        return update(test.model, test.frf, ready.parameters, **options)
+        return update(test.model, test.frf, unknowns, **options)
 
 
 @contextmanager
 def _method_errors(job: Job) -> Iterator[None]:
-    """Give an error of the update the line of [method] that it is about: all else has been checked before."""
+    """Give an error of the update the line of [method] or [selection] that it is about: all else has been checked."""
     try:
         yield
+    except JobError:
+        raise
     except InputError as error:
-        raise job.error_about(str(error), "method") from error
+        table = "selection" if str(error).startswith(("select:", "cluster:")) else "method"
+        raise job.error_about(str(error), table) from error
 
 
 @contextmanager

@@ -20,7 +20,16 @@ from pydantic import (
 from updyn.errors import JobError
 from updyn.job.toml_lines import Place, line_of
 
-__all__ = ["Job", "MatchTable", "MethodTable", "ModelTable", "OutputTable", "ParameterTable", "TestTable"]
+__all__ = [
+    "Job",
+    "MatchTable",
+    "MethodTable",
+    "ModelTable",
+    "OutputTable",
+    "ParameterTable",
+    "SelectionTable",
+    "TestTable",
+]
 
 Pair = Annotated[tuple[float, float], Strict(False)]
 Texts = Annotated[tuple[str, ...], Strict(False)]
@@ -97,6 +106,18 @@ def _alignment(given: Any) -> Any:
         return [[float(x) for x in row] for row in given]
     if given != "fit":
         raise ValueError("expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array")
+    return given
+
+
+def _count(given: Any) -> Any:
+    if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
+        raise ValueError("expected a whole number of at least 1, or 'rank'")
+    return given
+
+
+def _cosine(given: Any) -> Any:
+    if not _is_number(given) or not 0 < given < 1:
+        raise ValueError("expected a cosine between 0 and 1, such as 0.99")
     return given
 
 
@@ -207,6 +228,22 @@ class ParameterTable(_Table):
         return self
 
 
+class SelectionTable(_Table):
+    """``[selection]``: which of the unknowns are fitted; the others are joined, or stay at their start."""
+
+    cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
+    n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
+    max_collinearity: float | None = Field(default=None, ge=1)
+
+    @model_validator(mode="after")
+    def _something(self) -> SelectionTable:
+        if self.cluster is None and self.n is None and self.max_collinearity is None:
+            raise ValueError("expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns")
+        if self.n is not None and self.max_collinearity is not None:
+            raise ValueError("n says how many to fit, max_collinearity how separable they have to be; give one")
+        return self
+
+
 class MethodTable(_Table):
     """``[method]``: how the unknowns are found; further keys are options of the method."""
 
@@ -241,6 +278,7 @@ class Job(_Table):
     test: TestTable
     match: MatchTable = MatchTable()
     parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables), Strict(False)] = Field(min_length=1)
+    selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
     output: OutputTable = OutputTable()
 

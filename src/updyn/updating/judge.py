@@ -26,8 +26,9 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import Each, OutputError
 from updyn.updating.session import Stopped
 from updyn.updating.split import Split
+from updyn.updating.trust_region import Local
 
-__all__ = ["Judgement", "at_start", "judge"]
+__all__ = ["Judgement", "at_start", "judge", "local_at_start"]
 
 T = TypeVar("T")
 
@@ -133,6 +134,25 @@ def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str
     SolverError
         If the model cannot be solved there.
     """
+    local, share = local_at_start(problem, noises)
+    analysis = analyse(local.R, problem.coordinates.parameters.names)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    return analysis, advise(analysis, problem, x, share)
+
+
+def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
+    """Return the output error at the start of the unknowns, in standard deviations, and the median of them over |H|.
+
+    Parameters
+    ----------
+    problem, noises
+        As for `at_start`.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved there.
+    """
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     errors, shares = [], []
     for part, given in zip(problem.parts, noises, strict=True):
@@ -144,8 +164,7 @@ def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str
     local = Each(tuple(errors)).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")
-    analysis = analyse(local.R, problem.coordinates.parameters.names)
-    return analysis, advise(analysis, problem, x, float(np.median(np.concatenate(shares))))
+    return local, float(np.median(np.concatenate(shares)))
 
 
 def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:

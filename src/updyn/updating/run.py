@@ -34,6 +34,7 @@ from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.reducing import Reducing, fallback, is_reduced
 from updyn.updating.result import UpdateResult
+from updyn.updating.selected import Selection
 from updyn.updating.session import Recent, Session, Stopped
 from updyn.updating.split import split_data
 from updyn.updating.verdict import verdict
@@ -77,7 +78,7 @@ class Test:
 
 def run(
     tests: Sequence[Test],
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     method: str,
     options: Mapping[str, Any],
     *,
@@ -101,6 +102,8 @@ def run(
     """
     begun = time.perf_counter()
     strategy = make_method(method, options)
+    chosen = Selection.of(parameters)
+    parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, parameters)
     held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
     splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
@@ -151,6 +154,7 @@ def run(
             session.memory.keep()
     fit = found.fit
     status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
+    message = f"{message} {chosen.note}".strip()
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     changes = parameters.changes(np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
@@ -179,7 +183,7 @@ def run(
         UpdateResult(
             **common,
             title=f"{title}: {test.name}".removeprefix(": ") if test.name else title,
-            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced),
+            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced) | chosen.option,
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
             frf=test.frf,

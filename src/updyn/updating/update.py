@@ -23,6 +23,7 @@ from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.result import Identifiability, JointResult, UpdateResult
 from updyn.updating.run import Test, check, on_lines, run
+from updyn.updating.selected import Selection
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -33,7 +34,7 @@ __all__ = ["identifiability", "joint_identifiability", "update", "update_jointly
 def update(
     model: Model,
     frf: FRF,
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     method: str = "maximum-likelihood",
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
@@ -57,8 +58,8 @@ def update(
         The model to start from.
     frf : FRF
         The measurement. Every response and reference has to be a DOF of the model.
-    parameters : ParameterSet
-        The unknowns, from `updyn.parameters`.
+    parameters : ParameterSet or Selection
+        The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of them.
     method : str
         ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's).
     lines : None, str or array_like of float
@@ -125,7 +126,7 @@ def update(
 
 def update_jointly(
     tests: Sequence[Test],
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     method: str = "maximum-likelihood",
     engine: int | Client | Engine | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
@@ -147,7 +148,7 @@ def update_jointly(
     ----------
     tests : sequence of Test
         At least one; names differ. What an unknown acts on has to be in the model of one of them, not of all.
-    parameters : ParameterSet
+    parameters : ParameterSet or Selection
         The unknowns.
     method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, **options
         As for `update`. The reduced tier is chosen by the largest of the models.
@@ -191,7 +192,7 @@ def update_jointly(
 def identifiability(
     model: Model,
     frf: FRF,
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
 ) -> Identifiability:
@@ -217,14 +218,14 @@ def identifiability(
     return joint_identifiability([Test(model, frf, "", lines, noise)], parameters)
 
 
-def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet) -> Identifiability:
+def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Identifiability:
     """Say what several tests together could determine, at the start of the unknowns and before any fit.
 
     Parameters
     ----------
     tests : sequence of Test
         At least one; what they hold out counts as data here.
-    parameters : ParameterSet
+    parameters : ParameterSet or Selection
         The unknowns.
 
     Returns
@@ -238,6 +239,8 @@ def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet) -> Id
     SolverError
         If a model cannot be solved at a line.
     """
+    chosen = Selection.of(parameters)
+    parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, parameters)
     parts = [on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
     noises = [choose_noise(test.noise, test.frf) for test in tests]

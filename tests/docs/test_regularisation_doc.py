@@ -1,0 +1,34 @@
+"""docs/regularisation.md runs as it stands, and names the constants of the code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from updyn.updating import selection
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from pages import ROOT, blocks, run_python
+
+NAME = "docs/regularisation.md"
+TEXT = " ".join((ROOT / NAME).read_text(encoding="utf-8").split())
+
+
+def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, Any] = {"__name__": "page"}
+    python = [block for block in blocks(ROOT / NAME) if block.language == "python"]
+    assert len(python) >= 3
+    for block in python:
+        run_python(block, NAME, namespace)
+
+
+@pytest.mark.parametrize(
+    "said", [f"`max_collinearity` ({selection.MAX_COLLINEARITY:g})", f"threshold ({selection.ALIKE:g})"]
+)
+def test_constants_are_as_documented(said: str) -> None:
+    assert said in TEXT
