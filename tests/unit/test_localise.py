@@ -1,0 +1,190 @@
+"""A model with one group wrong and held at that: the group is named, with how much of the misfit it would explain."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.demos.gear_train_case import true_model
+from updyn.dynamics.affine import AffineSystem
+from updyn.updating.joint import together
+from updyn.updating.localise import breach, constitutive_weights, localise
+from updyn.updating.problem import Problem
+from updyn.updating.residuals import Each, OutputError
+
+GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
+
+
+def chain(true):
+    freq = np.linspace(2.0, 22.0, 60)
+    sensors = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
+    return updyn.response(true, freq, sensors, sensors[:2])
+
+
+def gears(true):
+    return updyn.response(true, GEARS, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
+
+
+def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
+    """Fit all but one group, which is held wrong; return suspects as judged from the residual there."""
+    draw = rng.standard_normal((2, *exact.values.shape))
+    values = exact.values * (1.0 + relative * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
+    frf = updyn.FRF(exact.freq, values, exact.responses, exact.references, exact.quantity)
+    held = getattr(true.group(wrong), quantity) if quantity == "loss_factor" else 1.0
+    start = true.scaled({wrong: {quantity: held / factor}})
+    others = [name for name in true.groups if name != wrong]
+    unknowns = updyn.parameters(start, stiffness=others, mass=others, loss_factor=others)
+    noise = {"relative": relative or 1e-3}
+    result = updyn.update(start, frf, unknowns, starts=0, noise=noise)
+    problem = Problem.build(start, frf, unknowns)
+    x = problem.coordinates.to_x(np.array([result.values[n] for n in unknowns.names]))
+    H = problem.responses(x)
+    weight = np.sqrt(2.0) / (noise["relative"] * np.abs(H))
+    whitened = weight * (frf.values - H)
+    beyond = float(np.sum(np.abs(whitened) ** 2)) - 2 * problem.n_values + problem.n
+    found = localise(problem, x, Each((OutputError(weight),)), [whitened], beyond if stated is None else None)
+    return result, found
+
+
+@pytest.mark.parametrize("relative", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize(
+    ("wrong", "quantity", "factor"),
+    [
+        ("part2", "stiffness", 1.2),
+        ("part4", "stiffness", 0.8),
+        ("part3", "mass", 1.3),
+        ("part1", "loss_factor", 3.0),
+    ],
+)
+def test_the_wrong_group_of_a_chain_is_named(chain12_true, wrong, quantity, factor, relative):
+    _, found = fitted(chain12_true, chain(chain12_true), wrong, quantity, factor, relative, np.random.default_rng(1))
+    first = found[0]
+    assert first.group == wrong
+    assert first.name == f"{wrong}.{quantity}"
+    assert 0.5 < first.explains <= 1.0
+    assert np.sign(first.change) == np.sign(factor - 1.0)
+    if quantity != "loss_factor":
+        assert first.change == pytest.approx(np.log(factor), rel=0.5)
+
+
+@pytest.mark.parametrize("relative", [0.0, 0.01])
+@pytest.mark.parametrize("wrong", ["unit 2", "unit 3", "unit 5"])
+def test_the_wrong_unit_of_the_gear_train_is_named(wrong, relative):
+    true = true_model()
+    _, found = fitted(true, gears(true), wrong, "stiffness", 1.2, relative, np.random.default_rng(2))
+    assert found[0].name == f"{wrong}.stiffness"
+    assert found[0].change == pytest.approx(np.log(1.2), rel=0.5)
+
+
+def test_where_the_size_of_the_noise_is_not_known_the_share_is_told_from_likeness(chain12_true):
+    exact = chain(chain12_true)
+    _, known = fitted(chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1))
+    _, found = fitted(chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1), "not")
+    assert [s.name for s in found] == [s.name for s in known]
+    assert found[0].change == known[0].change
+    assert known[0].explains <= found[0].explains <= 1.0
+
+
+def test_a_good_fit_has_no_suspects(chain12_true):
+    """All groups but one are fitted, and that one is right."""
+    _, found = fitted(chain12_true, chain(chain12_true), "part2", "stiffness", 1.0, 0.02, np.random.default_rng(3))
+    assert found == ()
+
+
+def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
+    """For a small error the step of first order takes away what a fit with that unknown takes away."""
+    exact = chain(chain12_true)
+    wrong = chain12_true.scaled({"part2": {"stiffness": 1.0 / 1.002}})
+    others = ["part1", "part3", "part4"]
+    cost, noise = [], {"relative": 0.001}
+    for free in (others, [*others, "part2"]):
+        result = updyn.update(wrong, exact, updyn.parameters(wrong, stiffness=free), starts=0, noise=noise)
+        cost.append(2.0 * result.history[-1].cost)
+    unknowns = updyn.parameters(wrong, stiffness=others)
+    result = updyn.update(wrong, exact, unknowns, starts=0, noise=noise)
+    problem = Problem.build(wrong, exact, unknowns)
+    x = problem.coordinates.to_x(np.array(list(result.values.values())))
+    H = problem.responses(x)
+    weight = np.sqrt(2.0) / (0.001 * np.abs(H))
+    whole = float(np.sum(np.abs(weight * (exact.values - H)) ** 2))
+    found = localise(problem, x, Each((OutputError(weight),)), [weight * (exact.values - H)], whole)
+    assert found[0].name == "part2.stiffness"
+    assert found[0].change == pytest.approx(np.log(1.002), rel=0.01)
+    assert found[0].explains * whole == pytest.approx(cost[0] - cost[1], rel=0.01)
+
+
+# -- energy of the error in the constitutive relations ---------------------------------------------------------
+def test_energy_by_a_full_solution_of_the_constrained_problem():
+    """Minimise lambda^H W lambda + theta |d|^2 / sigma^2 over all fields at once, with matrices written out."""
+    rng = np.random.default_rng(4)
+    n, rows, f = 6, np.array([0, 2, 5]), 1.7
+    K, M, D = (a @ a.T + np.eye(n) for a in rng.standard_normal((3, n, n)))
+    model = updyn.Model.from_groups(
+        {"a": updyn.Group(K, M, loss_factor=0.1), "b": updyn.Group(2.0 * D, viscous=0.01 * M)},
+        [f"{i}:Z" for i in range(1, n + 1)],
+    )
+    omega = 2.0 * np.pi * f
+    Z = (1.0 + 0.1j) * K + 2.0 * D - omega**2 * M + 0.01j * omega * M
+    W = (1.0 + 0.1**2) * K + 2.0 * D + omega**2 * M + 0.01 * omega * M
+    system = AffineSystem.compile(model)
+    c, w = constitutive_weights(system, system.start, np.array([omega]))
+    matrices = [term.local for term in system.terms]
+    assert sum(a * m for a, m in zip(c[:, 0], matrices, strict=True)) == pytest.approx(Z)
+    assert sum(a * m for a, m in zip(w[:, 0], matrices, strict=True)) == pytest.approx(W)
+    measured = rng.standard_normal((1, 3, 1)) + 1j * rng.standard_normal((1, 3, 1))
+    frf = updyn.FRF([f], measured, ["1:Z", "3:Z", "6:Z"], ["1:Z"], "receptance")
+    problem = Problem.build(model, frf, updyn.parameters(model, stiffness="a"))
+    x, sigma2 = np.zeros(1), 0.3
+    misfit = problem.responses(x) - measured
+    found = breach(problem, x, np.array([0]), misfit, np.full((1, 3, 1), sigma2)).energy[:, 0, 0]
+    P = np.linalg.solve(Z, np.eye(n)[:, rows])
+    S = P.T @ W @ P.conj()
+    theta = (np.sum(np.abs(misfit) ** 2) - 3 * sigma2) / np.trace(S).real
+    # Unknown fields u and lambda: Z u - theta W lambda = force, Z^H lambda + (Pi u - h) / sigma^2 on the responses = 0.
+    Pi = np.eye(n)[rows]
+    force = np.eye(n)[:, 0]
+    both = np.block([[Z, -theta * W], [Pi.T @ Pi / sigma2, Z.conj().T]])
+    field = np.linalg.solve(both, np.concatenate([force, Pi.T @ measured[0, :, 0] / sigma2]))[n:]
+    expected = [a * ((theta * field).conj() @ m @ (theta * field)).real for a, m in zip(w[:, 0], matrices, strict=True)]
+    assert found == pytest.approx(expected)
+
+
+def test_most_of_the_energy_lies_in_the_wrong_group(chain12_true):
+    exact = chain(chain12_true)
+    for wrong in ("part1", "part4"):
+        _, found = fitted(chain12_true, exact, wrong, "stiffness", 1.2, 0.01, np.random.default_rng(5))
+        assert found[0].group == wrong
+        assert found[0].energy > 0.25
+
+
+# -- several tests, linked unknowns ----------------------------------------------------------------------------
+def test_two_tests_point_at_one_group(chain12_true):
+    wrong = chain12_true.scaled({"part3": {"stiffness": 0.98}})
+    heavy = {"part4": {"mass": 1.5}}
+    names = ["part1", "part2", "part4"]
+    unknowns = updyn.parameters(wrong, stiffness=names)
+    problems, weights, whitened = [], [], []
+    for name, own, true in (("bare", wrong, chain12_true), ("loaded", wrong.scaled(heavy), chain12_true.scaled(heavy))):
+        frf = chain(true)
+        problems.append(Problem.build(own, frf, unknowns, name=name))
+        H = problems[-1].responses(np.zeros(3))
+        weights.append(np.sqrt(2.0) / (0.01 * np.abs(H)))
+        whitened.append(weights[-1] * (frf.values - H))
+    task = together(problems)
+    residual = Each(tuple(OutputError(w) for w in weights))
+    found = localise(task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened)))
+    assert found[0].name == "part3.stiffness"
+
+
+def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
+    """One unknown drives two groups that are not equally wrong."""
+    wrong = chain12_true.scaled({"part2": {"stiffness": 0.8}})
+    exact = chain(chain12_true)
+    unknowns = updyn.link(wrong, "both.modulus", {"part1.stiffness": 1.0, "part2.stiffness": 1.0})
+    result = updyn.update(wrong, exact, unknowns, starts=0, noise={"relative": 0.01})
+    problem = Problem.build(wrong, exact, unknowns)
+    x = problem.coordinates.to_x(np.array(list(result.values.values())))
+    H = problem.responses(x)
+    weight = np.sqrt(2.0) / (0.01 * np.abs(H))
+    whitened = weight * (exact.values - H)
+    found = localise(problem, x, Each((OutputError(weight),)), [whitened], float(np.sum(np.abs(whitened) ** 2)))
+    assert {s.name for s in found[:2]} == {"part1.stiffness", "part2.stiffness"}
