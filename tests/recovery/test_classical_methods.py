@@ -110,7 +110,7 @@ def test_complex_form_finds_the_damping_too(chain12, full, unknowns, truth):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_noise_biases_all_that_multiply_with_the_measured_motion(
+def test_noise_throws_off_all_that_multiply_with_the_measured_motion(
     chain12, full, unknowns, truth, rightly_damped, chain12_true, add_noise, seed
 ):
     """1 % noise: the classical equations miss by many of their own standard deviations, maximum likelihood does not."""
@@ -133,6 +133,32 @@ def test_noise_biases_all_that_multiply_with_the_measured_motion(
     assert missed["reduced-frf"][0] > 8
     assert missed["maximum-likelihood"][0] < 4
     assert min(missed[n][1] for n in missed if n != "maximum-likelihood") > 5 * missed["maximum-likelihood"][1]
+
+
+@pytest.mark.parametrize("n_lines", [4_000, 16_000])
+def test_bias_is_as_derived_and_more_data_do_not_help(n_lines):
+    """An oscillator, h_X = H (1 + s n), only its stiffness unknown.
+
+    The plain iteration ends where the sum of Re conj(J) r is 0, with J = -H_A a h_X, r = H_A - h_X and
+    a = k (1 + i eta). In the mean and to second order in s that is at a change of the factor of
+    -s^2 sum |H|^2 Re conj(a H) / sum |a|^2 |H|^4.
+    """
+    k, eta, s, freq = 1.0e4, 0.1, 0.1, np.linspace(2.0, 12.0, n_lines)
+    a = k * (1 + 1j * eta)
+    H = 1.0 / (a - (2 * np.pi * freq) ** 2)
+    bias = -(s**2) * np.sum(abs(H) ** 2 * (a * H).real) / np.sum(abs(a) ** 2 * abs(H) ** 4)
+    noise = np.random.default_rng(4).standard_normal((2, n_lines))
+    h = H * (1 + s * np.sqrt(0.5) * (noise[0] + 1j * noise[1]))
+    start = updyn.Model.from_groups({"a": updyn.Group([[k]], [[1.0]], loss_factor=eta)}, ["1:X"])
+    data = updyn.FRF(freq, h[:, None, None], ["1:X"], ["1:X"], "receptance")
+    chosen = updyn.parameters(start, stiffness="a")
+    error, std = {}, {}
+    for name in ("rfm", "maximum-likelihood"):
+        result = updyn.update(start, data, chosen, method=name)
+        error[name], std[name] = result.values["a.stiffness"] - 1.0, result.std["a.stiffness"]
+    assert error["rfm"] == pytest.approx(bias, rel=0.25)
+    assert abs(error["rfm"]) > 4 * std["rfm"]
+    assert abs(error["maximum-likelihood"]) < 3 * std["maximum-likelihood"]
 
 
 # -- unmeasured coordinates from the model ---------------------------------------------------------------------------
