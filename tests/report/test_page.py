@@ -191,6 +191,15 @@ def test_text_of_the_user_is_never_markup():
     assert tick == "&lt;/script&gt;&lt;b onmouseover=alert(3)&gt;@after: stiffness"
 
 
+def test_outliers_are_named():
+    told = {"kind": "stated", "relative": 0.02, "chi_square": 1.1, "robust": "student-t", "down_weighted": 0.034}
+    told |= {"down_weighted_lines": [50.0, 150.0], "down_weighted_channels": ["3:+Z / 2:+Z"]}
+    words = Page(render(realistic(noise=told))).words
+    assert "3.4 % of the values stand out and have less than a tenth of their weight." in words
+    assert "at least half of the lines 50, 150 Hz and the channels 3:+Z / 2:+Z." in words
+    assert "No value stands out" in Page(render(realistic(noise=told | {"down_weighted": 0.0}))).words
+
+
 def test_smallest_case_says_what_is_missing():
     page = Page(render(smallest()))
     assert page.open == []

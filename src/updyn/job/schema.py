@@ -166,7 +166,7 @@ class TestTable(_Table):
     name: str = ""
     grounded: Texts | None = None  # the configuration: what is held, and what is added
     masses: dict[str, float] | None = None
-    noise: Annotated[str | dict[str, float] | None, BeforeValidator(_noise)] = None  # instead of those of [method]
+    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None  # instead of those of [method]
     validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
 
     @property
@@ -251,7 +251,7 @@ class MethodTable(_Table):
 
     name: str = "maximum-likelihood"
     lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = None
-    noise: Annotated[str | dict[str, float] | None, BeforeValidator(_noise)] = None
+    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None
     validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
     tier: str | None = None
     backend: str | None = None
@@ -302,7 +302,7 @@ class Job(_Table):
         return list(self.method.lines) if isinstance(self.method.lines, tuple) else self.method.lines
 
     @property
-    def noise(self) -> str | dict[str, float] | None:
+    def noise(self) -> str | dict[str, float | str] | None:
         """The noise of this test."""
         return self.method.noise if self.test.noise is None else self.test.noise
 

@@ -58,6 +58,10 @@ _NOISE_WORDS = {
     "chi_square": "reduced chi-square",
     "correlation_length": "lines over which the residual is correlated",
     "inflation": "factor on the standard deviations",
+    "robust": "outliers",
+    "down_weighted": "share of values with less than a tenth of their weight",
+    "down_weighted_lines": "lines half of whose values do, Hz",
+    "down_weighted_channels": "channels half of whose values do",
 }
 
 
@@ -70,6 +74,8 @@ def noise(c: Content) -> str:
     parts = ['<section id="noise"><h2>Noise and residual</h2>']
     if isinstance(chi, int | float) and math.isfinite(chi):
         parts.append(m.paragraph(_chi_words(float(chi), c.result.noise)))
+    if "down_weighted" in c.result.noise:
+        parts.append(m.paragraph(_outlier_words(c.result.noise)))
     parts.append(m.definition_table(items) if items else m.paragraph("The method used no noise model.", "muted"))
     if "level-differences" in c.figures:
         caption = (
@@ -116,6 +122,21 @@ def _chi_words(chi: float, noise: Mapping[str, Any]) -> str:
     if chi < 0.5:
         return f"Reduced chi-square {shown}: the residual is smaller than the noise stated, which is stated too large."
     return f"Reduced chi-square {shown}: the noise explains what is left."
+
+
+def _outlier_words(noise: Mapping[str, Any]) -> str:
+    """Return what counted next to nothing, as it did not fit the rest."""
+    share = float(noise["down_weighted"])
+    if share == 0.0:
+        return "No value stands out: all keep more than a tenth of their weight."
+    lines, channels = noise.get("down_weighted_lines", ()), noise.get("down_weighted_channels", ())
+    whole = [f"the lines {w.plain(lines)} Hz"] if lines else []
+    whole += [f"the channels {w.plain(channels)}"] if channels else []
+    among = f" Among them at least half of {' and '.join(whole)}." if whole else ""
+    return (
+        f"{w.number(100.0 * share, 2)} % of the values stand out and have less than a tenth of their weight.{among} "
+        "Look at them: a hum, an overload or a loose sensor makes outliers; a resonance that the model lacks does, too."
+    )
 
 
 def provenance(c: Content) -> str:

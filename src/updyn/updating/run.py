@@ -72,7 +72,7 @@ class Test:
     frf: FRF
     name: str = ""
     lines: _Lines = None
-    noise: Mapping[str, float] | str | None = None
+    noise: Mapping[str, float | str] | str | None = None
     validation: Iterable[str | Dof] | tuple[float, float] | None = None
 
 

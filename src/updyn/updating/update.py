@@ -37,7 +37,7 @@ def update(
     parameters: ParameterSet | Selection,
     method: str = "maximum-likelihood",
     lines: str | ArrayLike | None = None,
-    noise: Mapping[str, float] | str | None = None,
+    noise: Mapping[str, float | str] | str | None = None,
     engine: int | Client | Engine | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
@@ -67,7 +67,8 @@ def update(
     noise : None, str or mapping
         None: from the data's variance, else coherence, else estimated from the residual. A mapping with ``relative``
         and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``,
-        ``"estimated"`` force one source.
+        ``"estimated"`` force one source, as does ``source`` in a mapping. ``robust="student-t"`` in a mapping gives
+        outliers less weight, whatever the source.
     engine : None, int, dask.distributed Client or Engine
         Where lines, and the tries of the search, are worked on: here one after the other, in so many processes on this
         machine, or on a cluster. The result does not depend on it.
@@ -194,7 +195,7 @@ def identifiability(
     frf: FRF,
     parameters: ParameterSet | Selection,
     lines: str | ArrayLike | None = None,
-    noise: Mapping[str, float] | str | None = None,
+    noise: Mapping[str, float | str] | str | None = None,
 ) -> Identifiability:
     """Say what a measurement could determine, at the start of the unknowns and before any fit.
 

@@ -149,7 +149,7 @@ class MaximumLikelihood:
             **known,
             "inflation": inflation,
         }
-        by_part = tuple({"kind": noise.kind, **noise.figures(), **record} for noise in noises)
+        by_part = tuple({"kind": noise.kind, **record, **noise.figures()} for noise in noises)
         return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, by_part)
 
 

@@ -6,8 +6,8 @@ noise is proportional the model's |H| is used, not the measured one, as weights 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from updyn.updating.noise.base import ASSUMED, NoiseModel, level_by_unit
 from updyn.updating.noise.coherence import Coherence
 from updyn.updating.noise.estimated import Estimated
 from updyn.updating.noise.given import Variance
+from updyn.updating.noise.robust import FREEDOM, Robust
 from updyn.updating.noise.stated import Assumed, Stated
 
 __all__ = [
@@ -25,16 +26,22 @@ __all__ = [
     "Coherence",
     "Estimated",
     "NoiseModel",
+    "Robust",
     "Stated",
     "Variance",
     "choose_noise",
     "level_by_unit",
 ]
 
-NoiseChoice: TypeAlias = "str | Mapping[str, float] | None"
+NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
 
-#: Where the noise may be taken from, by name.
-SOURCES = {"variance": lambda frf: Variance(), "coherence": Coherence.of, "estimated": lambda frf: Estimated()}
+#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of freedom.
+SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
+    "variance": lambda frf, tails: Variance(),
+    "coherence": lambda frf, tails: Coherence.of(frf),
+    "estimated": lambda frf, tails: Estimated(tails=tails),
+}
+_NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
 
 
 def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
@@ -45,7 +52,8 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     noise : None, str or mapping
         None: from the data's variance, else their coherence (of two averages or more), else estimated.
         ``"variance"``, ``"coherence"`` or ``"estimated"`` to force one. A mapping with ``relative`` and/or ``floor``
-        states it.
+        states it; one with ``source`` forces one as the text does; in both ``robust = "student-t"`` gives less weight
+        to outliers, and alone keeps the default source.
     frf : FRF
         The data of the fit.
 
@@ -54,28 +62,44 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     OptionError
         If a name or key is not known, a number is not usable, or the data lack what is asked for.
     """
-    if isinstance(noise, Mapping):
-        return _stated(noise)
-    if noise is None:
+    if not isinstance(noise, Mapping):
+        return _sourced(noise, frf)
+    for key in noise:
+        if key not in _KEYS:
+            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), _KEYS)}")
+    robust = noise.get("robust")
+    if robust not in (None, Robust.name):
+        raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
+    numbers = {key: noise[key] for key in _NUMBERS if key in noise}
+    if numbers and "source" in noise:
+        raise OptionError("noise: relative and floor state it, source takes it from elsewhere; give one of the two")
+    tails = np.inf if robust is None else FREEDOM
+    stated = numbers or not (robust or "source" in noise)
+    made = _stated(numbers) if stated else _sourced(noise.get("source"), frf, tails)
+    return made if robust is None else Robust(made)
+
+
+def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
+    if source is None:
         single = frf.averages == 1  # its coherence is 1 whatever the noise
         usable = frf.coherence is not None and not single
-        noise = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
-    if noise not in SOURCES:
-        raise OptionError(f"noise {noise!r}: {suggest(str(noise), SOURCES)}, or a table with relative and floor")
-    if noise in ("variance", "coherence") and getattr(frf, noise) is None:
-        raise OptionError(f"noise {noise!r}: the data carry no {noise}")
-    if noise == "coherence" and frf.averages == 1:
+        source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
+    if source not in SOURCES:
+        raise OptionError(f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor")
+    if source in ("variance", "coherence") and getattr(frf, source) is None:
+        raise OptionError(f"noise {source!r}: the data carry no {source}")
+    if source == "coherence" and frf.averages == 1:
         raise OptionError("noise 'coherence': that of a single average is 1 whatever the noise; it says nothing")
-    return SOURCES[noise](frf)
+    return SOURCES[source](frf, tails)
 
 
-def _stated(noise: Mapping[str, float]) -> Stated:
+def _stated(noise: Mapping[str, float | str]) -> Stated:
+    usable: dict[str, float] = {}
     for key, value in noise.items():
-        if key not in ("relative", "floor"):
-            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), ('relative', 'floor'))}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0:
             raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
-    stated = Stated(float(noise.get("relative", 0.0)), float(noise.get("floor", 0.0)))
+        usable[key] = float(value)
+    stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
     if stated.relative == stated.floor == 0.0:
         raise OptionError("noise: relative and floor are both 0; data without noise need no noise model, leave it out")
     return stated

@@ -23,10 +23,18 @@ class Estimated:
 
     They maximise the likelihood of the residual under complex Gaussian noise; the residual is first corrected for the
     unknowns that were fitted. Model error counts as noise here: nothing else is known.
+
+    Parameters
+    ----------
+    relative, floor : float
+        The two numbers, once they are known.
+    tails : float
+        Degrees of freedom of Student's distribution, whose likelihood is used in place of the Gaussian one; inf: that.
     """
 
     relative: float = np.nan
     floor: float = np.nan
+    tails: float = np.inf
     kind: ClassVar[str] = "estimated from the residual"
     scale_known: ClassVar[bool] = True  # once it has been estimated
 
@@ -49,11 +57,14 @@ class Estimated:
         def unlikely(logs: NDArray[Any]) -> float:
             a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
             v = (a * size) ** 2 + (b * floor) ** 2
-            return float(np.mean(np.log(v) + squared / v))
+            if np.isinf(self.tails):
+                return float(np.mean(np.log(v) + squared / v))
+            return float(np.mean(np.log(v) + (0.5 * self.tails + 1.0) * np.log1p(2.0 / self.tails * squared / v)))
 
         positive = size > 0
-        guess = np.sqrt(np.mean(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
-        both = max(guess, SMALLEST), max(np.sqrt(np.mean(squared / floor**2)), SMALLEST)
+        middle = np.mean if np.isinf(self.tails) else np.median
+        guess = np.sqrt(middle(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
+        both = max(guess, SMALLEST), max(np.sqrt(middle(squared / floor**2)), SMALLEST)
         tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
         found = min(
             (minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6}) for t in tries),

@@ -1,0 +1,30 @@
+"""The page on noise runs as it stands, and says the truth about what it prints."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from pages import ROOT, blocks, run_python
+
+
+@pytest.fixture(scope="module")
+def page() -> dict[str, Any]:
+    namespace: dict[str, Any] = {"__name__": "page"}
+    ran = 0
+    for block in blocks(ROOT / "docs/noise.md"):
+        if block.language == "python":
+            run_python(block, "docs/noise.md", namespace)
+            ran += 1
+    assert ran >= 1
+    return namespace
+
+
+def test_the_robust_fit_names_the_lines(page: dict[str, Any]) -> None:
+    assert page["robust"].noise["down_weighted_lines"] == pytest.approx([50.0, 100.0, 150.0])
+    assert page["robust"].std["shaft.stiffness"] < 0.4 * page["plain"].std["shaft.stiffness"]
