@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from updyn.errors import UpdynWarning as UpdynWarning
     from updyn.frf import FRF as FRF
     from updyn.geometry import Geometry as Geometry
+    from updyn.group import Group as Group
+    from updyn.group import LossTable as LossTable
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
-    from updyn.group import Group as Group
-    from updyn.group import LossTable as LossTable
     from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
     from updyn.uncertainty.profile import profile as profile
+    from updyn.updating.channels import calibration as calibration
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
     from updyn.updating.result import JointResult as JointResult
@@ -67,21 +68,22 @@ _WHERE = {
     "Geometry": "updyn.geometry",
     "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
+    "LossTable": "updyn.group",
     "Model": "updyn.model",
-    "Test": "updyn.updating.run",
     "Selection": "updyn.updating.selected",
+    "Test": "updyn.updating.run",
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
-    "compare": "updyn.comparison",
+    "calibration": "updyn.updating.channels",
     "cluster": "updyn.updating.selection",
     "cluster_jointly": "updyn.updating.selection",
+    "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
     "link": "updyn.updating.choice",
     "match": "updyn.matching",
-    "LossTable": "updyn.group",
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
     "profile": "updyn.uncertainty.profile",

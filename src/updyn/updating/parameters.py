@@ -15,7 +15,11 @@ from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
 
-__all__ = ["Drive", "Parameter", "ParameterSet", "finite"]
+__all__ = ["CHANNELS", "Drive", "Parameter", "ParameterSet", "finite"]
+
+#: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is one of.
+CHANNELS = {"calibration": "response", "force_calibration": "reference"}
+_QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +29,8 @@ class Drive:
     Parameters
     ----------
     group, quantity : str
-        Where. What is a value (loss factor, Rayleigh coefficients) is set to the unknown's; anything else is multiplied
-        by value**power.
+        Where; of a calibration factor (`updyn.calibration`) the label of the sensor. What is a value (loss factor,
+        Rayleigh coefficients) is set to the unknown's; anything else is multiplied by value**power.
     power : float
         The exponent; 1 for a value.
 
@@ -41,8 +45,8 @@ class Drive:
     power: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.quantity not in GROUP_QUANTITIES:
-            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        if self.quantity not in _QUANTITIES:
+            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}")
         object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
         if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
             said = self.quantity.replace("_", " ")
@@ -116,6 +120,8 @@ class Parameter:
             object.__setattr__(self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
             if self.prior_std <= 0:
                 raise ParameterError(f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number above 0")
+        elif self.is_channel:
+            raise ParameterError(f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05")
         if self.nominal is not None:
             object.__setattr__(self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal"))
             if not self.is_factor or self.nominal <= 0:
@@ -123,12 +129,14 @@ class Parameter:
                 raise ParameterError(f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}")
 
     def _check_drives(self) -> None:
-        if not self.drives and self.quantity not in GROUP_QUANTITIES:
-            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), GROUP_QUANTITIES)}")
+        if not self.drives and self.quantity not in _QUANTITIES:
+            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}")
         names = [d.name for d in self.drives]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise ParameterError(f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers")
+        if len({d.quantity in CHANNELS for d in self.drives}) > 1:
+            raise ParameterError(f"unknown {self.name!r} acts on sensors and on the model; use two unknowns")
         kinds = {d.quantity if d.quantity in VALUES else "" for d in self.drives}
         if len(kinds) > 1:
             value = max(kinds).replace("_", " ")
@@ -166,6 +174,11 @@ class Parameter:
     def is_factor(self) -> bool:
         """Whether the unknown is a positive factor, treated in its logarithm inside the optimiser."""
         return self.value_of is None
+
+    @property
+    def is_channel(self) -> bool:
+        """Whether the unknown is a calibration factor of sensors, which no model knows."""
+        return self.acts_on[0].quantity in CHANNELS
 
     @property
     def value_of(self) -> str | None:
@@ -283,7 +296,7 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True)))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return `model` with the unknowns at `values`.
+        """Return `model` with the unknowns at `values`; calibration factors are none of its business.
 
         Parameters
         ----------
@@ -307,7 +320,7 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(self.changes(values))
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
-        """Return what the unknowns at `values` do to each group, as `Model.scaled` takes it.
+        """Return what the unknowns at `values` do to each group, as `Model.scaled` takes it; sensors are left out.
 
         Parameters
         ----------
@@ -326,7 +339,7 @@ class ParameterSet(Sequence[Parameter]):
         """
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
-            for d in parameter.acts_on:
+            for d in () if parameter.is_channel else parameter.acts_on:
                 change = changes.setdefault(d.group, {})
                 if d.quantity in VALUES:
                     change[d.quantity] = float(value)

@@ -15,6 +15,7 @@ from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
+from updyn.updating.channels import Gains
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.session import Record, Session, digest
 
@@ -160,6 +161,10 @@ class Problem:
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
+    _gains: Gains | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_gains", Gains.find(self.coordinates.parameters, self.frf))
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
@@ -339,7 +344,7 @@ class Problem:
         return compute() if self.session.memory is None else self.session.recall(self.key(kind, x, *about), compute)
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
-        """Return model and measurement at a block of lines.
+        """Return model and measurement at a block of lines; calibration factors are on the model's side.
 
         Raises
         ------
@@ -353,7 +358,10 @@ class Problem:
         factor = self.sign * ((2j * np.pi * freq) ** QUANTITIES[self.frf.quantity])[:, None, None]
         if dH is not None:
             dH *= self.coordinates.slope(x)[:, None, None, None] * factor
-        return Block(lines, H * factor, dH, self.frf.values[lines])
+        H = H * factor
+        if self._gains is not None:
+            self._gains.apply(x, H, dH)
+        return Block(lines, H, dH, self.frf.values[lines])
 
     def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[Block]:
         """Yield model and measurement block by block of lines, in order; solved here.
@@ -367,7 +375,7 @@ class Problem:
             yield self.block(x, lines, derivatives=derivatives)
 
     def responses(self, x: _Vector) -> _Complex:
-        """Return the model's FRF at all lines, shape (n_f, n_i, n_j), in the measured quantity.
+        """Return the model's FRF at all lines as the sensors read it, shape (n_f, n_i, n_j), in the measured quantity.
 
         Raises
         ------

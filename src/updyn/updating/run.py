@@ -22,12 +22,13 @@ from updyn.errors import OptionError, ParameterError, SolverError, UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.model import Model
+from updyn.updating.channels import check_channel
 from updyn.updating.fit import Fit, Method
 from updyn.updating.joint import Task, together
 from updyn.updating.journal import Journal, fingerprint
 from updyn.updating.judge import judge
 from updyn.updating.lines import choose_lines
-from updyn.updating.methods import make_method
+from updyn.updating.methods import make_method, options_of
 from updyn.updating.monitor import Monitor, Progress
 from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
@@ -105,6 +106,7 @@ def run(
     chosen = Selection.of(parameters)
     parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, parameters)
+    _check_calibration(parameters, method, strategy)
     held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
     splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
     noises = [choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)]
@@ -129,7 +131,7 @@ def run(
         reduced = Reducing(all_data, accuracy) if reducing else None
         used = [
             {
-                **{k: getattr(strategy, k) for k in strategy.__dataclass_fields__},  # type: ignore[attr-defined]
+                **{k: getattr(strategy, k) for k in options_of(method)},
                 "lines": test.lines if isinstance(test.lines, str) or test.lines is None else "list",
                 "tier": "reduced" if reducing else problem.solver.tier,
                 "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
@@ -212,7 +214,9 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
             raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
     for p in parameters:
         for d in p.acts_on:
-            if not any(_has(test.model, d.group, d.quantity) for test in tests):
+            if p.is_channel:
+                check_channel(d.group, d.quantity, [test.frf for test in tests], p.name)
+            elif not any(_has(test.model, d.group, d.quantity) for test in tests):
                 tests[0].model.group(d.group)  # names the nearest where there is none
                 raise ParameterError(f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model")
     for test in tests:
@@ -258,6 +262,16 @@ def on_lines(problem: Problem, lines: _Lines) -> Problem:
     if len(at) == len(problem.frf.freq):
         return problem
     return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
+
+
+def _check_calibration(parameters: ParameterSet, method: str, strategy: Method) -> None:
+    """Refuse calibration factors with a method that compares with the measurement as it stands."""
+    sensors = [p.name for p in parameters if p.is_channel]
+    if sensors and not getattr(strategy, "calibrates", False):
+        raise OptionError(
+            f"method {method!r} takes the measurement as it is and knows no calibration factors ({sensors[0]!r}); use "
+            "'maximum-likelihood', 'log' or 'output-error'"
+        )
 
 
 def _has(model: Model, group: str, quantity: str) -> bool:

@@ -43,6 +43,7 @@ class LogMethod:
     seed: int = 0
 
     reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
+    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
@@ -84,6 +85,7 @@ class OutputMethod:
     tolerance: float = 1e-10
 
     reference: ClassVar[str] = "Pintelon & Schoukens 2012"
+    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""

@@ -52,6 +52,7 @@ class MaximumLikelihood:
     seed: int = 0
 
     reference: ClassVar[str] = "Pintelon & Schoukens 2012; Green 1984"
+    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,).
