@@ -23,6 +23,7 @@ ORDER = (
     ("dynamics",),
     ("sensitivity",),
     ("correlation",),
+    ("modal",),
     ("updating",),
     ("comparison", "uncertainty"),
     ("elements",),

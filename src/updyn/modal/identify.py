@@ -1,0 +1,283 @@
+"""`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
+
+1. The FRFs, as accelerances so that peaks of equal damping are equally high, are fitted by rational functions with
+   common poles (`updyn.modal.rational`), twice, on every second line, with more and more poles. As many poles are taken
+   as foretell best the lines that were left out; noise is not foretold.
+2. A mode is a pole within the band that takes energy and that both halves have found, to within half its half-power
+   bandwidth. Poles so close that they cannot be told apart, of one and the same shape, are what the test made of one
+   mode (it moves a little from hit to hit): they become one. What adds less than a tenth to the FRFs at its own
+   frequency is left out.
+3. Shapes follow from the residues (Ewins, Modal Testing, 2nd ed. 2000, section 4.5): the residue of a mode is its shape
+   at the responses times its shape at the references; a drive point gives the scale. Two modes of one frequency show as
+   a residue of rank two.
+
+No library did it: those looked at ask the user to pick poles from a diagram, or may not be used under this licence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, OptionError, suggest
+from updyn.frf import FRF, QUANTITIES
+from updyn.linalg.threads import alone
+from updyn.modal.mode_set import ModeSet
+from updyn.modal.rational import Basis, Fitted, fit, growing
+from updyn.modal.residues import Sides
+
+__all__ = ["DAMPING", "identify_modes"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+DAMPING = ("structural", "viscous")
+
+#: Poles are looked for on at most so many lines, half of them at a time, and combined functions.
+_LINES, _FUNCTIONS = 1200, 12
+#: Growing ends when so many poles more have not foretold better by this share; then the fewest that are as good count.
+_PATIENCE, _BETTER, _AS_GOOD = 4, 0.02, 1.05
+_EXACT = 1e-10
+#: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than that share of the
+#: bandwidth whose shapes have this MAC are one.
+_AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
+#: Loss factors above this are no modes, nor is what adds less than this share at its own frequency.
+_HEAVY, _SEEN = 0.5, 0.1
+#: Poles to begin with.
+_FIRST = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lines:
+    """A measurement as it is fitted: the variable, and the functions one beside the other, of one level."""
+
+    basis: Basis
+    unit: float  # omega of |x| = 1, in rad/s
+    x: _Complex
+    Y: _Complex  # shape (n_f, n_i n_j)
+    level: _Real  # shape (n_i, n_j): what the functions were divided by
+
+    def pole(self, omega: _Real, loss: float) -> _Complex:
+        """Return poles at circular frequencies, as shares of the unit."""
+        if self.basis.mirrored:
+            return np.asarray(omega * (1j - 0.5 * loss))
+        return np.asarray(omega**2 * (1.0 + 1j * loss))
+
+    def frequency(self, poles: _Complex) -> _Real:
+        """Return natural frequencies in Hz; nan of poles that do not oscillate."""
+        squared = np.abs(poles) ** 2 if self.basis.mirrored else np.where(poles.real > 0, poles.real, np.nan)
+        return np.asarray(np.sqrt(squared) * self.unit / (2.0 * np.pi))
+
+    def loss(self, poles: _Complex) -> _Real:
+        """Return loss factors."""
+        return np.asarray(-2.0 * poles.real / np.abs(poles) if self.basis.mirrored else poles.imag / poles.real)
+
+    def width(self, poles: _Complex) -> _Real:
+        """Return how far from a pole its half-power points lie, in the unit of x."""
+        return np.abs(poles.real if self.basis.mirrored else poles.imag)
+
+    def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
+        """Return phi phi^T of receptance, shape (k, n_i, n_j), from residues of accelerance, shape (k, n_i n_j)."""
+        shape = (len(poles), *self.level.shape)
+        # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p) has p A.
+        factor = 2j * poles.imag / poles**2 if self.basis.mirrored else 1.0 / poles
+        return np.asarray((residues * factor[:, None]).reshape(shape) * self.level)
+
+
+@alone
+def identify_modes(
+    frf: FRF,
+    *,
+    band: tuple[float, float] | None = None,
+    damping: str = "structural",
+    max_poles: int = 40,
+) -> ModeSet:
+    """Identify the modes within the band of a measurement.
+
+    Parameters
+    ----------
+    frf : FRF
+        The measurement. Modes that lie closer than a few lines, or have no sensor where they move, cannot be found.
+    band : (float, float), optional
+        In Hz; modes outside of it are fitted but not returned. None: all lines.
+    damping : {"structural", "viscous"}
+        The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in i omega. For light
+        damping the difference is of the order of its square.
+    max_poles : int
+        Largest number of poles of the rational fit, those included that stand for what lies outside the band.
+
+    Returns
+    -------
+    ModeSet
+        At the responses, and at references that are not among them. Scaled to unit modal mass where a drive point was
+        measured; ``quality`` is the share of the FRFs within the half-power band (at least three lines) that the fit
+        explains.
+
+    Raises
+    ------
+    DataError
+        If there are too few lines, or no mode is found.
+    OptionError
+        If an option has no valid value.
+
+    Notes
+    -----
+    Deterministic. Loss factors are those of the form chosen; twice the damping ratio where it is viscous.
+    """
+    if damping not in DAMPING:
+        raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
+    if isinstance(max_poles, bool) or not isinstance(max_poles, int) or max_poles < 1:
+        raise OptionError(f"max_poles {max_poles!r}: expected a whole number of at least 1")
+    frf = frf.select(band=band)
+    lines = _prepared(frf, mirrored=damping == "viscous")
+    most = min(max_poles, len(lines.x) // 4)
+    if most < 1:
+        raise DataError(f"modes: {len(frf.freq)} lines are too few to identify a mode; expected at least 4, better 30")
+    poles, found = _poles(lines, most)
+    fitted = fit(lines.basis, lines.x, lines.Y, poles)
+    stable = [c for c in _candidates(lines, fitted, frf.freq) if any(_agreed(lines, p, found) for p in poles[c])]
+    if not stable:
+        raise _none(frf)
+    kept = np.array([_one(lines, fitted, c) for c in stable])
+    others = np.delete(poles, np.concatenate(stable))
+    final = fit(lines.basis, lines.x, lines.Y, np.concatenate([kept, others]))
+    return _mode_set(frf, lines, final, len(kept))
+
+
+def _none(frf: FRF) -> DataError:
+    return DataError(
+        f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz in which both halves of the lines agree"
+    )
+
+
+def _prepared(frf: FRF, *, mirrored: bool) -> _Lines:
+    omega = 2.0 * np.pi * frf.freq
+    unit = float(omega[-1])
+    values = frf.values * ((1j * omega) ** (2 - QUANTITIES[frf.quantity]))[:, None, None]
+    kind = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
+    level = np.ones(kind.shape)
+    for k in np.unique(kind):
+        rms = float(np.sqrt(np.mean(np.abs(values[:, kind == k]) ** 2)))
+        level[kind == k] = rms if rms > 0 else 1.0
+    if not np.abs(values).any():
+        raise DataError("modes: all values are zero")
+    x = np.asarray(1j * omega / unit if mirrored else (omega / unit) ** 2, dtype=np.complex128)
+    Y = np.asarray(values / level, dtype=np.complex128).reshape(len(omega), -1)
+    return _Lines(Basis(2, mirrored), unit, x, Y, level)
+
+
+# -- poles -------------------------------------------------------------------------------------------------
+def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
+    """Return the poles, and the fits to each half of the lines with as many."""
+    at = _telling(lines.Y)
+    x, Y = lines.x[at], _combined(lines, at)
+    omega = np.abs(x if lines.basis.mirrored else np.sqrt(x))
+    begin = lines.pole(np.linspace(omega[0], omega[-1], min(_FIRST, most) + 2)[1:-1], 0.01)
+    halves = slice(0, None, 2), slice(1, None, 2)
+    total = float(np.sum(np.abs(Y) ** 2))
+    missed: list[float] = []
+    fits: list[tuple[Fitted, Fitted]] = []
+    for pair in zip(*(growing(lines.basis, x[h], Y[h], begin, most) for h in halves), strict=False):
+        wrong = [float(np.sum(np.abs(f.at(x[h]) - Y[h]) ** 2)) for f, h in zip(pair, halves[::-1], strict=True)]
+        missed.append(float(np.sqrt(sum(wrong) / total)))
+        fits.append((pair[0], pair[1]))
+        if missed[-1] < _EXACT or (
+            len(missed) > _PATIENCE and min(missed[-_PATIENCE:]) > (1.0 - _BETTER) * min(missed[:-_PATIENCE])
+        ):
+            break
+    best = int(np.flatnonzero(np.array(missed) <= _AS_GOOD * min(missed) + _EXACT)[0])
+    pair = fits[best]
+    *_, last = growing(lines.basis, x, Y, pair[0].poles, len(pair[0].poles))
+    return last.poles, pair
+
+
+def _telling(Y: _Complex) -> NDArray[np.intp]:
+    """Return the lines to look at: all, or where there are many the highest and some at even distances."""
+    n = len(Y)
+    if n <= _LINES:
+        return np.arange(n)
+    high = np.argsort(-np.sum(np.abs(Y) ** 2, axis=1), kind="stable")[: _LINES // 2]
+    return np.union1d(high, np.arange(0, n, -(-2 * n // _LINES)))
+
+
+def _combined(lines: _Lines, at: NDArray[np.intp]) -> _Complex:
+    """Return few functions that hold what is common to all: the first singular vectors, of the weights' own field."""
+    Y = lines.Y[at]
+    Vh = np.linalg.svd(lines.basis.parts(Y), full_matrices=False)
+    kept = max(1, min(_FUNCTIONS, int((Vh[1] > 1e-6 * Vh[1][0]).sum())))
+    return np.asarray(Y @ Vh[2][:kept].conj().T)
+
+
+def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
+    """Return the numbers of the poles that may be modes, those that cannot be told apart together."""
+    poles = fitted.poles
+    frequency, loss = lines.frequency(poles), lines.loss(poles)
+    within = (frequency >= freq[0]) & (frequency <= freq[-1]) & (loss > 0) & (loss < _HEAVY)
+    own = [int(i) for i in np.argsort(frequency, kind="stable") if within[i]]
+    shapes = fitted.residues.reshape(-1, *lines.level.shape)
+    groups = [[i] for i in own[:1]]
+    for i, j in pairwise(own):
+        close = abs(poles[i] - poles[j]) < _APART * (lines.width(poles[i]) + lines.width(poles[j]))
+        if close and _same_shape(shapes[i], shapes[j]):
+            groups[-1].append(j)
+        else:
+            groups.append([j])
+    return groups
+
+
+def _same_shape(A: _Complex, B: _Complex) -> bool:
+    """Say whether two residues are of one shape at the responses, or at the references, as far as these can tell."""
+    (u, _, w), (v, _, z) = (np.linalg.svd(C) for C in (A, B))
+    alike = [abs(np.vdot(u[:, 0], v[:, 0])) ** 2] if len(A) > 1 else []
+    alike += [abs(np.vdot(w[0], z[0])) ** 2] if A.shape[1] > 1 else []
+    return max(alike, default=1.0) > _ALIKE
+
+
+def _agreed(lines: _Lines, pole: complex, found: tuple[Fitted, Fitted]) -> bool:
+    reach = _AGREE * float(lines.width(np.asarray(pole)))
+    return all(float(np.abs(f.poles - pole).min()) <= reach for f in found)
+
+
+def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
+    """Return the one pole that answers most like a few."""
+    poles = fitted.poles[cluster]
+    if len(poles) == 1:
+        return np.complex128(poles[0])
+    # Turned so that frequency is real: without its mirror image a pole is any function of a real variable.
+    turn = -1j if lines.basis.mirrored else 1.0
+    turned = poles * turn
+    x = turned.real.mean() + np.linspace(-3.0, 3.0, 61) * float(lines.width(poles).mean()) + 0j
+    U, s, _ = np.linalg.svd((1.0 / (x[:, None] - turned)) @ fitted.residues[cluster], full_matrices=False)
+    (last,) = growing(Basis(0, mirrored=False), x, U * s, turned.mean(keepdims=True), 1)
+    return np.complex128(last.poles[0] / turn)
+
+
+# -- shapes ------------------------------------------------------------------------------------------------
+def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
+    """Return what the first `n` poles of a fit are as modes."""
+    poles, residues = fitted.poles[:n], fitted.residues[:n]
+    products = lines.modal(poles, residues)
+    error = lines.Y - fitted.at(lines.x)
+    sides = Sides.of(frf)
+    columns = []
+    for pole, residue, product in zip(poles, residues, products, strict=True):
+        frequency, loss = float(lines.frequency(pole)), float(lines.loss(pole))
+        near = _near(frf.freq, frequency, 0.5 * loss * frequency)
+        level = float(np.sum(np.abs(lines.Y[near]) ** 2))
+        own = float(np.sum(np.abs(1.0 / (lines.x[near, None] - pole) * residue) ** 2))
+        if own >= _SEEN**2 * level:
+            quality = 1.0 - float(np.sum(np.abs(error[near]) ** 2)) / level
+            columns += [(frequency, shape, loss, quality) for shape in sides.shapes(product)]
+    if not columns:
+        raise _none(frf)
+    frequencies, shapes, losses, qualities = zip(*columns, strict=True)
+    return ModeSet(frequencies, np.array(shapes).T, sides.dofs, losses, sides.scaled, qualities, frf.source)
+
+
+def _near(freq: _Real, at: float, half_width: float) -> NDArray[np.bool_]:
+    """Return the lines within the half-power band, or the three that are nearest."""
+    distance = np.abs(freq - at)
+    return np.asarray(distance <= max(half_width, float(np.sort(distance)[min(2, len(distance) - 1)])))

@@ -1,0 +1,186 @@
+"""`ModeSet`: modes as a test gives them, at signed DOFs, with what is known of their scale and quality."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DataError
+
+__all__ = ["ModeSet"]
+
+_Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class ModeSet:
+    """Measured modes, immutable, by ascending frequency.
+
+    Parameters
+    ----------
+    frequency : array_like of float, shape (n,)
+        Natural frequencies in Hz, at least 0; sorted here, all else with them.
+    shapes : array_like of complex, shape (N, n)
+        Mode shapes as columns. Where `scaled`, to unit modal mass (phi^T M phi = 1, transpose, not conjugate), in
+        1/sqrt(kg) for translations; elsewhere of any scale.
+    dofs : iterable of str or Dof
+        Signed labels of the N rows.
+    loss_factor : array_like of float, shape (n,), optional
+        Modal loss factor eta, twice the damping ratio. None: not known (nan).
+    scaled : bool or array_like of bool, shape (n,)
+        Which shapes have unit modal mass.
+    quality : array_like of float, shape (n,), optional
+        Share, 0 to 1, of the measured FRFs that the modes explain within the half-power band about each. None: not
+        known (nan).
+    source : str
+        Where the modes came from, for the record.
+
+    Raises
+    ------
+    DataError
+        If there is no mode, shapes of arrays disagree, a number is not finite, a frequency is negative, or a shape is
+        zero.
+    DofError
+        If a label cannot be read or stands twice.
+    """
+
+    frequency: _Real
+    shapes: NDArray[np.complex128]
+    dofs: DofSet
+    loss_factor: _Real
+    scaled: NDArray[np.bool_]
+    quality: _Real
+    source: str
+    digest: str = field(init=False)
+
+    def __init__(
+        self,
+        frequency: ArrayLike,
+        shapes: ArrayLike,
+        dofs: Iterable[str | Dof],
+        loss_factor: ArrayLike | None = None,
+        scaled: ArrayLike = False,
+        quality: ArrayLike | None = None,
+        source: str = "",
+    ) -> None:
+        labels = DofSet(dofs)
+        f = _array("frequency", frequency, np.float64)
+        if f.ndim != 1 or f.size == 0:
+            raise DataError(f"modes: expected at least one frequency in a row, found an array of shape {f.shape}")
+        n = len(f)
+        if not (np.isfinite(f).all() and (f >= 0).all()):
+            raise DataError(f"modes: frequency {f[~(np.isfinite(f) & (f >= 0))][0]:g} Hz; expected finite, at least 0")
+        phi = _array("shapes", shapes, np.complex128)
+        if phi.shape != (len(labels), n):
+            raise DataError(f"modes: expected shapes of (DOFs, modes) = {(len(labels), n)}, found {phi.shape}")
+        bad = ~np.isfinite(phi).all(axis=0) | ~phi.any(axis=0)
+        if bad.any():
+            raise DataError(f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite")
+        order = np.argsort(f, kind="stable")
+        arrays: dict[str, NDArray[Any]] = {
+            "frequency": f[order],
+            "shapes": phi[:, order],
+            "loss_factor": _row("loss_factor", np.nan if loss_factor is None else loss_factor, n)[order],
+            "scaled": _row("scaled", scaled, n).astype(np.bool_)[order],
+            "quality": _row("quality", np.nan if quality is None else quality, n)[order],
+        }
+        hashed = blake2b("".join(labels.labels).encode(), digest_size=8)
+        for name, array in arrays.items():
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+            hashed.update(np.ascontiguousarray(array).tobytes())
+        object.__setattr__(self, "dofs", labels)
+        object.__setattr__(self, "source", source)
+        object.__setattr__(self, "digest", hashed.hexdigest())
+
+    def __len__(self) -> int:
+        return len(self.frequency)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{f:.6g}" for f in self.frequency[:6])
+        more = ", ..." if len(self) > 6 else ""
+        return f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {shown}{more} Hz; {self.digest})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = (self.frequency, self.shapes, self.dofs, self.loss_factor, self.scaled, self.quality, self.source)
+        return ModeSet, parts
+
+    @property
+    def damping_ratio(self) -> _Real:
+        """Share of critical damping, half the loss factor; shape (n,)."""
+        return self.loss_factor / 2.0
+
+    @property
+    def phase_collinearity(self) -> _Real:
+        """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor, 0 for any phases.
+
+        Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with its eigenvalues a
+        and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852, without the mean removed).
+        """
+        xx, yy = (np.sum(p**2, axis=0) for p in (self.shapes.real, self.shapes.imag))
+        xy = np.sum(self.shapes.real * self.shapes.imag, axis=0)
+        return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2)
+
+    @property
+    def real_shapes(self) -> _Real:
+        """The shapes turned in phase until they are as real as they can be, real part; shape (N, n).
+
+        The largest component is positive.
+        """
+        turn = np.exp(-0.5j * np.angle(np.sum(self.shapes**2, axis=0)))
+        real = (self.shapes * turn).real
+        largest = real[np.argmax(np.abs(real), axis=0), np.arange(len(self))]
+        return np.asarray(real * np.where(largest < 0, -1.0, 1.0))
+
+    def select(self, modes: Sequence[int] | None = None, *, band: tuple[float, float] | None = None) -> ModeSet:
+        """Return some of the modes.
+
+        Parameters
+        ----------
+        modes : sequence of int, optional
+            Their numbers from 0, by ascending frequency.
+        band : (float, float), optional
+            In Hz, both ends included.
+
+        Returns
+        -------
+        ModeSet
+            The rest left out.
+
+        Raises
+        ------
+        DataError
+            If no mode is left, or one is not there.
+        """
+        keep = np.arange(len(self)) if modes is None else np.asarray(modes, dtype=np.intp).reshape(-1)
+        if keep.size and (keep.min() < 0 or keep.max() >= len(self)):
+            raise DataError(f"modes: expected numbers from 0 to {len(self) - 1}, found {keep.tolist()}")
+        if band is not None:
+            keep = keep[(self.frequency[keep] >= band[0]) & (self.frequency[keep] <= band[1])]
+        if not keep.size:
+            raise DataError(f"modes: none is left of {self!r}")
+        parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])
+        return ModeSet(self.frequency[keep], self.shapes[:, keep], self.dofs, *parts, source=self.source)
+
+
+def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind not in "biufc" or (array.dtype.kind == "c" and dtype is not np.complex128):
+            raise DataError(f"modes: {name}: expected numbers, found {array.dtype}")
+        return array.astype(dtype)
+    except ValueError as error:
+        raise DataError(f"modes: {name}: expected numbers ({error})") from error
+
+
+def _row(name: str, given: ArrayLike, n: int) -> NDArray[np.float64]:
+    array = _array(name, given, np.float64)
+    if array.shape not in ((), (n,)):
+        raise DataError(f"modes: {name}: expected {n}, one for each mode, found an array of shape {array.shape}")
+    return np.broadcast_to(array, (n,)).copy()
