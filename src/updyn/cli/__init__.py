@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from updyn import __version__
+from updyn.cli.comparing import compare
 from updyn.errors import InputError, UpdynError, UpdynWarning
 
 if TYPE_CHECKING:
@@ -288,6 +289,9 @@ def correlate(job: Path, /) -> int:
         said = [[label, *(f"{v:.4g}" for v in r.values())] for label, r in rows.items()]
         _say("\n" + table(("response", *names), said))
     return DONE
+
+
+app.command(compare)
 
 
 # -- what they share ---------------------------------------------------------------------------------------

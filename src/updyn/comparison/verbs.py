@@ -56,24 +56,30 @@ def compare(
 
     Parameters
     ----------
-    model, frf, parameters, lines, noise, engine, validation, title, tier, backend, accuracy
-        As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
+    model, frf, parameters
+        As for `updyn.update`.
     methods : iterable of str, optional
         Names; by default every method that there is.
+    lines, noise, engine
+        As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
     callback : callable, optional
         As for `updyn.update`; the stage of what it is shown begins with the method. Returning True ends the
         comparison, with the rows so far.
     truth : mapping of str to float, optional
         True values of unknowns, by name, as far as they are known: then the rows hold the errors, too.
+    validation
+        As for `updyn.update`.
     fewest : bool
         Also seek the fewest lines with which each method still recovers; that takes several fits a method.
     tolerance : float
-        What counts as recovered: so far from the truth, of the ratio of a factor and of the value of a loss factor; or,
-        where no truth is given, so far or 3 standard deviations from the method's own answer with all lines.
+        What counts as recovered: so far from the truth, as a share of it (of a loss factor as it is); or, where no
+        truth is given, so far or 3 standard deviations from the method's own answer with all lines.
     chosen : {"d-optimal", "even"}
         How the fewest lines are chosen among the lines.
     options : mapping of str to mapping, optional
         Options by method.
+    title, tier, backend, accuracy
+        As for `updyn.update`.
 
     Returns
     -------

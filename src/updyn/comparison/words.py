@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from updyn.comparison.rows import Comparison, Row
 
-__all__ = ["COLUMNS", "cells", "columns", "limits", "summary"]
+__all__ = ["COLUMNS", "cells", "columns", "limits", "listing", "summary"]
+
+#: Quantities of damping, the structural one first.
+_DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
 
 Column = tuple[str, str, "Callable[[Row], str]"]
 
 
 def _figure(row: Row, held: bool, name: str) -> str:
     table = (row.held_out if held else row.fitted).get("after") or {}
-    value = table.get(name, math.nan)
+    value = math.nan if row.status == "failed" else table.get(name, math.nan)  # what failed is where it started
     if math.isnan(value):
         return "-"
     if name.startswith("db_"):
@@ -26,6 +29,10 @@ def _figure(row: Row, held: bool, name: str) -> str:
 
 def _number(value: float) -> str:
     return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.2g}"
+
+
+def _error(row: Row, value: float) -> str:
+    return "-" if row.status == "failed" else _number(value)
 
 
 def _fewest(row: Row) -> str:
@@ -38,8 +45,21 @@ def _fewest(row: Row) -> str:
 
 def limits(row: Row) -> str:
     """Return what a method cannot update and what it needs, in words."""
-    said = [", ".join(name.replace("_", " ") for name in row.cannot), row.needs]
-    return "; needs ".join(text for text in said if text) if row.cannot else f"needs {row.needs}" if row.needs else "-"
+    said = [_quantities(row.cannot), f"needs {row.needs}" if row.needs else ""]
+    return "; ".join(text for text in said if text) or "-"
+
+
+def _quantities(names: Sequence[str]) -> str:
+    """Return quantities in words, those of damping together."""
+    out = [name.replace("_", " ") for name in names if name not in _DAMPING]
+    viscous = set(_DAMPING[1:]) <= set(names)
+    if viscous and _DAMPING[0] in names:
+        out.append("damping")
+    elif viscous:
+        out.append("viscous damping")
+    else:
+        out += [name.replace("_", " ") for name in names if name in _DAMPING]
+    return ", ".join(out)
 
 
 #: Key, heading and content of every column.
@@ -51,12 +71,12 @@ COLUMNS: tuple[Column, ...] = (
     ("frac", "FRAC", lambda r: _figure(r, False, "frac_median")),
     ("held_db", "held out", lambda r: _figure(r, True, "db_error_median")),
     ("held_frac", "FRAC", lambda r: _figure(r, True, "frac_median")),
-    ("error_max", "error max", lambda r: _number(r.error_max)),
-    ("error_rms", "rms", lambda r: _number(r.error_rms)),
+    ("error_max", "error", lambda r: _error(r, r.error_max)),
+    ("error_rms", "rms", lambda r: _error(r, r.error_rms)),
     ("iterations", "steps", lambda r: str(r.iterations)),
     ("lines_solved", "lines solved", lambda r: str(r.lines_solved)),
     ("seconds", "seconds", lambda r: _number(r.seconds)),
-    ("fewest", "fewest lines", _fewest),
+    ("fewest", "min lines", _fewest),
     ("limits", "cannot update", limits),
 )
 
@@ -113,12 +133,25 @@ def summary(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    texts = (0, 1, len(header) - 1)  # names and words to the left, numbers to the right
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) -> str:
+    """Return rows in columns: the first ones and the last, words, to the left; numbers to the right."""
+    texts = (*range(left), len(header) - 1)
     width = [max(len(r[i]) for r in [header, *rows]) for i in range(len(header))]
     return "\n".join(
         "  ".join(
             c.ljust(w) if i in texts else c.rjust(w) for i, (c, w) in enumerate(zip(r, width, strict=True))
         ).rstrip()
         for r in [header, *rows]
+    )
+
+
+def listing() -> str:
+    """Return every method with what it cannot update, what it needs and where it comes from, as a table."""
+    from updyn.comparison.bench import about
+    from updyn.comparison.rows import Row
+    from updyn.updating.methods import METHODS
+
+    rows = [Row(**about(name), status="", message="") for name in METHODS]
+    return _table(
+        ["method", "cannot update", "reference"], [[row.method, limits(row), row.reference or "-"] for row in rows], 3
     )

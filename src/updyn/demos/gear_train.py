@@ -3,6 +3,7 @@
 Bao, Wang & Cheng, "Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35, section 4. Three
 jobs: the published one (condensed equation error, plain iteration, five steps), which its data cannot determine; the
 same from the other reading of the paper's "error rates"; and the cure, a fifth line, whose outcome is that of the demo.
+Two more job files, for ``updyn compare``, are written beside them (`updyn.demos.gear_train_bench`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.demos.gear_train_bench import write_comparisons
 from updyn.demos.gear_train_case import READINGS, starting_model, table, true_model, unit_names
 from updyn.dynamics.response import response
 from updyn.frf import FRF
@@ -86,6 +88,7 @@ def write_inputs(folder: Path) -> Path:
         write_model(starting_model(number), folder / name)
     write_frf(measure(), folder / "test.uff")
     write_frf(measure([*table()["omega_rad_s"], FIFTH]), folder / "fifth_line.uff")
+    write_comparisons(folder)
     return _write_job(folder, "job", "as published", "model.h5", "test.uff", _AS_PUBLISHED)
 
 

@@ -15,7 +15,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
-__all__ = ["EVALUATION_BUDGET", "ReportData", "data_checksum", "gather", "keep_lines", "model_checksum"]
+__all__ = ["EVALUATION_BUDGET", "ReportData", "computed", "data_checksum", "gather", "keep_lines", "model_checksum"]
 
 #: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few minutes.
 EVALUATION_BUDGET = 2_000_000
@@ -94,8 +94,8 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    before = _computed(result.start, frf, freq, "start model", notes, result.options)
-    after = _computed(result.model, frf, freq, "updated model", notes, result.options)
+    before = computed(result.start, frf, freq, "start model", notes, result.options)
+    after = computed(result.model, frf, freq, "updated model", notes, result.options)
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(
@@ -134,9 +134,10 @@ def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDA
     return np.ones(len(freq), dtype=np.bool_)
 
 
-def _computed(
+def computed(
     model: Model, frf: FRF, freq: NDArray[np.float64], what: str, notes: list[str], options: Mapping[str, Any]
 ) -> NDArray[np.complex128] | None:
+    """Return what a model answers at some lines of the data; None, with a note, where it cannot be computed."""
     from updyn.dynamics.response import response
 
     if freq.size == 0:

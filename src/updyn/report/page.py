@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -18,7 +18,7 @@ from updyn.report.sections_tests import COMMON, joint_head, tests
 from updyn.report.structure import structure_of
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["POLICY", "write_report"]
+__all__ = ["POLICY", "page_text", "write_report"]
 
 #: What the page may load: nothing but itself.
 POLICY = (
@@ -77,7 +77,7 @@ def render(result: UpdateResult) -> str:
     content = Content(result, data, figures, thinned)
     sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
     there = [(anchor, name, text) for anchor, name, text in sections if text]
-    return _page(head(result, scores), there, result, figures, frfs)
+    return page_text(head(result, scores), there, result.title, result.versions.get("updyn", ""), figures, frfs)
 
 
 def render_joint(result: JointResult) -> str:
@@ -90,16 +90,35 @@ def render_joint(result: JointResult) -> str:
     shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
     picture = structure_of(list(result.results.values()))
     sections = [("tests", "Tests", tests(result)), *([("structure", "Structure", picture)] if picture else []), *common]
-    return _page(joint_head(result), sections, first, shown, None)
+    return page_text(joint_head(result), sections, first.title, first.versions.get("updyn", ""), shown)
 
 
-def _page(
-    top: str, sections: list[tuple[str, str, str]], result: UpdateResult, figures: Mapping[str, Figure], frfs: Any
+def page_text(
+    top: str,
+    sections: Sequence[tuple[str, str, str]],
+    title: str,
+    version: str,
+    figures: Mapping[str, Figure],
+    frfs: Any = None,
 ) -> str:
-    """Return a page as text; `frfs` is what the FRF overlay draws, None where there is none."""
+    """Return a page as text.
+
+    Parameters
+    ----------
+    top : str
+        Its head, HTML.
+    sections : sequence of (str, str, str)
+        Anchor, name in the list of contents and HTML of each.
+    title, version : str
+        What the browser shows, and the version of updyn that made it.
+    figures : mapping of str to Figure
+        By the name of their place in the page.
+    frfs : object
+        What the FRF overlay draws; None where there is none.
+    """
     contents = "".join(f'<li><a href="#{anchor}">{m.esc(name)}</a></li>' for anchor, name, _ in sections)
     body = "".join(text for _, _, text in sections)
-    version = m.esc(result.versions.get("updyn", ""))
+    version = m.esc(version)
     drawn = "" if frfs is None else m.embedded_json("updyn-frf", frfs)
     scripts = asset("report.js") + ("updynReport.start();" if frfs is None else asset("overlay.js"))
     return f"""<!DOCTYPE html>
@@ -109,7 +128,7 @@ def _page(
 <meta http-equiv="Content-Security-Policy" content="{POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="generator" content="updyn {version}">
-<title>{m.esc(result.title or "Model update")} – updyn report</title>
+<title>{m.esc(title or "Model update")} – updyn report</title>
 <link rel="icon" href="data:,">
 <style>{asset("report.css")}{asset("structure.css")}</style>
 <script>{asset("watch.js")}</script>

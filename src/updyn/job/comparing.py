@@ -1,0 +1,159 @@
+"""`compare_job`: the inputs of a job, by every method, and the files that come of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from updyn.errors import JobError
+from updyn.job.prepare import Prepared, prepare
+from updyn.job.run import _method_errors, _tests
+from updyn.job.schema import Job
+from updyn.job.truth import read_truth
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from updyn.comparison import Comparison
+    from updyn.engines import Engine
+    from updyn.updating.monitor import Progress
+
+__all__ = ["COMPARED", "check_comparison_out", "compare_job", "default_comparison_out"]
+
+#: What a comparison writes.
+COMPARED = ("compare.html", "compare.json")
+
+
+def default_comparison_out(job: Job) -> Path:
+    """Return the folder of a comparison where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        The job's stem with ``-compare``, beside it.
+    """
+    return job.path.with_name(f"{job.path.stem}-compare")
+
+
+def check_comparison_out(job: Job, out: str | Path) -> Path:
+    """Check that a comparison may write to a folder.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : path
+        The folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    JobError
+        If it is a file, or lies in no folder that can be written.
+    """
+    out = Path(out)
+    if out.exists() and not out.is_dir():
+        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
+    for name in COMPARED:
+        if (out / name).is_dir():
+            raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
+    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
+    return out
+
+
+def compare_job(
+    job: Job,
+    out: str | Path | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    methods: Iterable[str] | None = None,
+    truth: str | Path | None = None,
+    report: Callable[[Any, Path], object] | None = None,
+    prepared: Prepared | None = None,
+    engine: int | Client | Engine | None = None,
+    **options: Any,
+) -> Comparison:
+    """Run every method on the inputs of a job and write what comes of it.
+
+    Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own options go to that
+    method.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`.
+    out : path, optional
+        The folder; by default the job's stem with ``-compare``, beside it. It is made when all is done.
+    callback : callable, optional
+        As for `updyn.compare`.
+    methods : iterable of str, optional
+        Names; by default every method.
+    truth : path, optional
+        File with true values, as `read_truth` takes it.
+    report : callable, optional
+        Writes the page, usually `updyn.report.write_comparison`. It is handed in, as the way to a result does not
+        depend on how results are shown.
+    prepared : Prepared, optional
+        From `prepare`, where it was called before.
+    engine : None, int, dask.distributed Client or Engine
+        As for `updyn.update`.
+    **options
+        ``fewest``, ``tolerance`` and ``chosen`` of `updyn.compare`.
+
+    Returns
+    -------
+    Comparison
+        In `out`: ``compare.json`` and, with `report`, ``compare.html``, each replaced as a whole; of a comparison that
+        was stopped with the rows so far.
+
+    Raises
+    ------
+    InputError
+        If the job, a file, an option or the output folder cannot be used; nothing is written then.
+    SolverError
+        If the model cannot be solved where it starts; nothing is written.
+    """
+    from updyn.io.comparison_json import write_comparison_json
+
+    out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
+    ready = prepare(job) if prepared is None else prepared
+    known = None if truth is None else read_truth(truth, ready.parameters)
+    with _method_errors(job):
+        found = _compared(ready, methods, known, {"callback": callback, "engine": engine, **options})
+    out.mkdir(parents=True, exist_ok=True)
+    if report is not None:
+        report(found, out / "compare.html")
+    write_comparison_json(found, out / "compare.json")
+    return found
+
+
+def _compared(
+    ready: Prepared, methods: Iterable[str] | None, truth: dict[str, float] | None, options: dict[str, Any]
+) -> Comparison:
+    from updyn.comparison import compare, compare_jointly
+
+    job, method = ready.job, ready.job.method
+    options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
+    options["options"] = {method.name: method.options}
+    for key in ("tier", "backend", "accuracy"):
+        if getattr(method, key) is not None:
+            options[key] = getattr(method, key)
+    tests = _tests(ready)
+    if len(tests) > 1:
+        return compare_jointly(tests, ready.parameters, **options)
+    (test,) = tests
+    options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
+    return compare(test.model, test.frf, ready.parameters, **options)
