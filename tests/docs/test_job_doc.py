@@ -106,8 +106,16 @@ def test_options_of_the_methods() -> None:
     for key, (_, _, default, of, _) in documented.items():
         having = {m for m in METHODS if key in options_of(m)}
         assert having == (set(METHODS) if of == "all" else set(of.split(", "))), key
-        value = options_of(next(iter(having)))[key]
-        assert default == (f'`"{value}"`' if isinstance(value, str) else f"`{value}`"), key
+        usual, *others = default.split("; ")  # `100`; this, that `300`
+        stated = dict.fromkeys(having, usual)
+        for other in others:
+            names, own = other.rsplit(" ", 1)
+            stated |= dict.fromkeys(names.split(", "), own)
+        for method in having:
+            value = options_of(method)[key]
+            shown = str(value).lower() if isinstance(value, bool) else value
+            assert stated[method] == (f'`"{shown}"`' if isinstance(value, str) else f"`{shown}`"), (key, method)
+        assert stated.keys() == having, key
     for method in METHODS:
         assert f'`"{method}"`' in TEXT
 

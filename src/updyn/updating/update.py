@@ -61,7 +61,8 @@ def update(
     parameters : ParameterSet or Selection
         The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of them.
     method : str
-        ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's).
+        ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's); or one
+        of the field's, for comparison (docs/methods.md).
     lines : None, str or array_like of float
         Lines to fit: all, ``"d-optimal:40"``, or a list in Hz.
     noise : None, str or mapping
