@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from updyn.dynamics.condensation import condense as condense
     from updyn.dynamics.modes import modes as modes
     from updyn.dynamics.response import response as response
+    from updyn.elements.sensor_masses import sensor_masses as sensor_masses
     from updyn.errors import UpdynError as UpdynError
     from updyn.errors import UpdynWarning as UpdynWarning
     from updyn.frf import FRF as FRF
@@ -94,6 +95,7 @@ _WHERE = {
     "response": "updyn.dynamics.response",
     "select": "updyn.updating.selection",
     "select_jointly": "updyn.updating.selection",
+    "sensor_masses": "updyn.elements.sensor_masses",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",

@@ -35,7 +35,7 @@ _BOUNDS = (0.1, 10.0)
 
 
 def calibration(
-    frf: FRF,
+    frf: FRF | Iterable[FRF],
     *,
     responses: str | Iterable[str | Dof] = "all",
     references: str | Iterable[str | Dof] = (),
@@ -49,8 +49,8 @@ def calibration(
 
     Parameters
     ----------
-    frf : FRF
-        The measurement.
+    frf : FRF or iterable of FRF
+        The measurement, or those of all tests.
     responses, references : "all" or iterable of str or Dof
         Which response sensors, and which force sensors, by their labels; the sign does not matter. Sensors that are
         trusted are left out: they hold the level. A sensor of the same label in several tests has one factor.
@@ -72,20 +72,22 @@ def calibration(
     DofError
         If a label cannot be read.
     """
-    if not isinstance(frf, FRF):
-        raise ParameterError(f"calibration: expected an FRF, found {type(frf).__name__}")
+    data = [frf] if isinstance(frf, FRF) or not isinstance(frf, Iterable) else list(frf)
+    for one in data:
+        if not isinstance(one, FRF):
+            raise ParameterError(f"calibration: expected an FRF, found {type(one).__name__}")
     items = [
         Parameter(label, quantity, 1.0, *bounds, prior_std)
         for quantity, given in zip(CHANNELS, (responses, references), strict=True)
-        for label in _chosen(frf, CHANNELS[quantity], given)
+        for label in _chosen(data, CHANNELS[quantity], given)
     ]
     if not items:
         raise ParameterError("calibration: no sensor is chosen")
     return ParameterSet(tuple(items))
 
 
-def _chosen(frf: FRF, kind: str, given: str | Iterable[str | Dof]) -> list[str]:
-    there = _plain(getattr(frf, f"{kind}s"))
+def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
+    there = list(dict.fromkeys(label for frf in data for label in _plain(getattr(frf, f"{kind}s"))))
     if isinstance(given, str):
         if given != "all":
             raise ParameterError(f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list")

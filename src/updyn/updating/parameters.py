@@ -295,6 +295,32 @@ class ParameterSet(Sequence[Parameter]):
             new = self._vector(values, "start values").tolist()
         return ParameterSet(tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True)))
 
+    def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
+        """Return a copy in which some factors stand for quantities.
+
+        Parameters
+        ----------
+        nominal : mapping of str to float
+            By unknown, what a factor of 1 stands for.
+        unit : str
+            Their unit.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not here, or a number is not above 0.
+        """
+        for name in nominal.keys() - set(self.names):
+            raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
+        return ParameterSet(
+            tuple(replace(p, nominal=nominal[p.name], unit=unit) if p.name in nominal else p for p in self.items)
+        )
+
     def apply(self, model: Model, values: ArrayLike) -> Model:
         """Return `model` with the unknowns at `values`; calibration factors are none of its business.
 
