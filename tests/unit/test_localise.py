@@ -135,7 +135,7 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     problem = Problem.build(model, frf, updyn.parameters(model, stiffness="a"))
     x, sigma2 = np.zeros(1), 0.3
     misfit = problem.responses(x) - measured
-    found = breach(problem, x, np.array([0]), misfit, np.full((1, 3, 1), sigma2)).energy[:, 0, 0]
+    found = breach(problem, x, misfit, np.full((1, 3, 1), sigma2), slice(0, 1))[:, 0, 0]
     P = np.linalg.solve(Z, np.eye(n)[:, rows])
     S = P.T @ W @ P.conj()
     theta = (np.sum(np.abs(misfit) ** 2) - 3 * sigma2) / np.trace(S).real

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.updating.adequacy import Suspect, assess, blamed
 from updyn.updating.fit import Fit
 from updyn.updating.identifiability import analyse
 from updyn.updating.verdict import verdict
@@ -54,6 +55,24 @@ def test_model_error_shows_in_chi_square_and_along_lines():
 def test_a_miss_is_said_only_where_the_noise_is_not_known():
     assert "off by more than 40 %" in say(SURE, misfit=0.4, kind="estimated from the residual")[1]
     assert "off by more than" not in say(SURE, misfit=0.4, kind="stated")[1]
+
+
+def test_what_the_model_cannot_explain_is_said_with_what_to_free():
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal((40, 2, 1)) + 1j * rng.standard_normal((40, 2, 1)) + 5.0
+    freq = np.linspace(1.0, 40.0, 40)
+    found = assess(e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True)
+    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
+    status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    assert status == "converged"
+    assert message.endswith(found.verdict)
+    assert remedy.startswith("Check units")
+    told = blamed(found, [Suspect("c", "mass", 0.9, 0.1, 0.4)])
+    _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
+    assert "Test 'locked': The model cannot explain" in message
+    assert remedy.startswith("Free c.mass if it can be wrong, and run again. Check units")
+    calm = assess(e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True)
+    assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
 
 
 def test_a_force_calibrated_wrongly_by_five_is_no_good_fit(chain12):

@@ -17,9 +17,11 @@ from updyn.correlation import correlate
 from updyn.dynamics.fields import FieldSolver
 from updyn.errors import SolverError
 from updyn.frf import FRF
+from updyn.updating.adequacy import Adequacy
 from updyn.updating.cure import advise
+from updyn.updating.examine import examine
 from updyn.updating.fit import Fit
-from updyn.updating.identifiability import Analysis, analyse
+from updyn.updating.identifiability import Analysis, analyse, covariance_within
 from updyn.updating.joint import Task
 from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
 from updyn.updating.problem import Problem
@@ -53,6 +55,8 @@ class Judgement:
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
     correlation : tuple of dict
         For each part of the problem, figures of agreement before and after; empty where they are not known.
+    adequacy : tuple of Adequacy or None
+        For each part, whether what is left is noise; None where it is not known.
     """
 
     fit: Fit
@@ -62,6 +66,7 @@ class Judgement:
     misfit: float = 0.0
     at_bound: Mapping[str, str] = field(default_factory=dict)
     correlation: tuple[Mapping[str, Any], ...] = ()
+    adequacy: tuple[Adequacy | None, ...] = ()
 
 
 def judge(
@@ -114,9 +119,14 @@ def judge(
         unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
         for part, split, first in zip(problem.parts, data, solvers, strict=True)
     )
+    adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
+    if fit.reason in ("converged", "stalled"):  # what a fit leaves on its way says nothing about the model
+        adequacy = unless_stopped(lambda: examine(problem, fit.x, noises), adequacy)
     if cut_short:
         fit = replace(fit, reason="stopped")
-    return Judgement(fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation)
+    return Judgement(
+        fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation, adequacy
+    )
 
 
 def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
@@ -170,6 +180,11 @@ def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, 
 def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
+    if fit.pull is not None and fit.pull.within is not None:
+        known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
+        return np.asarray(known * slope[:, None] * slope)
+    if fit.pull is not None:
+        weight = weight + fit.pull.weight
     analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
     out = analysis.covariance * slope[:, None] * slope
     out[analysis.involved] = np.inf

@@ -12,7 +12,7 @@ misfit a change of one quantity would take away, all unknowns of the fit adaptin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from updyn.updating.parameters import Parameter, ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import Each
 
-__all__ = ["Breach", "breach", "constitutive_weights", "localise"]
+__all__ = ["breach", "constitutive_weights", "localise"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -37,19 +37,6 @@ _MOST_TRIED, _KEPT = 240, 8
 _MOST_LINES = 60
 #: A suspect explains at least this share of what is left, and at least so many squared standard deviations.
 _LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Breach:
-    """The error in the constitutive relations at some lines.
-
-    Attributes
-    ----------
-    energy : ndarray of float, shape (n_terms, n_f, n_j)
-        Of each stored matrix, by line and reference, in J for a force of 1 N.
-    """
-
-    energy: _Real
 
 
 def constitutive_weights(system: AffineSystem, state: State, omega: _Real) -> tuple[_Complex, _Real]:
@@ -78,7 +65,7 @@ def constitutive_weights(system: AffineSystem, state: State, omega: _Real) -> tu
     return c, np.asarray(np.abs(c) ** 2 / np.where(scale > 0.0, scale, 1.0))
 
 
-def breach(problem: Problem, x: _Real, lines: NDArray[np.intp], misfit: _Complex, variance: _Real) -> Breach:
+def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
     """Return the least error in the constitutive relations that the misfit at some lines asks for.
 
     Parameters
@@ -87,16 +74,17 @@ def breach(problem: Problem, x: _Real, lines: NDArray[np.intp], misfit: _Complex
         Model and data.
     x : ndarray of float, shape (n,)
         The estimate.
-    lines : ndarray of int, shape (n_f,)
-        Which lines; none at 0 Hz unless the data are receptances.
     misfit : ndarray of complex, shape (n_f, n_i, n_j)
-        Computed minus measured there, in the unit of the data.
+        Computed minus measured at these lines, in the unit of the data.
     variance : ndarray of float, shape (n_f, n_i, n_j)
         E|dH|^2 of the measurement there.
+    lines : slice
+        Which lines; none at 0 Hz unless the data are receptances.
 
     Returns
     -------
-    Breach
+    ndarray of float, shape (n_terms, n_f, n_j)
+        Energy of the breach in each stored matrix, by line and reference, in J for a force of 1 N.
 
     Notes
     -----
@@ -130,7 +118,7 @@ def breach(problem: Problem, x: _Real, lines: NDArray[np.intp], misfit: _Complex
         for t, term in enumerate(system.terms):
             own = np.ascontiguousarray(field.T[term.own])
             energy[t, :, j] = w[t] * np.sum(own.conj() * term.times(own), axis=0).real
-    return Breach(np.maximum(energy, 0.0))
+    return np.maximum(energy, 0.0)
 
 
 def localise(
@@ -213,13 +201,9 @@ def _energies(problem: Task, x: _Real, residual: Each, whitened: Sequence[_Compl
         variance = 2.0 / np.where(known, weight, 1.0) ** 2
         variance = np.where(known, variance, 1e6 * variance.max(initial=1.0))
         misfit = np.where(known, part.responses(x)[worst] - part.frf.values[worst], 0.0)
-        found = np.concatenate(
-            [
-                breach(part, x, worst[at], misfit[at], variance[at]).energy
-                for at in (slice(k, k + _step(part)) for k in range(0, len(worst), _step(part)))
-            ],
-            axis=1,
-        )
+        few = replace(part, frf=part.frf.select(lines=part.frf.freq[worst]))
+        items = [(x, misfit[at], variance[at], at) for at in few.partition(2 * len(part.rows))]
+        found = np.concatenate(list(few.each(_breach, items)), axis=1)
         share = found / np.maximum(found.sum(axis=0), np.finfo(float).tiny)
         counted = np.sum(share * square[worst].sum(axis=1), axis=(1, 2))
         for term, value in zip(part.solver.system.terms, counted.tolist(), strict=True):
@@ -228,8 +212,8 @@ def _energies(problem: Task, x: _Real, residual: Each, whitened: Sequence[_Compl
     return out
 
 
-def _step(part: Problem) -> int:
-    return part.solver.block_size(2 * len(part.rows))
+def _breach(problem: Problem, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+    return breach(problem, *item)
 
 
 def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:

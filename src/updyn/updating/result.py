@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.updating.adequacy import Adequacy
 from updyn.updating.parameters import ParameterSet
 
 __all__ = ["STATUSES", "Identifiability", "Iteration", "JointResult", "UpdateResult"]
@@ -141,6 +142,9 @@ class UpdateResult:
         updyn, numpy, scipy, Python, platform.
     title : str
         For the record.
+    adequacy : Adequacy or None
+        Whether what is left is noise, or what the model cannot follow, and what would explain it; None where it was not
+        tested: the fit did not settle, or the record is an old one.
     """
 
     status: str
@@ -167,6 +171,7 @@ class UpdateResult:
     timing_s: Mapping[str, float]
     versions: Mapping[str, str]
     title: str = ""
+    adequacy: Adequacy | None = None
 
     @property
     def ok(self) -> bool:
@@ -210,6 +215,8 @@ class UpdateResult:
             error = self.options["error"]
             shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
             lines.append(f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}.")
+        if self.adequacy is not None:
+            lines += _left_over(self.adequacy, self.message)
         held = self.correlation.get("validation", {})
         for what, table in (("fitted", self.correlation), ("held out", held)):
             for when in ("before", "after"):
@@ -291,3 +298,16 @@ class JointResult:
 
 def _combination(direction: Mapping[str, float]) -> str:
     return ", ".join(f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
+
+
+def _left_over(found: Adequacy, message: str) -> list[str]:
+    """Return what is said of the residual beyond the message: places, and what would explain them."""
+    lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
+    unit = "times the noise" if found.absolute else "times the typical misfit"
+    for place in found.worst[:5]:
+        over = f", alike over {place.alike:.0f} lines" if place.kind == "structure" else ""
+        where = f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
+        lines.append(f"  {where}: {place.misfit:.3g} {unit}{over}")
+    for suspect in found.explained_by[:3]:
+        lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")
+    return lines

@@ -155,7 +155,14 @@ def run(
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
             session.memory.keep()
     fit = found.fit
-    status, message, remedy = verdict(fit, found.analysis, parameters.names, found.advice, found.misfit)
+    status, message, remedy = verdict(
+        fit,
+        found.analysis,
+        parameters.names,
+        found.advice,
+        found.misfit,
+        {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
+    )
     message = f"{message} {chosen.note}".strip()
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
@@ -195,6 +202,7 @@ def run(
             validation_band=splits[i].band,
             noise=dict(fit.noise[i]) if fit.noise else {},
             correlation=found.correlation[i],
+            adequacy=found.adequacy[i],
         )
         for i, test in enumerate(tests)
     ]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from updyn.updating.adequacy import Adequacy
 from updyn.updating.fit import Fit
 from updyn.updating.identifiability import Analysis
 
@@ -20,7 +23,14 @@ _FAR = 0.3
 _LOOK = "Check units, calibration and labels; look at the channels with the lowest FRAC; free other groups."
 
 
-def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float = 0.0) -> tuple[str, str, str]:
+def verdict(
+    fit: Fit,
+    analysis: Analysis,
+    names: list[str],
+    advice: str,
+    misfit: float = 0.0,
+    adequacy: Mapping[str, Adequacy | None] | None = None,
+) -> tuple[str, str, str]:
     """Say how a fit ended.
 
     Parameters
@@ -35,12 +45,31 @@ def verdict(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit:
         What would cure open unknowns.
     misfit : float
         Median of |H - H_X| / |H_X|.
+    adequacy : mapping of str to Adequacy, optional
+        Whether what is left is noise, by the names of the tests.
 
     Returns
     -------
     status, message, remedy : str
         One of `STATUSES`; the cause; what to do next, empty where all is well.
     """
+    status, message, remedy = _ended(fit, analysis, names, advice, misfit)
+    if status in ("converged", "stalled", "not-identifiable"):
+        told = {k: a for k, a in (adequacy or {}).items() if a is not None and a.outcome in ("structure", "excess")}
+        for name, found in told.items():
+            message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
+        if status == "converged" and told:
+            remedy = f"{_free(list(told.values()))} {remedy or _LOOK}".strip()
+    return status, message, remedy
+
+
+def _free(found: list[Adequacy]) -> str:
+    """Return what to do about an error that would explain what is left; empty where none is known."""
+    suspects = next((a.explained_by for a in found if a.explained_by), ())
+    return f"Free {suspects[0].name} if it can be wrong, and run again." if suspects else ""
+
+
+def _ended(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float) -> tuple[str, str, str]:
     if fit.reason == "failed":
         remedy = "Start closer, or use the trust-region solver with bounds."
         return "failed", f"The fit broke down. {fit.note}".strip(), remedy

@@ -1,0 +1,146 @@
+"""What a result says of its residual: noise, structure with what would explain it, outliers, several tests."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.joint import together
+from updyn.updating.noise import choose_noise
+from updyn.updating.problem import Problem
+
+SENSORS = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
+FREQ = np.linspace(2.0, 22.0, 60)
+
+
+@pytest.fixture(scope="module")
+def data(chain12_true, add_noise):
+    return add_noise(updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2]), np.random.default_rng(7), 0.01)
+
+
+@pytest.fixture(scope="module")
+def wrong(chain12_true):
+    """The chain with part 3 too soft, and the unknowns of a fit that holds it so."""
+    start = chain12_true.scaled({"part3": {"stiffness": 0.9}})
+    others = ["part1", "part2", "part4"]
+    return start, updyn.parameters(start, stiffness=others, loss_factor=others)
+
+
+@pytest.fixture(scope="module", params=[None, {"relative": 0.01}], ids=["estimated", "stated"])
+def missed(request, wrong, data):
+    return updyn.update(*_swapped(wrong, data), starts=0, noise=request.param)
+
+
+def _swapped(wrong, data):
+    return wrong[0], data, wrong[1]
+
+
+def test_a_good_fit_leaves_noise(chain12_true, data):
+    unknowns = updyn.parameters(chain12_true, stiffness="all", loss_factor="all")
+    for noise in (None, {"relative": 0.01}):
+        result = updyn.update(chain12_true, data, unknowns, starts=0, noise=noise)
+        assert result.adequacy.outcome == "noise"
+        assert result.adequacy.absolute == (noise is not None)
+        assert result.remedy == ""
+        assert f"Residual: {result.adequacy.verdict}" in result.summary()
+        assert result.adequacy.chi_square == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_group_held_wrong_is_named_by_the_result(missed):
+    found = missed.adequacy
+    assert missed.status == "converged"
+    assert found.outcome == "structure"
+    assert found.explained_by[0].name == "part3.stiffness"
+    assert found.explained_by[0].change == pytest.approx(-np.log(0.9), rel=0.3)
+    assert "The model cannot explain channel " in missed.message
+    assert "An error in the stiffness of part3 (too low)" in missed.message
+    assert missed.remedy.startswith("Free part3.stiffness if it can be wrong, and run again.")
+    text = missed.summary()
+    first = found.worst[0]
+    assert f"  {first.response} (force {first.reference}), {first.low:.4g} to {first.high:.4g} Hz: " in text
+    assert "  an error in part3.stiffness would explain " in text
+    assert text.count(found.verdict) == 1
+
+
+def test_to_free_what_is_named_makes_the_residual_noise(missed, wrong, data):
+    freed = wrong[1] + updyn.parameters(wrong[0], stiffness=missed.adequacy.explained_by[0].group)
+    result = updyn.update(wrong[0], data, freed, starts=0)
+    assert result.adequacy.adequate
+    assert result.values["part3.stiffness"] == pytest.approx(1.0 / 0.9, rel=0.01)
+
+
+@pytest.mark.parametrize("method", ["log", "output-error", "equation-error"])
+def test_other_methods_are_looked_at_the_same_way(method, wrong, data):
+    result = updyn.update(wrong[0], data, wrong[1], method=method)
+    assert result.adequacy.outcome == "structure"
+    assert result.adequacy.explained_by[0].group == "part3"
+
+
+def test_data_without_noise_leave_nothing_to_test(chain12_true):
+    exact = updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2])
+    unknowns = updyn.parameters(chain12_true, stiffness="all")
+    result = updyn.update(chain12_true.scaled({"part1": {"stiffness": 1.1}}), exact, unknowns, starts=0)
+    assert result.adequacy.outcome == "exact"
+    assert "nothing is left to test" in result.summary()
+
+
+def test_outliers_count_in_full_though_the_fit_was_robust(chain12_true, data):
+    values = data.values.copy()
+    values[20:24, 1, 0] *= np.array([5.0, -4.0, 6.0j, -5.0])
+    hit = updyn.FRF(data.freq, values, data.responses, data.references, data.quantity)
+    unknowns = updyn.parameters(chain12_true, stiffness="all")
+    noise = {"relative": 0.01, "robust": "student-t"}
+    result = updyn.update(chain12_true, hit, unknowns, starts=0, noise=noise)
+    assert result.adequacy.outcome == "excess"
+    worst = result.adequacy.worst[0]
+    assert (worst.response, worst.reference) == ("5:X", "2:X")
+    assert FREQ[20] <= worst.near <= FREQ[23]
+
+
+def test_each_of_several_tests_is_judged_by_itself(chain12_true, wrong, data, add_noise):
+    """The second test's structure has part 3 as stiff as the model says."""
+    other = add_noise(updyn.response(wrong[0], FREQ, SENSORS[:3], SENSORS[:1]), np.random.default_rng(9), 0.01)
+    noise = {"relative": 0.01}
+    tests = [updyn.Test(wrong[0], data, "as built", noise=noise), updyn.Test(wrong[0], other, "as drawn", noise=noise)]
+    held = updyn.parameters(wrong[0], loss_factor="part1", prior_std={"loss_factor": 1e-9})
+    result = updyn.update_jointly(tests, held, starts=0)
+    assert result["as built"].adequacy.outcome == "structure"
+    assert result["as built"].adequacy.explained_by[0].name == "part3.stiffness"
+    assert result["as drawn"].adequacy.explained_by == ()
+    assert "Test 'as built': The model cannot explain" in result.first.message
+    assert result["as drawn"].adequacy.level == result["as built"].adequacy.level == 0.01
+
+
+def test_a_fit_that_failed_or_was_stopped_at_once_is_not_looked_at(wrong, data):
+    result = updyn.update(wrong[0], data, wrong[1], callback=lambda progress: True)
+    assert result.status == "stopped"
+    assert result.adequacy is None
+    assert "Residual" not in result.summary()
+
+
+def test_values_of_infinite_variance_are_left_out(chain12_true, data):
+    from updyn.updating.examine import examine
+
+    variance = (0.01 * np.abs(data.values)) ** 2
+    frf = updyn.FRF(data.freq, data.values, data.responses, data.references, data.quantity, variance=variance)
+    unknowns = updyn.parameters(chain12_true, loss_factor="part1")
+    problem = Problem.build(chain12_true, frf, unknowns)
+
+    class Blind:
+        kind, scale_known = "variance", True
+
+        def refit(self, H, frf, n):
+            return self
+
+        def variance(self, H, frf):
+            out = frf.variance.copy()
+            out[:, 2] = np.inf
+            return out
+
+    x = problem.coordinates.to_x(unknowns.start)
+    (plain,) = examine(together([problem]), x, [choose_noise(None, frf)])
+    (found,) = examine(together([problem]), x, [Blind()])
+    assert np.isnan(found.misfit[2]).all()
+    assert found.misfit[[0, 1, 3, 4]] == pytest.approx(plain.misfit[[0, 1, 3, 4]])
+    assert dataclasses.is_dataclass(found)
