@@ -25,6 +25,7 @@ METHODS = {
     "log": (_HERE + "least_squares", "LogMethod"),
     "output-error": (_HERE + "least_squares", "OutputMethod"),
     "equation-error": (_HERE + "equation_error", "EquationErrorMethod"),
+    "modal": (_HERE + "modal", "ModalMethod"),
     "rfm": (_HERE + "rfm", "ResponseFunctionMethod"),
     "complex-rfm": (_HERE + "complex_rfm", "ComplexResponseFunctionMethod"),
     "frf-sensitivity": (_HERE + "frf_sensitivity", "FrfSensitivityMethod"),
@@ -75,6 +76,8 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
 
 
 def _check(key: str, value: Any, default: Any) -> None:
+    if default is None:  # an object, which the method itself looks at
+        return
     kind: Any = (int, float) if isinstance(default, float) else type(default)
     if isinstance(value, bool) != isinstance(default, bool) or not isinstance(value, kind):
         raise OptionError(f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}")

@@ -1,0 +1,194 @@
+"""Modal sensitivity: natural frequencies and mode shapes, the method of most updating programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, OptionError, ParameterError, suggest
+from updyn.group import GROUP_QUANTITIES
+from updyn.modal import ModeSet, identify_modes
+from updyn.updating.fit import Fit, descend
+from updyn.updating.joint import Task
+from updyn.updating.methods._modal import ModalError, Pairs, Target, measured_rms
+from updyn.updating.monitor import Monitor
+from updyn.updating.noise import NoiseModel
+from updyn.updating.parameters import CHANNELS
+from updyn.updating.problem import Problem
+from updyn.updating.session import Stopped
+from updyn.updating.trust_region import Local, Outcome, TrustRegion
+
+__all__ = ["ModalMethod"]
+
+_Vector = NDArray[np.float64]
+
+#: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
+_ASSUMED = 0.01
+_SCALES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ModalMethod:
+    """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
+
+    R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976) 1201 (eigenvectors);
+    J. E. Mottershead, M. Link & M. I. Friswell, "The sensitivity method in finite element model updating: a tutorial",
+    Mech. Syst. Signal Process. 25 (2011) 2275-2296 (residuals, weights, pairing). Modes of the undamped model are
+    paired with the measured ones by MAC anew in every step; the step is safeguarded by a trust region and bounds.
+
+    It sees nothing but the modes: no damping, nothing between resonances, no level of the FRFs. Stiffness and mass
+    that grow together change neither frequencies nor shapes.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    n_modes : int
+        How many of the measured modes to use, lowest first; 0: all.
+    shapes : bool
+        Whether shapes are fitted beside frequencies. They decide on the pairs in any case.
+    shape_weight : float
+        What a shape that is off by a share of its rms counts for, against a frequency that is off by that share.
+        The default says that shapes are measured ten times less exactly (Friswell & Mottershead, Finite Element Model
+        Updating in Structural Dynamics, 1995: frequencies to 1 %, shapes to 10 %).
+    mac : float
+        Measured modes that resemble no mode of the model by this MAC at the start are left out.
+    modes : ModeSet, or mapping of str to ModeSet, optional
+        Measured modes; of several tests by their names. None: identified from the FRFs (`updyn.identify_modes`).
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    n_modes: int = 0
+    shapes: bool = True
+    shape_weight: float = 0.1
+    mac: float = 0.5
+    modes: ModeSet | Mapping[str, ModeSet] | None = None
+
+    reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
+    needs: ClassVar[str] = "modes that can be told apart"
+    cannot: ClassVar[tuple[str, ...]] = (*(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")), *CHANNELS)
+
+    def __post_init__(self) -> None:
+        if self.shapes and not self.shape_weight > 0:
+            raise OptionError("option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out")
+        if self.mac > 1.0:
+            raise OptionError(f"option mac = {self.mac:g}: expected a number from 0 to 1")
+        given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
+        for one in given:
+            if one is not None and not isinstance(one, ModeSet):
+                raise OptionError(
+                    f"option modes: expected a ModeSet, found {type(one).__name__}; read one with updyn.read_modes, or "
+                    "name the file in a job: [test] modes"
+                )
+
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x; how exact the modes are is taken from the residual.
+
+        Raises
+        ------
+        ParameterError
+            If an unknown is damping, or a calibration factor.
+        DataError
+            If no mode is measured, or none resembles a mode of the model.
+        OptionError
+            If modes are given for tests that are not there.
+        SolverError
+            If modes cannot be computed at x, or two of those that are paired there coincide.
+        """
+        self._check_unknowns(problem)
+        self._check_names([part.name for part in problem.parts])
+        with monitor.stage("modal"):
+            try:
+                measured = [self._measured(part) for part in problem.parts]
+                chosen = [
+                    self._resembling(part, Target.of(part, modes), x)
+                    for part, modes in zip(problem.parts, measured, strict=True)
+                ]
+                targets = tuple(target for target, _ in chosen)
+                residual = ModalError(targets, self.shape_weight if self.shapes else 0.0)
+                residual.solved(problem, x)  # a start without derivatives is said with its frequency
+                outcome = self._descend(problem, residual, x, monitor)
+                local = residual.solved(problem, outcome.x)
+                left = measured_rms(problem.parts, targets, outcome.x)
+            except Stopped:
+                return Fit.blind(x, "stopped")
+        sigma = _spread(local, residual.count, problem.n)
+        record = {"kind": "spread of the modal residuals", **left, "chi_square": 1.0, "inflation": 1.0}
+        note = " ".join(text for _, text in chosen if text)
+        if left["lowest_mac"] < self.mac:
+            note += f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
+        unit = sigma if sigma > 0 else 1.0
+        return Fit(outcome.x, outcome.reason, local.R / unit, (record,) * len(problem.parts), note.strip())
+
+    def _check_unknowns(self, problem: Task) -> None:
+        unseen = [p.name for p in problem.coordinates.parameters if any(d.quantity in self.cannot for d in p.acts_on)]
+        if unseen:
+            shown = ", ".join(unseen[:4]) + (f" and {len(unseen) - 4} more" if len(unseen) > 4 else "")
+            raise ParameterError(
+                f"method 'modal': real modes show neither damping nor the level of a channel ({shown}); leave these "
+                "unknowns out, or use a method that fits the FRFs, such as the default"
+            )
+
+    def _check_names(self, names: Sequence[str]) -> None:
+        if isinstance(self.modes, ModeSet) and len(names) > 1:
+            raise OptionError("option modes: there are several tests; give modes by the name of the test")
+        for name in self.modes if isinstance(self.modes, Mapping) else ():
+            if name not in names:
+                raise OptionError(f"option modes: no test {name!r}; {suggest(str(name), names)}")
+
+    def _measured(self, problem: Problem) -> ModeSet:
+        given = self.modes.get(problem.name) if isinstance(self.modes, Mapping) else self.modes
+        if given is None:
+            # A viscous matrix has the rate 1, Rayleigh damping its coefficient.
+            viscous = bool(problem.solver.system.start.rate.any())
+            given = identify_modes(problem.frf, damping="viscous" if viscous else "structural")
+        return given.select(range(min(self.n_modes or len(given), len(given))))
+
+    def _resembling(self, problem: Problem, target: Target, x: _Vector) -> tuple[Target, str]:
+        """Return the modes that resemble one of the model, and what is left out, in words."""
+        pairs = Pairs.at(problem, target, x)
+        like = pairs.mac >= self.mac
+        frequency = np.sqrt(target.value) / (2.0 * np.pi)
+        if not like.any():
+            raise DataError(
+                f"modal: no measured mode resembles a mode of the model at its start: the largest MAC is "
+                f"{pairs.mac.max():.2f}, at {frequency[np.argmax(pairs.mac)]:.4g} Hz (expected {self.mac:g})"
+            )
+        if like.all():
+            return target, ""
+        shown = ", ".join(f"{f:.4g}" for f in frequency[~like])
+        return target.keep(like), f"Measured modes that resemble none of the model are left out: {shown} Hz."
+
+    def _descend(self, problem: Task, residual: ModalError, x: _Vector, monitor: Monitor) -> Outcome:
+        """Minimise, with priors against the spread of what is left, each found in turn."""
+        settings = TrustRegion(self.max_iterations, self.tolerance)
+        outcome = descend(problem, residual, x, monitor, settings)
+        unit = 1.0
+        for _ in range(_SCALES if problem.coordinates.prior[1].any() else 0):
+            if outcome.reason == "stopped":
+                break
+            try:
+                sigma = _spread(residual.solved(problem, outcome.x), residual.count, problem.n)
+                if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
+                    break
+                unit = sigma
+                outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
+            except Stopped:
+                return replace(outcome, reason="stopped")
+        return outcome
+
+
+def _spread(local: Local, count: int, n: int) -> float:
+    """Return the standard deviation of a frequency: sqrt(2 cost / (count - n)); as assumed where nothing is left."""
+    return float(np.sqrt(2.0 * local.cost / (count - n))) if count > n else _ASSUMED
