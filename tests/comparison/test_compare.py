@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +18,7 @@ from updyn.demos.gear_train_case import starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.updating import methods as registry
 from updyn.updating.methods.least_squares import LogMethod
+from updyn.updating.selected import Selection
 
 OURS = ["maximum-likelihood", "log", "output-error", "equation-error"]
 
@@ -169,6 +171,18 @@ def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
     assert row.errors["unit 2.loss_factor"] == pytest.approx(-0.4)
     assert row.error_max >= 0.4 > row.error_max_updated == abs(row.errors["unit 1.stiffness"])
     assert row.reference == "Test 2026"
+
+
+def test_a_selection_of_unknowns(start, data):
+    unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
+    held = next(p for p in unknowns if p.name == "unit 2.stiffness")
+    rest = updyn.updating.parameters.ParameterSet(tuple(p for p in unknowns if p != held))
+    held = dataclasses.replace(held, start=2.0)
+    found = updyn.compare(start, data, Selection(rest, held=(held,)), ["log"])
+    assert found.parameters == rest
+    before, after = (model.groups["unit 2"].stiffness.toarray() for model in (start, found[0].result.model))
+    np.testing.assert_allclose(after, 2.0 * before)
+    assert "unit 2.stiffness" not in found[0].values
 
 
 def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more):

@@ -13,7 +13,6 @@ from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines
 from updyn.comparison.given import Given
 from updyn.comparison.rows import NOT_APPLICABLE, Row, figures_of
 from updyn.errors import InputError
-from updyn.model import Model
 from updyn.updating.lines import d_optimal
 from updyn.updating.methods import method_class
 from updyn.updating.monitor import Progress
@@ -23,6 +22,7 @@ from updyn.updating.problem import Problem
 from updyn.updating.reducing import is_reduced
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import Test, on_lines
+from updyn.updating.selected import Selection
 from updyn.updating.split import split_data
 from updyn.updating.update import update, update_jointly
 
@@ -30,9 +30,6 @@ __all__ = ["Bench", "Callback", "Watch", "about"]
 
 Callback: TypeAlias = "Callable[[Progress], bool | None]"
 _Result: TypeAlias = "UpdateResult | JointResult"
-
-#: What changes by a factor.
-_MATRICES = ("stiffness", "mass", "viscous")
 
 
 @dataclass(slots=True, eq=False)
@@ -158,14 +155,13 @@ class Bench:
         return Row(**about(name), status=NOT_APPLICABLE, message=why, left=tuple(self.parameters.names))
 
     def _fit(self, name: str, unknowns: ParameterSet, watch: Watch, tests: tuple[Test, ...]) -> _Result:
-        left = [p for p in self.parameters if p not in unknowns]
-        if left:
-            tests = tuple(replace(test, model=_at_start(test.model, left)) for test in tests)
+        held = tuple(p for p in self.parameters if p not in unknowns)
+        chosen = Selection(unknowns, left_out={p.name: f"{name} cannot update it" for p in held}, held=held)
         how = {**self.running, **self.given.options.get(name, {}), "callback": watch}
         if len(tests) == 1 and not tests[0].name:
             (t,) = tests
-            return update(t.model, t.frf, unknowns, name, t.lines, t.noise, validation=t.validation, **how)
-        return update_jointly(tests, unknowns, name, **how)
+            return update(t.model, t.frf, chosen, name, t.lines, t.noise, validation=t.validation, **how)
+        return update_jointly(tests, chosen, name, **how)
 
     # -- with few lines ------------------------------------------------------------------------------------
     def fewest(self, row: Row, watch: Watch) -> Fewest:
@@ -232,18 +228,6 @@ def about(name: str) -> dict[str, Any]:
 
 def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
-
-
-def _at_start(model: Model, left: Sequence[Parameter]) -> Model:
-    """Return a model with the unknowns that are not updated where they start; the model's own may be elsewhere."""
-    changes: dict[str, dict[str, float]] = {}
-    for group, change in ParameterSet(tuple(left)).changes([p.start for p in left]).items():
-        found = model.groups.get(group)
-        for quantity, value in change.items():
-            own = 1.0 if quantity in _MATRICES else getattr(found, quantity, None)
-            if found is not None and value != own:
-                changes.setdefault(group, {})[quantity] = value
-    return model.scaled(changes) if changes else model
 
 
 def _positions(problem: Problem, count: int, chosen: str) -> NDArray[np.intp]:

@@ -21,6 +21,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.run import Test, check
+from updyn.updating.selected import Selection
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -31,7 +32,7 @@ __all__ = ["compare", "compare_jointly"]
 def compare(
     model: Model,
     frf: FRF,
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     methods: Iterable[str] | None = None,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
@@ -92,17 +93,18 @@ def compare(
     SolverError
         If the model cannot be solved at a line where it starts.
     """
+    selected = Selection.of(parameters)
     test = Test(model, frf, "", lines, noise, validation)
-    check([test], parameters)
+    check([test], selected.parameters)
     given = Given.checked(
-        parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
+        selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
     )
-    return _compare([test], parameters, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
+    return _compare([test], selected, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
 
 
 def compare_jointly(
     tests: Sequence[Test],
-    parameters: ParameterSet,
+    parameters: ParameterSet | Selection,
     methods: Iterable[str] | None = None,
     engine: int | Client | Engine | None = None,
     callback: Callback | None = None,
@@ -141,23 +143,25 @@ def compare_jointly(
     listed = list(tests)
     if not listed or not all(isinstance(test, Test) for test in listed):
         raise OptionError("compare_jointly: expected a sequence of at least one Test")
-    check(listed, parameters)
+    selected = Selection.of(parameters)
+    check(listed, selected.parameters)
     given = Given.checked(
-        parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
+        selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
     )
     named = [replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)]
-    return _compare(named, parameters, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
+    return _compare(named, selected, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
 
 
 def _compare(
     tests: Sequence[Test],
-    parameters: ParameterSet,
+    selected: Selection,
     given: Given,
     engine: int | Client | Engine | None,
     callback: Callback | None,
     **running: Any,
 ) -> Comparison:
-    names, rows = given.methods, list[Row]()
+    names, rows, parameters = given.methods, list[Row](), selected.parameters
+    tests = [replace(test, model=selected.start_of(test.model)) for test in tests]
     refusals: list[InputError] = []
     watch = Watch(callback)
     with ExitStack() as ending:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.errors import JobError
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import _method_errors, _tests
+from updyn.job.run import _method_errors, _tests, job_selection
 from updyn.job.schema import Job
 from updyn.job.truth import read_truth
 
@@ -144,6 +144,7 @@ def _compared(
     ready: Prepared, methods: Iterable[str] | None, truth: dict[str, float] | None, options: dict[str, Any]
 ) -> Comparison:
     from updyn.comparison import compare, compare_jointly
+    from updyn.updating.selected import Selection
 
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
@@ -151,9 +152,11 @@ def _compared(
     for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
-    tests = _tests(ready)
+    tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters
+    if isinstance(unknowns, Selection) and truth is not None:
+        options["truth"] = {name: value for name, value in truth.items() if name in unknowns.parameters.names}
     if len(tests) > 1:
-        return compare_jointly(tests, ready.parameters, **options)
+        return compare_jointly(tests, unknowns, **options)
     (test,) = tests
     options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
-    return compare(test.model, test.frf, ready.parameters, **options)
+    return compare(test.model, test.frf, unknowns, **options)

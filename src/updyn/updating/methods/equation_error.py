@@ -44,6 +44,7 @@ class EquationErrorMethod:
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("trust-region", "gauss-newton")
     reference: ClassVar[str] = "Bao, Wang & Cheng 2010"
+    needs: ClassVar[str] = "the drive point of every reference"
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
