@@ -18,8 +18,9 @@ from updyn.io.result_file import read_result, write_result
 from updyn.io.result_json import result_to_json, write_result_json
 from updyn.io.values_text import from_text, to_text
 from updyn.model import Group, Model
+from updyn.updating.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import Identifiability, Iteration, UpdateResult
+from updyn.updating.result import Identifiability, Iteration, JointResult, UpdateResult
 
 INF, NAN = float("inf"), float("nan")
 NAMES = ["arm.stiffness", "foot.stiffness", "foot.loss_factor"]
@@ -29,6 +30,27 @@ def start_model() -> Model:
     arm = Group(np.array([[2.0e6, -2.0e6], [-2.0e6, 2.0e6]]), np.diag([0.0, 1.5]), loss_factor=0.01)
     foot = Group(np.diag([1.0e6 / 3, 0.0]), np.diag([2.0, 0.0]), loss_factor=0.02)
     return Model.from_groups({"arm": arm, "foot": foot}, ["1:Z", "2:Z"], title="two masses")
+
+
+def adequacy() -> Adequacy:
+    """What is said of a residual of one channel in two bands; nothing was tested in the second."""
+    return Adequacy(
+        outcome="structure",
+        verdict="The model cannot explain channel 1:Z (force 1:Z) near 12 Hz.",
+        absolute=True,
+        chi_square=3.5,
+        p_value=1e-300,
+        level=0.02,
+        responses=("1:Z",),
+        references=("1:Z",),
+        bands=np.array([[10.0, 20.0], [30.0, 40.0]]),
+        misfit=np.array([[[2.0, NAN]]]),
+        alike=np.array([[[4.5, NAN]]]),
+        chi_square_p=np.array([[[1e-9, 1.0]]]),
+        whiteness_p=np.array([[[1e-300, 1.0]]]),
+        worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
+        explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3),),
+    )
 
 
 def sample(**changes: object) -> UpdateResult:
@@ -91,6 +113,7 @@ def sample(**changes: object) -> UpdateResult:
         "timing_s": {"fit": 0.1, "total": 0.3},
         "versions": {"updyn": "0.1.0", "Python": "3.11"},
         "title": "Prüfstand 3",
+        "adequacy": adequacy(),
     }
     return UpdateResult(**(everything | changes))
 
@@ -127,8 +150,9 @@ def assert_same(found: object, expected: object, where: str) -> None:
         {"history": (), "lines": np.empty(0), "validation_responses": (), "validation_band": None, "title": ""},
         {"options": {}, "noise": {}, "correlation": {}, "timing_s": {}, "versions": {}, "at_bound": {}, "message": ""},
         {"status": "failed", "values": {}, "std": dict.fromkeys(NAMES, NAN), "covariance": np.full((3, 3), NAN)},
+        {"adequacy": None},
     ],
-    ids=["full", "no history", "no figures", "failed"],
+    ids=["full", "no history", "no figures", "failed", "residual not tested"],
 )
 def test_every_field_comes_back(tmp_path, changes):
     expected = sample(**changes)
@@ -141,7 +165,11 @@ def test_no_field_is_forgotten():
     stored = {
         UpdateResult: "status message remedy method options start model frf lines fitted_responses "
         "validation_responses validation_band parameters values std covariance at_bound identifiability history noise "
-        "correlation timing_s versions title",
+        "correlation timing_s versions title adequacy",
+        Adequacy: "outcome verdict absolute chi_square p_value level responses references bands misfit alike "
+        "chi_square_p whiteness_p worst explained_by",
+        Misfit: "response reference low high near misfit alike chi_square_p whiteness_p kind",
+        Suspect: "group quantity explains change energy",
         Iteration: "stage number cost step condition accepted values",
         Parameter: "group quantity start lower upper prior_std drives nominal unit",
         Drive: "group quantity power",
@@ -206,6 +234,8 @@ def change(name, value):
         (change("noise", '{"a": NaN}'), "noise: not JSON .*NaN is not JSON"),
         (change("identifiability", '{"rank": 1}'), "identifiability: "),
         (change("timing_s", None), "no variable 'timing_s'"),
+        (change("adequacy", '{"outcome": "noise"}'), "adequacy: not what a run records"),
+        (change("residual_alike", None), "no variable 'residual_alike'"),
     ],
 )
 def test_a_changed_file_is_refused(tmp_path, alter, message):
@@ -302,6 +332,37 @@ def test_json_has_the_agreed_structure(tmp_path):
     assert found["history"][1]["cost"] is None
     assert found["timing_s"] == {"fit": 0.1, "total": 0.3}
     assert found["versions"] == {"updyn": "0.1.0", "Python": "3.11"}
+
+
+def test_json_says_what_is_left():
+    found = result_to_json(sample())["adequacy"]
+    told = {k: found[k] for k in ("outcome", "absolute", "chi_square", "p_value", "level", "bands", "misfit")}
+    assert told == {
+        "outcome": "structure",
+        "absolute": True,
+        "chi_square": 3.5,
+        "p_value": 1e-300,
+        "level": 0.02,
+        "bands": [[10.0, 20.0], [30.0, 40.0]],
+        "misfit": [[[2.0, None]]],
+    }
+    assert found["verdict"].startswith("The model cannot explain")
+    assert [(p["response"], p["near"], p["kind"]) for p in found["worst"]] == [("1:Z", 12.0, "structure")]
+    assert found["explained_by"][0] == {
+        "group": "foot",
+        "quantity": "mass",
+        "explains": 2.0 / 3.0,
+        "change": -0.1,
+        "energy": 0.3,
+    }
+    assert result_to_json(sample(adequacy=None))["adequacy"] is None
+
+
+def test_json_of_several_tests_says_it_of_each():
+    joint = JointResult({"a": sample(), "b": sample(adequacy=None)}, "both")
+    tests = result_to_json(joint)["tests"]
+    assert tests["a"]["adequacy"]["outcome"] == "structure"
+    assert tests["b"]["adequacy"] is None
 
 
 def test_json_of_a_failed_run_without_figures():

@@ -9,7 +9,10 @@ xarray opens the root, which holds what one plots::
     history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
     history_value                         (iteration, parameter)
     line                                  lines of the fit, in Hz
-    options, noise, correlation, identifiability, ...     JSON texts, see updyn.io.values_text
+    residual_bands *                      (band, edge): Hz
+    residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
+                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
+    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.io.values_text
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """
@@ -29,6 +32,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.values_text import from_text, to_text
+from updyn.updating.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
 
@@ -49,6 +53,7 @@ _JSON = (
     "validation_band",
     "identifiability",
 )
+_RESIDUAL = ("bands", "misfit", "alike", "chi_square_p", "whiteness_p")
 _STEP = {"stage": object, "number": np.int64, "cost": np.float64, "step": np.float64, "condition": np.float64}
 
 
@@ -131,6 +136,8 @@ def _to_dataset(result: UpdateResult) -> xr.Dataset:
     for name in _JSON:
         value = getattr(result, name)
         data[name] = ((), to_text(asdict(value) if name == "identifiability" else value, name))
+    if result.adequacy is not None:
+        _put_adequacy(data, result.adequacy)
     data["line"] = ("line", result.lines, {"units": "Hz"})
     data.coords["parameter"] = ("parameter", _texts(names))
     for name in ("group", "quantity"):
@@ -154,6 +161,14 @@ def _to_dataset(result: UpdateResult) -> xr.Dataset:
     data["history_accepted"] = ("iteration", np.array([h.accepted for h in result.history], dtype=np.int8))
     _put_table(data, "history_value", ("iteration", "parameter"), [h.values for h in result.history], names)
     return data
+
+
+def _put_adequacy(data: xr.Dataset, found: Adequacy) -> None:
+    told = {k: v for k, v in asdict(found).items() if k not in _RESIDUAL}
+    data["adequacy"] = ((), to_text(told, "adequacy"))
+    data["residual_bands"] = (("band", "edge"), found.bands, {"units": "Hz"})
+    for name in _RESIDUAL[1:]:
+        data[f"residual_{name}"] = (("fitted_response", "fitted_reference", "band"), getattr(found, name))
 
 
 def _link(p: Parameter) -> dict[str, Any]:
@@ -211,7 +226,21 @@ def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
         at_bound={name: bound for name, bound in zip(names, bounds, strict=True) if bound},
         identifiability=identifiability,
         history=_history(data, names, path),
+        adequacy=_adequacy(data, path),
     )
+
+
+def _adequacy(data: xr.Dataset, path: Path) -> Adequacy | None:
+    if "adequacy" not in data.variables:  # nothing was tested, or the file is an old one
+        return None
+    given = from_text(str(data["adequacy"].values[()]), "adequacy", path)
+    arrays = {name: _variable(data, f"residual_{name}", path) for name in _RESIDUAL}
+    try:
+        worst = tuple(Misfit(**place) for place in given.pop("worst"))
+        suspects = tuple(Suspect(**suspect) for suspect in given.pop("explained_by"))
+        return Adequacy(**given, **arrays, worst=worst, explained_by=suspects)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise FormatError(f"adequacy: not what a run records ({error})", path) from error
 
 
 def _parameters(data: xr.Dataset, path: Path) -> ParameterSet:

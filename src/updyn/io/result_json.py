@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from updyn.io.atomic import atomic_path
 from updyn.io.values_text import plain
+from updyn.updating.adequacy import Adequacy
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["result_to_json", "write_result_json"]
@@ -30,11 +32,14 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``bound`` ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for,
         ``drives`` of a linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
         ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
-        ``timing_s`` in s; ``versions``. Of several tests also ``tests``: ``correlation`` and ``noise`` by name.
+        ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``, ``verdict``,
+        ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz, ``misfit`` over noise by response,
+        reference and band, the ``worst`` places and ``explained_by``. Of several tests also ``tests``: ``correlation``,
+        ``noise`` and ``adequacy`` by name.
     """
     if isinstance(result, JointResult):
         own = {name: result_to_json(one) for name, one in result.results.items()}
-        tests = {name: {key: one[key] for key in ("correlation", "noise")} for name, one in own.items()}
+        tests = {name: {key: one[key] for key in ("correlation", "noise", "adequacy")} for name, one in own.items()}
         return {**next(iter(own.values())), "title": result.title, "tests": tests}
     ident = result.identifiability
     return {
@@ -66,7 +71,17 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ],
         "timing_s": plain(result.timing_s),
         "versions": plain(result.versions),
+        "adequacy": _adequacy(result.adequacy),
     }
+
+
+def _adequacy(found: Adequacy | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    keys = ("outcome", "verdict", "absolute", "chi_square", "p_value", "level", "bands", "misfit")
+    places = {"worst": [asdict(p) for p in found.worst], "explained_by": [asdict(s) for s in found.explained_by]}
+    out: dict[str, Any] = plain({**{key: getattr(found, key) for key in keys}, **places})
+    return out
 
 
 def _parameter(result: UpdateResult, name: str) -> dict[str, Any]:
