@@ -152,7 +152,8 @@ def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, n
         assert (np.abs(one - two) < 20 * std).all()
     else:
         assert two == pytest.approx(one, rel=1e-7, abs=1e-9)
-        assert np.array(list(fits[1].std.values())) == pytest.approx(std, rel=1e-5)
+        # The floor of the noise that log estimates is a share of another rms.
+        assert np.array(list(fits[1].std.values())) == pytest.approx(std, rel=0.01 if name == "log" else 1e-5)
 
 
 def test_signs_of_sensors_do_not_matter(chain12, chain12_frf, add_noise):

@@ -14,6 +14,7 @@ from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
 from updyn.updating.residuals import Each, LogError, OutputError, Residual
+from updyn.updating.sandwich import sandwich
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
@@ -58,10 +59,11 @@ class LogMethod:
         return x
 
     def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as relative and equal everywhere."""
+        """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
+        settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("log"):
             try:
-                return _descend(problem, LogError(), x, monitor, TrustRegion(self.max_iterations, self.tolerance))
+                return _descend(problem, LogError(), x, monitor, settings, noises)
             except Stopped:
                 return stopped_at(problem.thinned(SEARCH_LINES), x)
 
@@ -92,23 +94,39 @@ class OutputMethod:
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
         weights = [np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts]
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("output-error"):
             try:
-                return _descend(problem, Each(tuple(map(OutputError, weights))), x, monitor, settings)
+                return _descend(problem, Each(tuple(map(OutputError, weights))), x, monitor, settings, noises)
             except Stopped:
                 return Fit.blind(x, "stopped")
 
 
-def _descend(problem: Task, residual: Residual, x: np.ndarray, monitor: Monitor, settings: TrustRegion) -> Fit:
+def _descend(
+    problem: Task,
+    residual: Residual,
+    x: np.ndarray,
+    monitor: Monitor,
+    settings: TrustRegion,
+    noises: Sequence[NoiseModel],
+) -> Fit:
     outcome = descend_to_scale(problem, residual, x, monitor, settings)
-    return judged(problem, residual, outcome.x, outcome.reason)
+    return judged(problem, residual, outcome.x, outcome.reason, noises=noises)
 
 
-def judged(problem: Task, residual: Residual, x: NDArray[np.float64], reason: str, note: str = "") -> Fit:
-    """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere.
+def judged(
+    problem: Task,
+    residual: Residual,
+    x: NDArray[np.float64],
+    reason: str,
+    note: str = "",
+    noises: Sequence[NoiseModel] = (),
+) -> Fit:
+    """Return the fit that ended at x, with the covariance that the noise gives it (`updyn.updating.sandwich`).
+
+    Where that cannot be had, the noise is taken as equal everywhere.
 
     Parameters
     ----------
@@ -122,12 +140,17 @@ def judged(problem: Task, residual: Residual, x: NDArray[np.float64], reason: st
         Why.
     note : str
         What the user should know.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are; estimated from the residual where none are given.
     """
     try:
         local = residual.local(problem, x)
     except Stopped:
         return Fit.blind(x, "stopped")
     assert local is not None
+    found = sandwich(problem, residual, local, x, noises) if isinstance(residual, LogError | Each) else None
+    if found is not None:
+        return Fit(x, reason, found.R, found.noise, f"{note} {found.note}".strip())
 
     def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
         measured = problem.parts[part].frf.values
