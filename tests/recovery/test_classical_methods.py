@@ -135,7 +135,7 @@ def test_noise_throws_off_all_that_multiply_with_the_measured_motion(
     assert min(missed[n][1] for n in missed if n != "maximum-likelihood") > 5 * missed["maximum-likelihood"][1]
 
 
-@pytest.mark.parametrize("n_lines", [4_000, 16_000])
+@pytest.mark.parametrize("n_lines", [500, 2_000])
 def test_bias_is_as_derived_and_more_data_do_not_help(n_lines):
     """An oscillator, h_X = H (1 + s n), only its stiffness unknown.
 
@@ -143,7 +143,7 @@ def test_bias_is_as_derived_and_more_data_do_not_help(n_lines):
     a = k (1 + i eta). In the mean and to second order in s that is at a change of the factor of
     -s^2 sum |H|^2 Re conj(a H) / sum |a|^2 |H|^4.
     """
-    k, eta, s, freq = 1.0e4, 0.1, 0.1, np.linspace(2.0, 12.0, n_lines)
+    k, eta, s, freq = 1.0e4, 0.1, 0.2, np.linspace(2.0, 12.0, n_lines)
     a = k * (1 + 1j * eta)
     H = 1.0 / (a - (2 * np.pi * freq) ** 2)
     bias = -(s**2) * np.sum(abs(H) ** 2 * (a * H).real) / np.sum(abs(a) ** 2 * abs(H) ** 4)

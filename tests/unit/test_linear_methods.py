@@ -9,6 +9,7 @@ import pytest
 
 import updyn
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
+from updyn.group import LossTable
 from updyn.updating.methods import make_method, method_class
 from updyn.updating.methods._linear import Amounts, Plain, basic_solution
 from updyn.updating.methods.rfm import ResponseEquation
@@ -133,6 +134,32 @@ def test_a_viscous_damper_is_found_where_the_method_can(name):
     data = updyn.response(start.scaled({"a": {"viscous": 1.02}}), [5.0, 12.0, 15.0], ["1:X"], ["1:X"])
     result = updyn.update(start, data, updyn.parameters(start, viscous="all"), method=name)
     assert result.values == pytest.approx({"a.viscous": 1.02}, rel=1e-9)
+
+
+def test_all_damping_of_a_group_is_found_in_one_solve_where_the_equation_is_linear():
+    """Loss factor and Rayleigh damping are relative to stiffness and mass: linear as products with them."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    group = updyn.Group(K, np.diag([1.0, 2.0]), loss_factor=0.01, mass_damping=0.1, stiffness_damping=1e-4)
+    start = updyn.Model.from_groups({"a": group}, ["1:X", "2:X"])
+    truth = {"stiffness": 1.8, "mass": 0.6, "loss_factor": 0.05, "mass_damping": 0.4, "stiffness_damping": 3e-4}
+    data = updyn.response(start.scaled({"a": truth}), [2.0, 7.0, 11.0, 20.0, 31.0], ["1:X", "2:X"], ["1:X"])
+    chosen = updyn.parameters(start, **dict.fromkeys(truth, "all"))
+    assert len(Amounts.find(chosen).pairs) == 3
+    result = updyn.update(start, data, chosen, method="reduced-frf", separate=False)
+    assert result.iterations == 2
+    assert result.values == pytest.approx({f"a.{q}": v for q, v in truth.items()}, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["complex-rfm", "reduced-frf"])
+def test_a_loss_factor_that_depends_on_frequency(name):
+    """Its table says nothing at 0 Hz, where the static transformation is made: that knows no damping."""
+    table = LossTable([1.0, 40.0], [1.0, 3.0])
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    group = updyn.Group(K, np.diag([1.0, 2.0]), loss_factor=0.02, loss_table=table)
+    start = updyn.Model.from_groups({"a": group}, ["1:X", "2:X"])
+    data = updyn.response(start.scaled({"a": {"loss_factor": 0.05}}), [2.0, 7.0, 20.0], ["1:X", "2:X"], ["1:X"])
+    result = run(start, data, name)
+    assert result.values == pytest.approx({"a.stiffness": 1.0, "a.mass": 1.0, "a.loss_factor": 0.05}, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["rfm", "complex-rfm"])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
-from updyn.errors import OptionError, SolverError
+from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 from updyn.updating.fit import Fit
 from updyn.updating.joint import Task, together
@@ -90,8 +90,6 @@ class ReducedFrfMethod:
         check_unknowns(problem, _NAME, self.cannot, "")
         residual = _ReducedEquationError(frequency=self.frequency)
         for part in problem.parts:
-            if part.solver.tier == "reduced":
-                raise OptionError(f"{_NAME} makes a reduction of its own; use tier 'dense' or 'sparse'")
             residual.check(part)
         with monitor.stage(_NAME):
             reduced = together([independently_reduced(part, x, self.frequency) for part in problem.parts])
@@ -134,10 +132,10 @@ def independently_reduced(problem: Problem, x: _Vector, frequency: float) -> Pro
         If the undamped structure with its measured DOFs held is singular there.
     """
     system, rows = problem.solver.system, problem.rows
-    at = np.array([frequency])
-    undamped = system.coefficients(problem.state(x), 2.0 * np.pi * at).real.astype(np.complex128)
+    share = {"stiffness": 1.0, "mass": -((2.0 * np.pi * frequency) ** 2)}
+    undamped = problem.state(x).factor * np.array([share.get(term.quantity, 0.0) for term in system.terms])
     try:
-        T = problem.solver.condense(undamped, rows, at)[1][:, 0].real
+        T = problem.solver.condense(undamped[:, None].astype(np.complex128), rows, np.array([frequency]))[1][:, 0].real
     except SolverError as error:
         raise SolverError(
             f"{_NAME}: no transformation at {frequency:g} Hz ({error}); choose another with frequency="

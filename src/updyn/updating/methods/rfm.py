@@ -141,11 +141,7 @@ class ResponseEquation:
         ------
         DataError
             If a DOF of the model was not measured, or the data hold no receptance at 0 Hz.
-        OptionError
-            If the model is reduced: it has no motion of its DOFs.
         """
-        if problem.solver.tier == "reduced":
-            raise OptionError(f"{self.name}: tier 'reduced' holds no motion of all DOFs; use tier 'sparse'")
         if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
             raise DataError(f"{self.name}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out")
         missing = np.setdiff1d(np.arange(problem.solver.system.n), problem.rows)
