@@ -18,8 +18,12 @@ import numpy as np
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, UpdynWarning
+from updyn.modal.mode_set import ModeSet
 
 __all__ = ["from_text", "plain", "to_text"]
+
+
+_MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
 
 
 def to_text(value: Any, what: str) -> str:
@@ -28,7 +32,7 @@ def to_text(value: Any, what: str) -> str:
     Parameters
     ----------
     value : object
-        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of these.
+        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of these; a `ModeSet`.
     what : str
         Where the value belongs, for the warning.
 
@@ -57,6 +61,8 @@ def _marked(value: Any, what: str) -> Any:
         return {"__dofs__": value.labels}
     if isinstance(value, Dof):
         return {"__dof__": str(value)}
+    if isinstance(value, ModeSet):
+        return {"__modes__": {name: _marked(getattr(value, name), what) for name in _MODES}}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufcU":
         items = [_marked(v, what) for v in value.ravel().tolist()]
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
@@ -78,6 +84,7 @@ _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "__complex__": lambda v: complex(*(_restored(x) for x in v["__complex__"])),
     "__tuple__": lambda v: tuple(_restored(x) for x in v["__tuple__"]),
     "__dofs__": lambda v: DofSet(v["__dofs__"]),
+    "__modes__": lambda v: ModeSet(**_restored(v["__modes__"])),
     "__dof__": lambda v: Dof.parse(v["__dof__"]),
     "__pairs__": lambda v: {_restored(k): _restored(x) for k, x in v["__pairs__"]},
     "__array__": lambda v: np.array([_restored(x) for x in v["__array__"]], dtype=v["dtype"]).reshape(v["shape"]),

@@ -124,12 +124,14 @@ class ModalMethod:
             except Stopped:
                 return Fit.blind(x, "stopped")
         sigma = _spread(local, residual.count, problem.n)
-        record = {"kind": "spread of the modal residuals", **left, "chi_square": 1.0, "inflation": 1.0}
-        note = " ".join(text for _, text in chosen if text)
+        common = {"kind": "spread of the modal residuals", **left, "chi_square": 1.0, "inflation": 1.0}
+        records = tuple({**common, "left_out": text} if text else common for _, text in chosen)
+        missing = [text for _, text in chosen if text]
+        note = f"Measured modes that resemble none of the model are left out: {', '.join(missing)}." if missing else ""
         if left["lowest_mac"] < self.mac:
             note += f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
         unit = sigma if sigma > 0 else 1.0
-        return Fit(outcome.x, outcome.reason, local.R / unit, (record,) * len(problem.parts), note.strip())
+        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip())
 
     def _check_unknowns(self, problem: Task) -> None:
         unseen = [p.name for p in problem.coordinates.parameters if any(d.quantity in self.cannot for d in p.acts_on)]
@@ -168,7 +170,7 @@ class ModalMethod:
         if like.all():
             return target, ""
         shown = ", ".join(f"{f:.4g}" for f in frequency[~like])
-        return target.keep(like), f"Measured modes that resemble none of the model are left out: {shown} Hz."
+        return target.keep(like), f"{shown} Hz"
 
     def _descend(self, problem: Task, residual: ModalError, x: _Vector, monitor: Monitor) -> Outcome:
         """Minimise, with priors against the spread of what is left, each found in turn."""
