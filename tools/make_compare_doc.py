@@ -1,0 +1,84 @@
+"""Write the tables of docs/compare.md anew: the methods as they are, and the gear train by each of them.
+
+python tools/make_compare_doc.py
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import warnings
+from pathlib import Path
+
+from updyn.comparison import Comparison, Row
+from updyn.comparison.words import limits
+from updyn.demos import gear_train
+from updyn.errors import UpdynWarning
+from updyn.job import load_job
+from updyn.job.comparing import compare_job
+
+PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
+JOBS = ("compare", "compare_stiffness")
+
+
+def compared(folder: Path, name: str) -> Comparison:
+    """Run one of the gear train's two jobs for comparisons, as its command on the page does."""
+    gear_train.write_inputs(folder)
+    truth = folder / f"{name}_truth.toml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UpdynWarning)  # K of unit 2 is indefinite by the rounding of Table 2
+        return compare_job(load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True)
+
+
+def methods_table(found: Comparison) -> str:
+    """Return what every method cannot update, needs, and where it comes from."""
+    said = {row.method: limits(row) for row in found}
+    rows = [f"| `{r.method}` | {said[r.method] if said[r.method] != '-' else ''} | {r.reference} |" for r in found]
+    return _table("| method | cannot update; needs | reference |", rows)
+
+
+def results_table(found: Comparison) -> str:
+    """Return how each method did, without what depends on the machine."""
+    head = "| method | status | unknowns | misfit (dB) | largest error | fewest lines |"
+    return _table(head, [_result(row) for row in found])
+
+
+def _result(row: Row) -> str:
+    cells = [f"`{row.method}`", row.status]
+    if row.applies:
+        gone = row.status == "failed"
+        misfit = "" if gone else _number(row.fitted["after"]["db_error_median"])
+        error = "" if gone else _number(row.error_max)
+        fewest = "none" if row.fewest is None or row.fewest.count is None else str(row.fewest.count)
+        cells += [f"{len(row.updated)} of {len(row.updated) + len(row.left)}", misfit, error, fewest]
+    return "| " + " | ".join([*cells, *[""] * (6 - len(cells))]) + " |"
+
+
+def _number(value: float) -> str:
+    return "< 1e-6" if value < 1e-6 else f"{value:.2g}"
+
+
+def _table(head: str, rows: list[str]) -> str:
+    return "\n".join([head, re.sub(r"[^|]+", "---", head), *rows]).replace("|  |", "| |").replace("|  |", "| |") + "\n"
+
+
+def replaced(text: str, name: str, table: str) -> str:
+    """Return the page with the table between two marks in place of what stands there."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    before, rest = text.split(begin)
+    return before + begin + table + end + rest.split(end)[1]
+
+
+def main() -> None:
+    """Write the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name in JOBS:
+        with tempfile.TemporaryDirectory() as folder:
+            found = compared(Path(folder), name)
+        text = replaced(text, name, results_table(found))
+        text = replaced(text, "methods", methods_table(found))
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
