@@ -19,6 +19,7 @@ from updyn.io.registry import FORMATS, load
 from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.schema import (
+    CalibrationTable,
     Job,
     MatchTable,
     MethodTable,
@@ -64,6 +65,7 @@ TABLES = tables()
         ("[test]", TestTable),
         ("[match]", MatchTable),
         ("[[parameter]]", ParameterTable),
+        ("[[calibration]]", CalibrationTable),
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
         ("[output]", OutputTable),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +20,7 @@ __all__ = ["add_sensor_masses", "sensor_group", "sensor_masses"]
 
 def sensor_masses(
     model: Model,
-    masses: Mapping[str | int | Dof, float],
+    masses: Mapping[Any, float],
     *,
     prior_std: float = 0.3,
     bounds: tuple[float, float] = (0.1, 10.0),
@@ -66,7 +67,7 @@ def sensor_masses(
     return loaded, chosen.with_nominal({f"{name}.mass": mass for name, mass in nominal.items()}, "kg")
 
 
-def add_sensor_masses(model: Model, masses: Mapping[str | int | Dof, float]) -> Model:
+def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
     """Return the model with the mass of each sensor, a group each.
 
     Parameters

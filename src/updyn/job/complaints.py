@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from updyn.errors import suggest
 from updyn.job.schema import (
+    CalibrationTable,
     Job,
     MatchTable,
     MethodTable,
@@ -101,6 +102,7 @@ _TABLES = {
     "test": TestTable,
     "match": MatchTable,
     "parameter": ParameterTable,
+    "calibration": CalibrationTable,
     "selection": SelectionTable,
     "method": MethodTable,
     "output": OutputTable,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import fnmatch
 import importlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,16 +14,20 @@ import numpy as np
 
 from updyn.errors import DataError, InputError, JobError, OptionError, suggest
 from updyn.frf import FRF
+from updyn.group import GROUP_QUANTITIES
 from updyn.job.matched import matched
 from updyn.job.schema import KINDS, OUTPUTS, Job
 from updyn.matching import Matching
 from updyn.model import Model
+from updyn.updating.channels import calibration, check_method
 from updyn.updating.choice import link, parameters
+from updyn.updating.methods import method_class
+from updyn.updating.noise import average
 from updyn.updating.parameters import Parameter, ParameterSet
 
 __all__ = ["Prepared", "PreparedTest", "prepare"]
 
-_QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous")
+_QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous", "mass_damping", "stiffness_damping")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +121,8 @@ def prepare(job: Job) -> Prepared:
     _check_properties(job)
     data = [_measurement(part) for part in job.parts]
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
-    return Prepared(job, tests, _parameters(job, model))
+    chosen = _parameters(job, model)
+    return Prepared(job, tests, _with_calibration(job, chosen, [test.frf for test in tests]))
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
@@ -178,26 +184,47 @@ def _check_properties(job: Job) -> None:
 
 def _configured(job: Job, model: Model) -> Model:
     """Return the model as it stands in the job's test: with what was added to it, and held."""
-    from updyn.elements.constraints import add_masses, constrain
+    from updyn.elements.constraints import constrain
 
-    if job.test.masses:
-        with _at(job, "test", "masses"):
-            model = add_masses(model, job.test.masses)
+    model = _loaded(job, model)
     if job.test.grounded:
         with _at(job, "test", "grounded"):
             model = constrain(model, grounded=job.test.grounded)
     return model
 
 
-def _measurement(job: Job) -> FRF:
-    from updyn.io import read_frf
+def _loaded(job: Job, model: Model) -> Model:
+    """Return the model with the masses of the job's test."""
+    from updyn.elements.constraints import add_masses
+    from updyn.elements.sensor_masses import add_sensor_masses
 
+    if job.test.masses:
+        with _at(job, "test", "masses"):
+            model = add_masses(model, job.test.masses)
+    if job.test.sensor_masses:
+        with _at(job, "test", "sensor_masses"):
+            model = add_sensor_masses(model, job.test.sensor_masses)
+    return model
+
+
+def _with_all_masses(job: Job, model: Model) -> Model:
+    """Return the model with the masses of all tests, for unknowns to name them."""
+    groups = dict(model.groups)
+    for part in job.parts:
+        groups = dict(_loaded(part, model).groups) | groups
+    order = [*model.groups, *(name for name in groups if name not in model.groups)]
+    return Model({name: groups[name] for name in order}, model.dofs, model.geometry, model.title)
+
+
+def _measurement(job: Job) -> FRF:
     table = job.test
-    path = _existing(job, table.file, "test")
-    try:
-        frf = read_frf(path, **table.reader_options)
-    except InputError as error:
-        raise job.error_about(str(error), "test", path=path) from error
+    frf = _read(job, table.file, "file")
+    if table.repeats is not None:
+        if table.averages is not None:
+            raise job.error("test.averages: with repeats the variance comes from them; leave it out", "test", "averages")
+        repeats = [_read(job, file, "repeats") for file in table.repeats]
+        with _at(job, "test", "repeats"):
+            frf = average([frf, *repeats])
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
             raise job.error(
@@ -210,15 +237,25 @@ def _measurement(job: Job) -> FRF:
         return frf.select(band=table.band)
 
 
-def _existing(job: Job, file: str, table: str) -> Path:
+def _read(job: Job, file: str, key: str) -> FRF:
+    from updyn.io import read_frf
+
+    path = _existing(job, file, "test", key)
+    try:
+        return read_frf(path, **job.test.reader_options)
+    except InputError as error:
+        raise job.error_about(str(error), "test", path=path) from error
+
+
+def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
     path = job.beside(file)
     if path.is_file():
         return path
     if path.is_dir():
-        raise job.error(f"{table}.file = {file!r} is a folder ({path})", table, "file")
+        raise job.error(f"{table}.{key} = {file!r} is a folder ({path})", table, key)
     siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
     hint = suggest(path.name, siblings) if siblings else f"the folder {str(path.parent)!r} is empty or does not exist"
-    raise job.error(f"{table}.file = {file!r}: no such file; {hint}", table, "file")
+    raise job.error(f"{table}.{key} = {file!r}: no such file; {hint}", table, key)
 
 
 # -- what is fitted ----------------------------------------------------------------------------------------
@@ -261,9 +298,12 @@ def _check_method(job: Job, fitted: FRF) -> None:
 
 def _parameters(job: Job, model: Model) -> ParameterSet:
     chosen: dict[str, tuple[int, Parameter]] = {}
-    for number in range(len(job.parameter)):
+    loaded = _with_all_masses(job, model)
+    for number, table in enumerate(job.parameter):
         try:
-            items = _choose(job, model, number)
+            # Masses that a test adds are known: they are unknowns of who names them, not of "all" and "*".
+            own = _fits(model, table.groups or (), []) and _fits(model, table.drives or (), GROUP_QUANTITIES)
+            items = _choose(job, model if own else loaded, number)
         except JobError:
             raise
         except InputError as error:
@@ -275,7 +315,7 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
                     f"{p.name} is already an unknown of the [[parameter]] on line {first}", "parameter", number
                 )
             chosen[p.name] = (number, p)
-    groups = list(model.groups)
+    groups = list(loaded.groups)
 
     def place(entry: tuple[int, Parameter]) -> tuple[int, int]:
         number, p = entry
@@ -285,6 +325,60 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
 
     with _at(job, "parameter"):
         return ParameterSet(tuple(p for _, p in sorted(chosen.values(), key=place)))
+
+
+def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
+    """Return the unknowns with the calibration factors that the job asks for."""
+    items = list(chosen)
+    first: dict[str, int] = {}
+    for number, table in enumerate(job.calibration):
+        try:
+            found = calibration(
+                data,
+                responses=table.responses,
+                references=table.references,
+                prior_std=table.prior_std,
+                bounds=table.bounds,
+            )
+        except InputError as error:
+            raise job.error_about(str(error), "calibration", number) from error
+        for p in found:
+            if first.setdefault(p.name, number) != number:
+                line = job.place("calibration", first[p.name])
+                raise job.error(
+                    f"{p.name} is already an unknown of the [[calibration]] on line {line}", "calibration", number
+                )
+        items += found
+    whole = ParameterSet(tuple(items))
+    with _at(job, "method", "name"):
+        check_method(whole, job.method.name, method_class(job.method.name))
+    return whole
+
+
+def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> bool:
+    """Whether each pattern fits a group of a model, or a quantity of one, ``"all"`` aside."""
+    names = [f"{name}.{q}" for name in model.groups for q in quantities] or list(model.groups)
+    return all(pattern == "all" or any(fnmatch.fnmatchcase(name, pattern) for name in names) for pattern in patterns)
+
+
+def _sensor_mass(job: Job, number: int, group: str) -> float | None:
+    """Return the nominal mass of a sensor's group; None of any other."""
+    from updyn.elements.sensor_masses import sensor_group
+
+    given = {
+        mass
+        for part in job.parts
+        for key, mass in (part.test.sensor_masses or {}).items()
+        if sensor_group(key) == group
+    }
+    if len(given) > 1:
+        raise job.error(
+            f"{group!r} weighs {' and '.join(f'{m:g}' for m in sorted(given))} kg in different tests; one unknown "
+            "cannot be both",
+            "parameter",
+            number,
+        )
+    return given.pop() if given else None
 
 
 def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
@@ -316,4 +410,8 @@ def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
             )
             for p in items
         ]
-    return [replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items]
+    items = [replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items]
+    if quantity != "mass" or table.nominal is not None:
+        return items
+    masses = [_sensor_mass(job, number, p.group) for p in items]
+    return [p if m is None else replace(p, nominal=m, unit="kg") for p, m in zip(items, masses, strict=True)]

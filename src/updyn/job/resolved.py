@@ -41,6 +41,9 @@ def resolved_job(job: Job, out: Path) -> str:
     for table, key in ((content["model"], "file"), (content["match"], "geometry"), *((t, "file") for t in tests)):
         if key in table:
             table[key] = _from(out, job.beside(table[key]))
+    for test in tests:
+        if "repeats" in test:
+            test["repeats"] = [_from(out, job.beside(file)) for file in test["repeats"]]
     content["test"] = tests if len(tests) > 1 else tests[0]
     defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
     content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +21,7 @@ from updyn.errors import JobError
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = [
+    "CalibrationTable",
     "Job",
     "MatchTable",
     "MethodTable",
@@ -84,10 +85,21 @@ def _driven(given: Any) -> Any:
     raise ValueError('expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names')
 
 
-def _tables(given: Any) -> Any:
-    if isinstance(given, dict):
-        raise ValueError("one table, [parameter]; write [[parameter]], as there may be several")  # noqa: TRY004
-    return given
+def _tables_of(name: str) -> Callable[[Any], Any]:
+    def several(given: Any) -> Any:
+        if isinstance(given, dict):
+            raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
+        return given
+
+    return several
+
+
+def _sensors(given: Any) -> Any:
+    if given == "all":
+        return given
+    if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
+        return tuple(given)
+    raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
 
 
 def _tolerance(given: Any) -> Any:
@@ -150,6 +162,7 @@ class TestTable(_Table):
     __test__ = False  # not a test, whatever its name suggests to pytest
 
     file: str
+    repeats: Texts | None = Field(default=None, min_length=1)  # further files of the same test, averaged
     format: str | None = None
     quantity: str | None = None
     duplicates: str | None = None
@@ -166,8 +179,16 @@ class TestTable(_Table):
     name: str = ""
     grounded: Texts | None = None  # the configuration: what is held, and what is added
     masses: dict[str, float] | None = None
-    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None  # instead of those of [method]
+    sensor_masses: dict[str, float] | None = Field(default=None, min_length=1)
+    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = (
+        None  # instead of those of [method]
+    )
     validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files of the test: the first measurement, and its repeats."""
+        return (self.file, *(self.repeats or ()))
 
     @property
     def reader_options(self) -> dict[str, Any]:
@@ -205,7 +226,7 @@ class ParameterTable(_Table):
     """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
-    quantity: Literal["stiffness", "mass", "loss_factor", "viscous"] | None = None
+    quantity: Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"] | None = None
     name: str | None = None
     drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
     nominal: float | None = Field(default=None, gt=0)
@@ -225,6 +246,21 @@ class ParameterTable(_Table):
                     raise ValueError(f"missing key {missing!r}")
         if self.groups is None and self.name is None:
             raise ValueError("expected groups and quantity, or name and drives")
+        return self
+
+
+class CalibrationTable(_Table):
+    """``[[calibration]]``: factors of sensors, an unknown each."""
+
+    responses: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
+    references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
+    prior_std: float = Field(default=0.05, gt=0)
+    bounds: Pair = (0.1, 10.0)
+
+    @model_validator(mode="after")
+    def _something(self) -> CalibrationTable:
+        if not self.responses and not self.references:
+            raise ValueError("expected responses or references: labels, or 'all'")
         return self
 
 
@@ -277,7 +313,10 @@ class Job(_Table):
     model: ModelTable
     test: TestTable
     match: MatchTable = MatchTable()
-    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables), Strict(False)] = Field(min_length=1)
+    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables_of("parameter")), Strict(False)] = Field(
+        min_length=1
+    )
+    calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(_tables_of("calibration")), Strict(False)] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
     output: OutputTable = OutputTable()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.updating.channels import gains_of
 from updyn.updating.result import UpdateResult
 
 __all__ = ["EVALUATION_BUDGET", "ReportData", "computed", "data_checksum", "gather", "keep_lines", "model_checksum"]
@@ -96,6 +97,10 @@ def gather(result: UpdateResult) -> ReportData:
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
     before = computed(result.start, frf, freq, "start model", notes, result.options)
     after = computed(result.model, frf, freq, "updated model", notes, result.options)
+    gains = gains_of(result)
+    if gains is not None:
+        notes.append("The updated model is shown as the sensors read it: times their calibration factors.")
+        after = None if after is None else after * gains
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(

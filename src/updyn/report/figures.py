@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.group import VALUES
 from updyn.report.agreement import csac_lines, frac_map, level_differences, residual_by_channel
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.plots import Figure, label, numbers
 from updyn.report.unknowns import correlation_map, cost_path, estimates, singular_values, value_paths
-from updyn.report.words import unit
+from updyn.report.words import figure_name, unit
 from updyn.updating.result import UpdateResult
 
 __all__ = ["DRAWING_BUDGET", "all_figures", "overlay"]
@@ -28,19 +29,22 @@ DRAWING_BUDGET = 16_000_000
 
 def all_figures(result: UpdateResult, data: ReportData) -> dict[str, Figure]:
     """Return every figure that has something to show, by the name of its place in the page."""
-    factors = [p for p in result.parameters if p.is_factor]
-    losses = [p for p in result.parameters if not p.is_factor]
+    factors = [p for p in result.parameters if p.is_factor and not p.is_channel]
+    sensors = [p for p in result.parameters if p.is_channel]
+    values = {kind: [p for p in result.parameters if p.value_of == kind] for kind in VALUES}
     made = {
         "frac-before": frac_map(data, data.frac_before),
         "frac-after": frac_map(data, data.frac_after),
         "csac": csac_lines(data),
-        "factors": estimates(result, factors, relative=True),
-        "loss-factors": estimates(result, losses, relative=False),
+        "factors": estimates(result, factors),
+        **{f"{figure_name(kind)}s": estimates(result, chosen) for kind, chosen in values.items()},
+        "calibrations": estimates(result, sensors),
         "singular-values": singular_values(result),
         "correlation": correlation_map(result),
         "cost": cost_path(result),
-        "factor-paths": value_paths(result, factors, relative=True),
-        "loss-factor-paths": value_paths(result, losses, relative=False),
+        "factor-paths": value_paths(result, factors),
+        **{f"{figure_name(kind)}-paths": value_paths(result, chosen) for kind, chosen in values.items()},
+        "calibration-paths": value_paths(result, sensors),
         "level-differences": level_differences(data),
         "residual-by-channel": residual_by_channel(data),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from updyn.group import VALUES
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.content import Content
@@ -30,28 +31,46 @@ _STAGE_WORDS = {
 def parameters(c: Content) -> str:
     """Return table and figures of the unknowns."""
     kinds = ("", "text", "", "", "", "", "", "", "note-cell")
-    rows = [_parameter_row(c.result, p, kinds) for p in c.result.parameters]
+    sensors = [_parameter_row(c.result, p, kinds) for p in c.result.parameters if p.is_channel]
+    rows = [_parameter_row(c.result, p, kinds) for p in c.result.parameters if not p.is_channel]
     caption = (
-        "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss factors are values, "
-        "relative to the updated stiffness. The 95 % interval is symmetric in the logarithm for factors and cut at 0 "
-        "for loss factors; it covers the noise in the data, not errors of the model's form."
+        "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss factors, mass "
+        "damping (1/s) and stiffness damping (s) are values, relative to the updated stiffness or mass. The 95 % "
+        "interval is symmetric in the logarithm for factors and cut at 0 for values; it covers the noise in the data, "
+        "not errors of the model's form."
     )
     head = ["group", "quantity", "start", "value", "change", "std. dev.", "95 % interval", "bounds", "note"]
-    parts = [
-        '<section id="unknowns"><h2>Unknowns</h2>',
-        m.table(head, rows, caption=caption, kinds=kinds),
-    ]
+    parts = ['<section id="unknowns"><h2>Unknowns</h2>']
+    if rows:
+        parts.append(m.table(head, rows, caption=caption, kinds=kinds))
     legend = (
         "Points: estimates with 95 % interval; short ticks: start; long grey ticks: bounds, where they lie in the "
         "range drawn; crosses: not determined by the data."
     )
-    for name, title in (("factors", "Factors, relative to their start"), ("loss-factors", "Loss factors")):
-        if name in c.figures:
-            parts.append(f"<h3>{title}</h3>")
-            parts.append(
-                m.figure(name, f"{title}: estimates, intervals and bounds", legend, height=c.figures[name]["height"])
-            )
+    for name, title in (("factors", "Factors, relative to their start"), *_kinds("s")):
+        parts += _estimates(c, name, title, legend)
+    if sensors:
+        caption = (
+            "Factors on what a sensor reads: above 1 it reads too much. They belong to the measurement: the updated "
+            "model is without them, and its FRFs are shown and scored as the sensors would read them."
+        )
+        parts.append("<h3>Calibration of the sensors</h3>")
+        parts.append(m.table(["sensor", *head[1:]], sensors, caption=caption, kinds=kinds))
+        parts += _estimates(c, "calibrations", "", legend)
     return "".join(parts) + "</section>"
+
+
+def _kinds(end: str) -> list[tuple[str, str]]:
+    """Return name and title of the figures of each kind of value."""
+    return [(w.figure_name(kind) + end, w.quantity_words(kind).capitalize()) for kind in VALUES]
+
+
+def _estimates(c: Content, name: str, title: str, legend: str) -> list[str]:
+    if name not in c.figures:
+        return []
+    what = f"{title or 'Calibration factors'}: estimates, intervals and bounds"
+    plot = m.figure(name, what, legend, height=c.figures[name]["height"])
+    return [f"<h3>{title}</h3>", plot] if title else [plot]
 
 
 def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -> str:
@@ -70,7 +89,7 @@ def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -
         notes.append(f"prior standard deviation {w.number(p.prior_std, 3)}")
     cells = [
         p.group,
-        w.quantity_words(p.quantity),
+        w.quantity_words(p.quantity) + (f" ({p.value_unit})" if p.value_unit else ""),
         w.number(p.start),
         w.estimate(value, std),
         w.change(p, value),
@@ -99,7 +118,8 @@ def identifiability(c: Content) -> str:
     if ident.null_directions:
         parts.append(
             "<h3>Open combinations</h3><p>These move together without changing anything measured. "
-            "In brackets: how far, against the first (relative to itself for a factor, in value for a loss factor).</p>"
+            "In brackets: how far, against the first (relative to itself for a factor; for damping in the loss factor "
+            "that it amounts to in the middle of the band).</p>"
         )
         parts.append(_directions(ident.null_directions, w.combination))
     if ident.determined_directions:
@@ -156,7 +176,8 @@ def convergence(c: Content) -> str:
         caption += " Each stage weighs the residuals in its own way: compare costs within a stage only. " + explained
         caption = caption.strip().removesuffix(".") + "."
     parts.append(m.figure("cost", "Cost by iteration", caption, height=c.figures["cost"]["height"]))
-    for name, title in (("factor-paths", "Paths of the factors"), ("loss-factor-paths", "Paths of the loss factors")):
+    paths = [("factor-paths", "Paths of the factors"), ("calibration-paths", "Paths of the calibration factors")]
+    for name, title in (*paths, *((name, f"Paths: {title.lower()}") for name, title in _kinds("-paths"))):
         if name in c.figures:
             parts.append(f"<h3>{title}</h3>")
             parts.append(m.figure(name, f"{title} over the iterations", "", height=c.figures[name]["height"]))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.report.plots import PRINTED_CELLS, Figure, colour_bar, label, labels, log_step, numbers, rows_height
-from updyn.report.words import interval, quantity_words
+from updyn.report.words import axis_title, interval, quantity_words
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -23,10 +23,11 @@ _STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
 
 
 # -- unknowns ----------------------------------------------------------------------------------------------
-def estimates(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bool) -> Figure | None:
-    """Estimates with 95 % intervals and bounds; factors relative to their start on a log axis, loss factors as is."""
+def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
+    """Estimates of one kind with 95 % intervals and bounds; factors relative to their start on a log axis."""
     if not chosen:
         return None
+    relative = chosen[0].is_factor
     unit = np.array([p.start if relative else 1.0 for p in chosen])
     values = np.array([result.values[p.name] for p in chosen]) / unit
     spans = [interval(p, result.values[p.name], result.std[p.name]) for p in chosen]
@@ -58,7 +59,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bo
     limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
     view = _view(np.concatenate([values, low, high, [p.start for p in chosen] / unit]), log=relative)
     traces.insert(1, _bound_trace(limits, view, rows))
-    title = "value relative to the start (log scale)" if relative else "loss factor"
+    title = axis_title(chosen[0]) + (" (log scale)" if relative else "")
     axis: dict[str, Any] = {"title": {"text": title}, "range": np.log10(view).tolist() if relative else list(view)}
     return {
         "data": traces,
@@ -294,11 +295,12 @@ def _iterations(result: UpdateResult) -> dict[str, Any]:
     return {"title": {"text": "iteration"}, "range": [-0.02 * last - 0.2, 1.02 * last + 0.2], "zeroline": False}
 
 
-def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: bool) -> Figure | None:
+def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
     """Values of the unknowns over the iterations; of many, those that moved most are named, the rest are grey."""
     steps = [h for h in result.history if h.accepted and h.values]
     if not chosen or not steps:
         return None
+    relative = chosen[0].is_factor
     paths = {
         p.name: np.array([h.values.get(p.name, np.nan) for h in steps]) / (p.start if relative else 1.0) for p in chosen
     }
@@ -330,7 +332,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter], *, relative: 
         "height": 380,
         "layout": {
             "xaxis": _iterations(result),
-            "yaxis": {"title": {"text": "value relative to the start" if relative else "loss factor"}},
+            "yaxis": {"title": {"text": axis_title(chosen[0])}},
             "showlegend": True,
             "legend": {"orientation": "v"},
         },

@@ -15,6 +15,7 @@ __all__ = [
     "STATUS_WORDS",
     "Verdict",
     "agreement_name",
+    "axis_title",
     "change",
     "chi_hint",
     "combination",
@@ -22,6 +23,7 @@ __all__ = [
     "decibels",
     "estimate",
     "extent",
+    "figure_name",
     "figure_of_agreement",
     "held_out",
     "interval",
@@ -49,6 +51,10 @@ _QUANTITY_WORDS = {
     "mass": "mass",
     "viscous": "viscous damping",
     "loss_factor": "loss factor",
+    "mass_damping": "mass damping",
+    "stiffness_damping": "stiffness damping",
+    "calibration": "calibration factor",
+    "force_calibration": "calibration factor of the force",
 }
 _POWER = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 _NORMAL_95 = 1.959964
@@ -108,6 +114,19 @@ def estimate(value: float, std: float) -> str:
 def quantity_words(quantity: str) -> str:
     """Return ``"loss factor"`` for ``"loss_factor"``, and so on."""
     return _QUANTITY_WORDS.get(quantity, quantity)
+
+
+def figure_name(quantity: str) -> str:
+    """Return ``"loss-factor"`` for ``"loss_factor"``: the name of a figure of a kind of unknown."""
+    return quantity.replace("_", "-")
+
+
+def axis_title(parameter: Parameter) -> str:
+    """Return what an axis of values of such unknowns shows: what it is and, in brackets, its unit."""
+    if parameter.value_of is None:
+        return "value relative to the start"
+    unit = parameter.value_unit
+    return quantity_words(parameter.value_of) + (f" ({unit})" if unit else "")
 
 
 def unknown(name: str) -> str:

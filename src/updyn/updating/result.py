@@ -202,6 +202,8 @@ class UpdateResult:
                 note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
             if p.nominal is not None:
                 note = f"{p.physical(self.values[p.name], std)}" + (f"; {note}" if note else "")
+            if p.value_unit:
+                note = f"in {p.value_unit}" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
             lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip())
         ident = self.identifiability
@@ -217,6 +219,8 @@ class UpdateResult:
             lines.append(f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}.")
         if self.adequacy is not None:
             lines += _left_over(self.adequacy, self.message)
+        if any(p.is_channel for p in self.parameters):
+            lines.append("After: the updated model as the sensors read it, times their calibration factors.")
         held = self.correlation.get("validation", {})
         for what, table in (("fitted", self.correlation), ("held out", held)):
             for when in ("before", "after"):

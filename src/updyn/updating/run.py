@@ -22,7 +22,7 @@ from updyn.errors import OptionError, ParameterError, SolverError, UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.model import Model
-from updyn.updating.channels import check_channel
+from updyn.updating.channels import check_channel, check_method
 from updyn.updating.fit import Fit, Method
 from updyn.updating.joint import Task, together
 from updyn.updating.journal import Journal, fingerprint
@@ -106,7 +106,7 @@ def run(
     chosen = Selection.of(parameters)
     parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, parameters)
-    _check_calibration(parameters, method, strategy)
+    check_method(parameters, method, strategy)
     held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
     splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
     noises = [choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)]
@@ -270,16 +270,6 @@ def on_lines(problem: Problem, lines: _Lines) -> Problem:
     if len(at) == len(problem.frf.freq):
         return problem
     return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
-
-
-def _check_calibration(parameters: ParameterSet, method: str, strategy: Method) -> None:
-    """Refuse calibration factors with a method that compares with the measurement as it stands."""
-    sensors = [p.name for p in parameters if p.is_channel]
-    if sensors and not getattr(strategy, "calibrates", False):
-        raise OptionError(
-            f"method {method!r} takes the measurement as it is and knows no calibration factors ({sensors[0]!r}); use "
-            "'maximum-likelihood', 'log' or 'output-error'"
-        )
 
 
 def _has(model: Model, group: str, quantity: str) -> bool:

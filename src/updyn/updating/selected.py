@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from updyn.model import Group, Model
+from updyn.model import Model
 from updyn.updating.parameters import Parameter, ParameterSet
 
 __all__ = ["Selection"]
@@ -126,16 +126,12 @@ class Selection:
         for p in self.held:
             for d in p.acts_on:
                 group = model.groups.get(d.group)
-                if group is None or not _has(group, d.quantity):  # a configuration may lack it
+                if group is None or p.is_channel or not group.has(d.quantity):  # a configuration may lack it
                     continue
                 if p.start != (1.0 if p.is_factor else getattr(group, d.quantity)):
                     own = changes.setdefault(d.group, {})
                     own[d.quantity] = own.get(d.quantity, 1.0) * p.start**d.power if p.is_factor else p.start
         return model.scaled(changes) if changes else model
-
-
-def _has(group: Group, quantity: str) -> bool:
-    return getattr(group, "stiffness" if quantity == "loss_factor" else quantity) is not None
 
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:

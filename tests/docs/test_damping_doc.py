@@ -1,0 +1,39 @@
+"""docs/damping.md: its code runs, block after block, and what it says of names is so."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from pages import ROOT, blocks, run_python
+
+from updyn.group import GROUP_QUANTITIES, VALUES
+from updyn.updating.methods import METHODS, method_class
+
+PAGE = ROOT / "docs" / "damping.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+
+
+def test_the_page_runs() -> None:
+    namespace: dict[str, Any] = {"__name__": "page"}
+    shown = [block for block in blocks(PAGE) if block.language == "python"]
+    assert len(shown) == 5
+    for block in shown:
+        run_python(block, "docs/damping.md", namespace)
+
+
+def test_every_kind_of_damping_is_in_the_table() -> None:
+    named = {name for row in TEXT.split("|---|---|---|---|")[1].split("\n\n")[0].splitlines() for name in
+             re.findall(r"`(\w+)`", row)}  # fmt: skip
+    assert named == {*GROUP_QUANTITIES, "loss_table"} - {"stiffness", "mass"}
+    assert VALUES == {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
+
+
+def test_the_methods_that_know_calibration_are_those() -> None:
+    knowing = {name for name in METHODS if getattr(method_class(name), "calibrates", False)}
+    said = TEXT.split("- **Methods.**")[1].split("Others work")[0]
+    assert set(re.findall(r"`([\w-]+)`", said)) == knowing
