@@ -36,18 +36,23 @@ if TYPE_CHECKING:
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
+    from updyn.io import read_modes as read_modes
     from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
+    from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
     from updyn.matching import match as match
+    from updyn.modal import ModeSet as ModeSet
+    from updyn.modal import identify_modes as identify_modes
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
     from updyn.uncertainty.profile import profile as profile
     from updyn.updating.channels import calibration as calibration
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
+    from updyn.updating.noise.repeats import average as average
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
     from updyn.updating.run import Test as Test
@@ -70,6 +75,7 @@ _WHERE = {
     "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
     "LossTable": "updyn.group",
+    "ModeSet": "updyn.modal",
     "Model": "updyn.model",
     "Selection": "updyn.updating.selected",
     "Test": "updyn.updating.run",
@@ -81,8 +87,10 @@ _WHERE = {
     "cluster_jointly": "updyn.updating.selection",
     "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
+    "average": "updyn.updating.noise.repeats",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
+    "identify_modes": "updyn.modal",
     "link": "updyn.updating.choice",
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
@@ -91,6 +99,7 @@ _WHERE = {
     "read_frf": "updyn.io",
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",
+    "read_modes": "updyn.io",
     "read_result": "updyn.io",
     "response": "updyn.dynamics.response",
     "select": "updyn.updating.selection",
@@ -100,6 +109,7 @@ _WHERE = {
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",
     "write_model": "updyn.io",
+    "write_modes": "updyn.io",
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
     "write_result": "updyn.io",

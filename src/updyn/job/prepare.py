@@ -221,7 +221,8 @@ def _measurement(job: Job) -> FRF:
     frf = _read(job, table.file, "file")
     if table.repeats is not None:
         if table.averages is not None:
-            raise job.error("test.averages: with repeats the variance comes from them; leave it out", "test", "averages")
+            told = "test.averages: with repeats the variance comes from them; leave it out"
+            raise job.error(told, "test", "averages")
         repeats = [_read(job, file, "repeats") for file in table.repeats]
         with _at(job, "test", "repeats"):
             frf = average([frf, *repeats])

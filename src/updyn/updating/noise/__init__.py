@@ -17,6 +17,7 @@ from updyn.updating.noise.base import ASSUMED, NoiseModel, level_by_unit
 from updyn.updating.noise.coherence import Coherence
 from updyn.updating.noise.estimated import Estimated
 from updyn.updating.noise.given import Variance
+from updyn.updating.noise.repeats import average
 from updyn.updating.noise.robust import FREEDOM, Robust
 from updyn.updating.noise.stated import Assumed, Stated
 
@@ -29,6 +30,7 @@ __all__ = [
     "Robust",
     "Stated",
     "Variance",
+    "average",
     "choose_noise",
     "level_by_unit",
 ]
