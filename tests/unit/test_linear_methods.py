@@ -12,6 +12,7 @@ from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.group import LossTable
 from updyn.updating.methods import make_method, method_class
 from updyn.updating.methods._linear import Amounts, Plain, basic_solution
+from updyn.updating.methods.reduced_frf import _in_turn
 from updyn.updating.methods.rfm import ResponseEquation
 from updyn.updating.monitor import Monitor
 from updyn.updating.problem import Problem
@@ -81,6 +82,27 @@ def test_basic_solution_leaves_what_is_not_determined():
     assert A @ found == pytest.approx([3.0, 4.0])
     assert (found[:2] == 0.0).sum() == 1
     assert not basic_solution(np.zeros((2, 2)), np.ones(2)).any()
+
+
+def test_separate_steps_are_taken_in_turn(chain12, full):
+    """Stiffness first, mass with the stiffness found, damping with both (Gauss-Seidel, not Jacobi)."""
+    problem = Problem.build(
+        chain12, full, updyn.parameters(chain12, mass=["part1"], stiffness=["part1"], loss_factor=["part2"])
+    )
+    A = np.array([[3.0, 1.0, 0.5], [1.0, 4.0, 1.0], [0.5, 2.0, 2.0]])
+    b = np.array([0.1, 0.2, 0.3])
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    start = problem.coordinates.parameters.start
+    names = problem.coordinates.parameters.names
+    kappa, mu, gamma = (names.index(name) for name in ("part1.stiffness", "part1.mass", "part2.loss_factor"))
+    wanted, left = np.zeros(3), b.copy()
+    for i in (kappa, mu, gamma):
+        wanted[i] = A[:, i] @ left / (A[:, i] @ A[:, i])
+        left -= A[:, i] * wanted[i]
+    found = _in_turn(
+        problem, Amounts(()), Local(0.0, A, -b), x
+    )  # at factors of 1, derivatives by x and by values agree
+    assert found - start == pytest.approx(wanted, rel=1e-12)
 
 
 # -- the equation ----------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ class FrfSensitivityMethod:
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
         check_unknowns(problem, "frf-sensitivity", self.cannot, "")
         weights = [np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts]
         residual = Each(tuple(OutputError(weight, "frf-sensitivity") for weight in weights))
@@ -69,4 +69,4 @@ class FrfSensitivityMethod:
         step = partial(linear_step, problem, Amounts(()))  # no pairs: linearised in kappa and gamma
         with monitor.stage("frf-sensitivity"):
             x, reason = settings.run(problem, partial(local_of, problem, residual), step, x, monitor)
-            return judged(problem, residual, x, reason, _NOTE)
+            return judged(problem, residual, x, reason, _NOTE, noises)
