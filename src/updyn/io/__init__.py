@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from updyn.dofs import Dof
     from updyn.frf import FRF
     from updyn.geometry import Geometry
+    from updyn.modal import ModeSet
     from updyn.model import Model
     from updyn.updating.result import UpdateResult
 
@@ -23,9 +24,11 @@ __all__ = [
     "read_frf",
     "read_geometry",
     "read_model",
+    "read_modes",
     "read_result",
     "write_frf",
     "write_model",
+    "write_modes",
     "write_properties",
     "write_result",
 ]
@@ -129,6 +132,54 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     """
     reader = _function(path, "read_geometry", format)
     return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
+
+
+def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:
+    """Read measured modes.
+
+    Parameters
+    ----------
+    path : path
+        A universal file with datasets 55 (normal or complex modes).
+    format : str, optional
+        Format name, to force it: "uff".
+    **options
+        What the reader of that format takes, checked by name.
+
+    Returns
+    -------
+    ModeSet
+        Frequencies in Hz, loss factors, shapes, and the DOFs of their rows.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the content is not valid; the message says where.
+    OptionError
+        If the format has no such option; the nearest is named.
+    """
+    reader = _function(path, "read_modes", format)
+    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
+
+
+def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
+    """Write modes, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    path : path
+        File to write; its suffix chooses the format: a universal file (datasets 55).
+    format : str, optional
+        Format name, to force it.
+
+    Raises
+    ------
+    FormatError
+        If no format fits, or the format cannot hold the modes.
+    """
+    _function(path, "write_modes", format)(modes, path)
 
 
 def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:

@@ -2,9 +2,10 @@
 
 Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
 that format is met, and offers, as far as it can, ``read_frf(path, *, quantity, duplicates, ...)``,
-``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)``, ``read_geometry(path)`` and
-``write_properties(changes, deck, path)``. A ``read_frf`` with ``responses`` and ``references`` selects while it reads;
-with the others `updyn.io.read_frf` selects afterwards.
+``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)``, ``read_geometry(path)``,
+``read_modes(path)``, ``write_modes(modes, path)`` and
+``write_properties(changes, deck, path)``. A ``read_frf`` with ``responses`` and ``references`` selects while it
+reads; with the others `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class Format:
     magic : tuple of bytes
         What files of this format may start with; empty: not told by content.
     can : tuple of str
-        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``, ``write_properties``.
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``, ``read_modes``,
+        ``write_modes``, ``write_properties``.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Format:
 
 _FRF = ("read_frf", "write_frf")
 _MODEL = ("read_model", "write_model")
+_MODES = ("read_modes", "write_modes")
 _NASTRAN = ("read_model", "read_geometry", "write_properties")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
@@ -55,7 +58,7 @@ _DECK = ("read_model", "write_properties")
 _ANSYS = b"d\0\0\0\0\0\0\x80"
 
 FORMATS = (
-    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry")),
+    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry", *_MODES)),
     Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5, b"CDF"), _FRF),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
@@ -81,8 +84,8 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     ----------
     path : path
         The file; it need not exist for a verb that writes.
-    verb : {"read_frf", "write_frf", "read_model", "write_model", "read_geometry", "write_properties"}
-        What is to be done.
+    verb : str
+        What is to be done, as in `Format.can`.
     name : str, optional
         Format name, to force it.
 

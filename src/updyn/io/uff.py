@@ -1,4 +1,4 @@
-"""Universal files (UFF, UNV): FRFs from dataset 58, text or binary, with geometry and units.
+"""Universal files (UFF, UNV): FRFs from dataset 58, text or binary, with geometry and units; modes from 55.
 
 What is read, and how:
 
@@ -44,13 +44,14 @@ from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.guard import placed
+from updyn.io.uff55 import read_modes, write_modes
 from updyn.io.uff58 import Function, read_function
 from updyn.io.uff_blocks import datasets
 from updyn.io.uff_geometry import NUMBERS, Collector, Units
 from updyn.io.uff_matrix import Directions, assemble
 from updyn.io.uff_write import write_frf
 
-__all__ = ["read_frf", "read_geometry", "write_frf"]
+__all__ = ["read_frf", "read_geometry", "read_modes", "write_frf", "write_modes"]
 
 _MOTION = {8: "receptance", 11: "mobility", 12: "accelerance"}
 _FORCE = (9, 13)

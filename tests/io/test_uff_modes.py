@@ -1,0 +1,223 @@
+"""Modes in universal files: dataset 55 field by field, units, round trips, pyuff as a second opinion, bad files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pyuff
+import uff_samples as uff
+
+import updyn
+from updyn.errors import FormatError, UpdynWarning
+from updyn.modal import ModeSet
+
+
+def dataset(
+    *,
+    analysis: int = 2,
+    characteristic: int = 2,
+    specific: int = 8,
+    kind: int = 2,
+    width: int = 3,
+    head: Sequence[float] = (10.0, 0.0, 0.0, 0.0),
+    nodes: dict[int, Sequence[float]] | None = None,
+) -> bytes:
+    """A dataset 55 by the columns of the format."""
+    values = {1: [1.0, 0.0, -2.0], 2: [0.5, 0.0, 1.0]} if nodes is None else nodes
+    lines = ["Mode", "NONE", "NONE", "NONE", "NONE"]
+    lines.append("".join(f"{v:10d}" for v in (1, analysis, characteristic, specific, kind, width)))
+    lines.append("".join(f"{v:10d}" for v in (2, len(head), 1, 1)))
+    lines.append("".join(f"{v:13.5E}" for v in head))
+    for node, row in values.items():
+        lines.append(f"{node:10d}")
+        lines += ["".join(f"{v:13.5E}" for v in row[i : i + 6]) for i in range(0, len(row), 6)]
+    return uff.text(55, *lines)
+
+
+def put(tmp_path: Path, *parts: bytes) -> Path:
+    path = tmp_path / "modes.unv"
+    path.write_bytes(b"".join(parts))
+    return path
+
+
+def test_normal_modes(tmp_path: Path) -> None:
+    """Unused values are 0, and no DOFs: Y moves in no mode."""
+    second = dataset(head=(20.0, 4.0, 0.01, 0.003), nodes={1: [0.0, 0.0, 3.0], 2: [2.0, 0.0, 0.0]})
+    modes = updyn.read_modes(put(tmp_path, dataset(), second))
+    assert modes.dofs.labels == ["1:X", "1:Z", "2:X", "2:Z"]
+    assert modes.frequency.tolist() == [10.0, 20.0]
+    assert np.isnan(modes.loss_factor[0])  # 0 in both fields says nothing
+    assert modes.loss_factor[1] == pytest.approx(2 * 0.01 + 0.003)
+    assert modes.scaled.tolist() == [False, True]
+    assert modes.shapes[:, 0].tolist() == [1.0, -2.0, 0.5, 1.0]
+    assert modes.shapes[:, 1].tolist() == [0.0, 1.5, 1.0, 0.0]  # over the root of the modal mass
+    assert np.isnan(modes.quality).all()
+    assert modes.source == "modes.unv"
+
+
+def test_nodes_left_out_of_a_mode_are_zero_there(tmp_path: Path) -> None:
+    """Note 9 of the format: a record of zeros need not appear."""
+    modes = updyn.read_modes(put(tmp_path, dataset(), dataset(head=(20.0, 0, 0, 0), nodes={2: [0.0, 1.0, 0.0]})))
+    assert modes.dofs.labels == ["1:X", "1:Z", "2:X", "2:Y", "2:Z"]
+    assert modes.shapes[:, 1].tolist() == [0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("analysis", [3, 7])
+def test_complex_modes(tmp_path: Path, analysis: int) -> None:
+    s, a = complex(-0.3, 62.8), complex(0.1, 2.0)
+    head = (s.real, s.imag, a.real, a.imag, 0.0, 0.0)
+    rows = {5: [1.0, 0.1, 0.0, 0.0, -2.0, 0.3]}
+    modes = updyn.read_modes(put(tmp_path, dataset(analysis=analysis, kind=5, head=head, nodes=rows)))
+    assert modes.frequency == pytest.approx([abs(s) / (2 * np.pi)], rel=1e-5)
+    assert modes.loss_factor == pytest.approx([0.6 / abs(s)], rel=1e-5)
+    # phi^T (2 s M + C) phi = a: with a = 2 i omega_d the shape has unit modal mass.
+    expected = np.array([1.0 + 0.1j, -2.0 + 0.3j]) * np.sqrt(2j * s.imag / a)
+    assert modes.shapes[:, 0] == pytest.approx(expected, rel=1e-5)
+    assert modes.scaled.all()
+
+
+def test_of_conjugate_modes_the_upper_one_is_taken(tmp_path: Path) -> None:
+    pair = [
+        dataset(analysis=3, kind=5, head=(-0.3, sign * 62.8, 0, 0, 0, 0), nodes={5: [1, sign * 0.1, 0, 0, 0, 0]})
+        for sign in (1, -1)
+    ]
+    both = updyn.read_modes(put(tmp_path, *pair))
+    assert len(both) == 1
+    assert both.shapes[0, 0] == pytest.approx(1.0 + 0.1j)
+    lower = updyn.read_modes(put(tmp_path, pair[1]))  # alone it says the same
+    assert lower.shapes[0, 0] == pytest.approx(1.0 + 0.1j)
+    assert not lower.scaled.any()
+
+
+def test_units(tmp_path: Path) -> None:
+    """In millimetres: the same mode as in metres, rotations as they are."""
+    millimetres = uff.text(
+        164, f"{5:10d}{'mm':<20}{2:10d}", "".join(f"{v:25.17E}" for v in (1e3, 1e3, 1.0)), f"{0.0:25.17E}"
+    )
+    # 2 kg m2 is 2e6 in N mm s2, as millinewton times millimetre is 1e-6 N m and the factor of force is 1000.
+    rows = {1: [1000.0, 0, 0, 0, 0, 0.25]}
+    head = (10.0, 2e6, 0.0, 0.0)
+    got = updyn.read_modes(put(tmp_path, millimetres, dataset(characteristic=3, width=6, head=head, nodes=rows)))
+    rows, head = {1: [1.0, 0, 0, 0, 0, 0.25]}, (10.0, 2.0, 0.0, 0.0)
+    same = updyn.read_modes(put(tmp_path, dataset(characteristic=3, width=6, head=head, nodes=rows)))
+    assert got.dofs.labels == same.dofs.labels == ["1:X", "1:RZ"]
+    assert got.shapes == pytest.approx(same.shapes, rel=1e-6)
+
+
+def test_accelerations_are_unscaled(tmp_path: Path) -> None:
+    assert not updyn.read_modes(put(tmp_path, dataset(specific=12, head=(10.0, 4.0, 0, 0)))).scaled.any()
+
+
+def test_other_analyses_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    other = dataset(analysis=5, kind=5, head=(10.0,), nodes={1: [1, 0, 0, 0, 0, 0]})
+    with pytest.warns(UpdynWarning, match="data at nodes that are no modes are left out: 1 frequency response"):
+        assert len(updyn.read_modes(put(tmp_path, dataset(), other))) == 1
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.3])
+def test_round_trip(tmp_path: Path, phase: float) -> None:
+    """Real ones as normal modes, others as complex ones; six digits."""
+    rng = np.random.default_rng(4)
+    shapes = rng.standard_normal((4, 3)) * np.exp(1j * phase * rng.standard_normal((4, 3)))
+    modes = ModeSet(
+        [10.0, 20.0, 35.5],
+        shapes,
+        ["3:X", "3:-RZ", "11:Z", "12:-Y"],
+        [0.01, 0.02, 0.005],
+        [True, False, True],
+        [0.99, 0.8, 1],
+    )
+    path = tmp_path / "written.unv"
+    updyn.write_modes(modes, path)
+    again = updyn.read_modes(path)
+    order = again.dofs.match(modes.dofs)
+    assert again.frequency == pytest.approx(modes.frequency, rel=1e-5)
+    assert again.loss_factor == pytest.approx(modes.loss_factor, rel=1e-5)
+    assert again.scaled.tolist() == modes.scaled.tolist()
+    assert again.quality == pytest.approx(modes.quality, rel=1e-5)
+    assert again.shapes[order.index] * order.sign[:, None] == pytest.approx(modes.shapes, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> None:
+    modes = ModeSet([10.0, 20.0], [[1.0, -0.5], [0.25, 2.0]], ["3:X", "4:Z"], [0.01, 0.02], True)
+    path = tmp_path / "written.unv"
+    updyn.write_modes(modes, path)
+    sets = [s for s in pyuff.UFF(str(path)).read_sets() if s["type"] == 55]
+    assert [s["freq"] for s in sets] == [10.0, 20.0]
+    assert [s["modal_m"] for s in sets] == [1.0, 1.0]
+    assert [s["modal_damp_his"] for s in sets] == [0.01, 0.02]
+    assert sets[1]["node_nums"].tolist() == [3, 4]
+    assert sets[1]["r1"].tolist() == [-0.5, 0.0]
+    assert sets[1]["r3"].tolist() == [0.0, 2.0]
+
+    about: dict[str, Any] = {f"id{i}": "NONE" for i in range(1, 6)}
+    about |= {"model_type": 1, "data_ch": 2, "spec_data_type": 8, "n_data_per_node": 3, "load_case": 1, "mode_n": 1}
+    shape = np.array([1.0 + 0.5j, -2.0 + 0.25j])
+    rest = {"r2": np.zeros(2, complex), "r3": np.zeros(2, complex), "node_nums": [7, 9]}
+    normal = {
+        "analysis_type": 2,
+        "data_type": 2,
+        "freq": 12.5,
+        "modal_m": 4.0,
+        "modal_damp_vis": 0.02,
+        "modal_damp_his": 0.0,
+    }
+    complex_ = {"analysis_type": 3, "data_type": 5, "eig": -1.0 + 99.0j, "modal_a": 198.0j, "modal_b": 0j}
+    theirs = tmp_path / "pyuff.unv"
+    file = pyuff.UFF(str(theirs))
+    file.write_sets(
+        pyuff.prepare_55(**about, **normal, r1=shape.real, **{k: np.real(v) for k, v in rest.items()}), "add"
+    )
+    file.write_sets(pyuff.prepare_55(**about, **complex_, r1=shape, **rest), "add")
+    read = updyn.read_modes(theirs)
+    assert read.dofs.labels == ["7:X", "9:X"]
+    assert read.frequency == pytest.approx([12.5, abs(-1 + 99j) / (2 * np.pi)], rel=1e-5)
+    assert read.loss_factor == pytest.approx([0.04, 2 / abs(-1 + 99j)], rel=1e-5)
+    assert read.shapes[:, 0] == pytest.approx(shape.real / 2.0)
+    assert read.shapes[:, 1] == pytest.approx(shape)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (uff.text(151, "x"), r"holds no modes \(dataset 55 of analysis type 2, 3 or 7\); it holds dataset 151"),
+        (dataset(analysis=4), "holds no modes .* it holds 1 of data at nodes, transient"),
+        (dataset(characteristic=1, width=1), ":8: record 6: data characteristic 1 with 1 values a node; expected 2"),
+        (dataset(kind=3), ":8: record 6: data type 3; expected 2"),
+        (dataset(head=(10.0, 0.0, 0.0)), ":9: record 7: 3 real parameters; expected at least 4"),
+        (dataset(head=(-1.0, 0, 0, 0)), ":10: record 8: frequency -1 Hz"),
+        (dataset(head=(1.0, -2.0, 0, 0)), ":10: record 8: frequency 1 Hz and modal mass -2"),
+        (dataset(analysis=3, kind=5, head=(-1.0, 0, 0, 0, 0, 0), nodes={1: [1] * 6}), ":10: .* does not oscillate"),
+        (dataset(nodes={1: [1.0, 2.0]}), ":12: record 10: expected 3 numbers, found 2"),
+        (dataset(nodes={1: [np.nan, 0, 0]}), ":12: record 10: a number is not finite"),
+        (dataset(nodes={1: [0.0, 0, 0]}), ":2: dataset 55: the shape is zero"),
+        (dataset(nodes={}), ":2: dataset 55: the shape is zero"),
+        (dataset()[:-20] + b"\n    -1\n", ":14: record 10: expected 3 numbers, found 2"),
+        (dataset().replace(b"\n         2\n", b"\n         1\n"), ":13: dataset 55: node 1 stands twice"),
+        (dataset().replace(b"\n         2\n", b"\n       two\n"), ":13: record 9, node: expected a whole number"),
+    ],
+)  # fmt: skip
+def test_bad_files_are_refused(tmp_path: Path, data: bytes, message: str) -> None:
+    with pytest.raises(FormatError, match=message):
+        updyn.read_modes(put(tmp_path, data))
+
+
+def test_touching_numbers_are_told_by_their_columns(tmp_path: Path) -> None:
+    rows = {1: [-1.5e-100, -2.5e-100, -3.5e-100]}  # 13 columns, no blank between them
+    touching = dataset(nodes=rows).replace(b" -1.50000E-100", b"-1.50000E-100")
+    assert updyn.read_modes(put(tmp_path, touching)).shapes[:, 0].tolist() == [-1.5e-100, -2.5e-100, -3.5e-100]
+
+
+def test_modes_of_no_file_or_format(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="no such file"):
+        updyn.read_modes(tmp_path / "modes.unv")
+    modes = ModeSet([10.0], [[1.0]], [f"{10**11}:X"])
+    with pytest.raises(FormatError, match="does not fit the ten columns"):
+        updyn.write_modes(modes, tmp_path / "modes.unv")
+    with pytest.raises(FormatError, match="write_modes"):
+        updyn.write_modes(modes, tmp_path / "modes.csv")
