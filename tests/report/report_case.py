@@ -9,6 +9,7 @@ import numpy as np
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.updating.adequacy import Suspect, assess, blamed
 from updyn.updating.choice import parameters
 from updyn.updating.parameters import Parameter, ParameterSet
 from updyn.updating.result import Identifiability, Iteration, UpdateResult
@@ -114,8 +115,23 @@ def realistic(**changes):
         timing_s={"log": 0.8, "maximum-likelihood": 1.9, "total": 2.9},
         versions={"updyn": "0.1.0", "numpy": np.__version__, "python": "3.11"},
         title="Mast, test 3",
+        adequacy=left_over(),
     )
     return dataclasses.replace(result, **changes)
+
+
+def left_over():
+    """What is left of four fitted responses by two references: noise, and in one channel a smooth misfit."""
+    rng = np.random.default_rng(11)
+    freq = np.linspace(20.0, 220.0, 123)
+    e = rng.standard_normal((123, 4, 2)) + 1j * rng.standard_normal((123, 4, 2))
+    e[60:80, 2, 1] += 6.0 * np.exp(0.1j * np.arange(20))
+    e[:, 0, 0] *= 1.9
+    H = sum(1.0 / (f0**2 - freq**2 + 0.02j * f0**2) for f0 in (45.0, 95.0, 140.0, 190.0))
+    at = ("1:Z", "4:Z", "6:-Z", "12:Z"), ("3:Z", "12:Z")
+    found = assess(e, H[:, None, None] * np.ones((4, 2)), freq, *at, n_unknowns=7, absolute=True)
+    suspects = [Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4), Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4)]
+    return blamed(found, suspects)
 
 
 def history(chosen, ends, stages=("log", "maximum-likelihood"), n=9):
@@ -161,6 +177,7 @@ def smallest():
         message="",
         remedy="",
         title="",
+        adequacy=None,
     )
 
 

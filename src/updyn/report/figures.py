@@ -17,6 +17,7 @@ from updyn.group import VALUES
 from updyn.report.agreement import csac_lines, frac_map, level_differences, residual_by_channel
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.plots import Figure, label, numbers
+from updyn.report.residual import misfit_map
 from updyn.report.unknowns import correlation_map, cost_path, estimates, singular_values, value_paths
 from updyn.report.words import figure_name, unit
 from updyn.updating.result import UpdateResult
@@ -47,6 +48,7 @@ def all_figures(result: UpdateResult, data: ReportData) -> dict[str, Figure]:
         "calibration-paths": value_paths(result, sensors),
         "level-differences": level_differences(data),
         "residual-by-channel": residual_by_channel(data),
+        "misfit-map": misfit_map(result.adequacy),
     }
     return {name: figure for name, figure in made.items() if figure is not None}
 

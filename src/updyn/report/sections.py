@@ -10,6 +10,7 @@ from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.content import Content, asset
 from updyn.report.sections_record import noise, provenance, validation
+from updyn.report.sections_residual import model_error, tile
 from updyn.report.sections_unknowns import convergence, identifiability, parameters
 from updyn.report.structure import structure
 from updyn.updating.result import UpdateResult
@@ -52,6 +53,8 @@ def _tiles(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> 
     chi = result.noise.get("chi_square")
     if isinstance(chi, int | float) and math.isfinite(chi):
         tiles.append(("Reduced chi-square", w.number(float(chi), 3), w.chi_hint(result.noise)))
+    if result.adequacy is not None:
+        tiles.append(tile(result.adequacy))
     cells = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
         for name, value, hint in tiles
@@ -154,6 +157,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Content], str]], ...] = (
     ("identifiability", "What is determined", identifiability),
     ("convergence", "Convergence", convergence),
     ("validation", "Validation", validation),
+    ("model-error", "Model error", model_error),
     ("noise", "Noise and residual", noise),
     ("provenance", "How it was made", provenance),
 )

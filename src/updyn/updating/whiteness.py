@@ -80,7 +80,7 @@ def serial_p(values: _Complex) -> _Real:
             continue
         T = _toeplitz(np.flatnonzero(mask))
         r = np.einsum("ij,ik,kj->j", e[:, full].conj(), T, e[:, full]).real / power[full]
-        out[columns[full]] = _tail(np.linalg.eigvalsh(T), r)
+        out[columns[full]] = _tail(np.linalg.eigvalsh(T), np.asarray(r, dtype=np.float64))
     return out
 
 

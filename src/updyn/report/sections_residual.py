@@ -1,0 +1,125 @@
+"""The section of the report on model error: is what is left noise, where not, and what would explain it."""
+
+from __future__ import annotations
+
+import math
+
+from updyn.report import markup as m
+from updyn.report import words as w
+from updyn.report.content import Content
+from updyn.report.residual import MOST_ROWS, shown_channels
+from updyn.updating.adequacy import Adequacy, Misfit, Suspect
+
+__all__ = ["model_error", "tile"]
+
+_TILES = {
+    "noise": ("noise", "nothing speaks against the model"),
+    "structure": ("model error", "the model cannot follow the data everywhere"),
+    "excess": ("more than noise", "but not alike from line to line"),
+    "exact": ("nothing", "the model answers the data exactly"),
+    "untested": ("not tested", "too few measured numbers"),
+}
+_UNEXPLAINED = (
+    "No change of one quantity that is not an unknown would explain a tenth of it: look at the sensors, at joints and "
+    "parts that the model lacks, and at what is not linear."
+)
+_EXPLAINED = (
+    "Of the quantities that are not unknowns, a change of these would take away most of what is left, the unknowns "
+    "adapting to it; to first order, so that the sign can be trusted more than the size. What the sensors cannot tell "
+    "apart has nearly the same share. Free what can be wrong, and run again."
+)
+
+
+def tile(found: Adequacy) -> tuple[str, str, str]:
+    """Return name, value and hint of the tile in the head."""
+    return ("What is left", *_TILES[found.outcome])
+
+
+def model_error(c: Content) -> str:
+    """Return verdict, map, worst places and suspects; nothing where the residual was not tested."""
+    found = c.result.adequacy
+    if found is None:
+        return ""
+    parts = ['<section id="model-error"><h2>Model error</h2>', m.paragraph(found.verdict)]
+    if "misfit-map" in c.figures:
+        parts.append(_map(c, found))
+    if found.worst:
+        parts.append(_places(found))
+    if found.explained_by:
+        parts.append(_suspects(found))
+    elif found.outcome == "structure":
+        parts.append(m.paragraph(_UNEXPLAINED))
+    parts.append(m.details("How it was tested", m.paragraph(_how(found))))
+    return "".join(parts) + "</section>"
+
+
+def _map(c: Content, found: Adequacy) -> str:
+    channels = found.misfit.shape[0] * found.misfit.shape[1]
+    some = f" The {MOST_ROWS} worst of {channels} channels are shown." if len(shown_channels(found)) < channels else ""
+    taken = "" if found.absolute else ", the size of the noise being taken from the residual"
+    caption = (
+        f"Root mean square misfit over {_unit(found)}{taken}, by channel and band about each resonance; 1 is noise. "
+        f"Marked: alike from line to line (an error of the model), and only too large.{some}"
+    )
+    height = c.figures["misfit-map"]["height"]
+    return m.figure("misfit-map", "Misfit of every channel in every band", caption, height=height)
+
+
+def _places(found: Adequacy) -> str:
+    head = ["response / reference", "band (Hz)", "most near (Hz)", "misfit", "alike over", "p of size", "p of likeness"]
+    caption = (
+        f"Places that stand out, the worst first. Misfit as a multiple of {_unit(found)}; p-values adjusted for the "
+        f"number of tests, suspect below {w.number(found.level)}"
+    )
+    return m.table(head, [m.row(_place(p)) for p in found.worst], caption=caption)
+
+
+def _unit(found: Adequacy) -> str:
+    return "the noise" if found.absolute else "the typical misfit"
+
+
+def _place(p: Misfit) -> list[str]:
+    return [
+        f"{p.response} / {p.reference}",
+        f"{w.number(p.low)} to {w.number(p.high)}",
+        w.number(p.near),
+        w.number(p.misfit, 3),
+        w.counted(round(p.alike), "line") if p.kind == "structure" else "–",
+        _p(p.chi_square_p),
+        _p(p.whiteness_p),
+    ]
+
+
+def _p(value: float) -> str:
+    return "< 10⁻⁹" if value < 1e-9 else w.number(value, 2)
+
+
+def _suspects(found: Adequacy) -> str:
+    head = ["quantity", "would explain", "change", "share of the energy of the error"]
+    rows = [m.row(_suspect(s)) for s in found.explained_by]
+    return f"<h3>What would explain it</h3>{m.paragraph(_EXPLAINED)}{m.table(head, rows)}"
+
+
+def _suspect(s: Suspect) -> list[str]:
+    if s.quantity == "loss_factor":
+        change = f"{s.change:+.2g}".replace("-", "−")
+    else:
+        change = ("up by " if s.change > 0 else "down by ") + w.number(100.0 * abs(math.expm1(s.change)), 2) + " %"
+    return [w.unknown(s.name), f"{100.0 * s.explains:.0f} %", change, f"{100.0 * s.energy:.0f} %"]
+
+
+def _how(found: Adequacy) -> str:
+    if found.absolute:
+        size = (
+            "The sum of squares of each channel in each band is compared with what the noise gives (chi-square or F)."
+        )
+    else:
+        size = (
+            "The size of the noise was taken from this residual, so the sum of squares of each channel in each band is "
+            "compared with that of all the rest (F): a misfit that is the same everywhere does not show by its size."
+        )
+    return (
+        f"{size} Likeness from line to line is tested by the autocorrelation at lags 1 to 3, which needs no size of the"
+        f" noise. All p-values are adjusted for their number such that at most {w.number(100.0 * found.level)} % of "
+        "fits to pure noise are suspected."
+    )
