@@ -86,10 +86,8 @@ def check_out(job: Job, out: str | Path) -> Path:
     parent = next(p for p in (out, *out.absolute().parents) if p.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
-    inputs = [
-        ("job file", job.path),
-        *(("measurement", job.beside(file)) for part in job.parts for file in part.test.files),
-    ]
+    files = [file for part in job.parts for file in (part.test.file, *(part.test.repeats or ()))]
+    inputs = [("job file", job.path), *(("measurement", job.beside(file)) for file in files)]
     if job.model.file is not None:
         inputs.append(("model", job.beside(job.model.file)))
     for what, path in inputs:

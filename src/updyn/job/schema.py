@@ -180,15 +180,9 @@ class TestTable(_Table):
     grounded: Texts | None = None  # the configuration: what is held, and what is added
     masses: dict[str, float] | None = None
     sensor_masses: dict[str, float] | None = Field(default=None, min_length=1)
-    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = (
-        None  # instead of those of [method]
-    )
+    # Instead of those of [method].
+    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None
     validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The files of the test: the first measurement, and its repeats."""
-        return (self.file, *(self.repeats or ()))
 
     @property
     def reader_options(self) -> dict[str, Any]:
