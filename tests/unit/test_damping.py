@@ -323,3 +323,15 @@ def test_gauss_newton_refuses_nothing_new():
     assert found.values["part2.stiffness_damping"] == pytest.approx(4e-4, rel=1e-8)
     with pytest.raises(OptionError):
         updyn.update(model, frf, unknowns, method="equation-error", solver="newton")
+
+
+def test_uncertainty_is_in_the_unit_of_the_unknown():
+    """Where the data say much, the profile is the estimate and 1.96 standard deviations to either side."""
+    model = chain()
+    true = model.scaled({"part1": {"mass_damping": 3.0}, "part2": {"stiffness_damping": 4e-4}})
+    frf = updyn.response(true, FREQ, true.dofs, ["1:X"], "accelerance")
+    unknowns = updyn.parameters(model, mass_damping="part1", stiffness_damping="part2")
+    found = updyn.update(model, frf, unknowns, noise={"relative": 0.01})
+    for name, interval in updyn.profile(found).intervals().items():
+        value, std = found.values[name], found.std[name]
+        assert interval == pytest.approx((value - 1.96 * std, value + 1.96 * std), abs=0.05 * std)

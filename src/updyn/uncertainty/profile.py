@@ -150,17 +150,18 @@ def _one(likelihood: Likelihood, item: tuple[Sequence[Point], int, float]) -> tu
 
 def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
     """Return a profile in the unit of its unknown."""
-    parameters = likelihood.problem.coordinates.parameters
-    factor, lower, upper = parameters.is_factor, parameters.lower, parameters.upper
+    coordinates = likelihood.problem.coordinates
+    parameters = coordinates.parameters
+    lower, upper = parameters.lower, parameters.upper
     k = parameters.names.index(found.name)
 
     def value(x: float) -> float:
         for bound, given in zip(likelihood.bounds, (lower, upper), strict=True):
             if abs(x - bound[k]) <= 1e-12 * max(1.0, abs(x)):
                 return float(given[k])  # which the exponential of its logarithm may miss by the last digit
-        return float(np.exp(x) if factor[k] else x)
+        return float(coordinates.to_values(np.full(len(parameters), x))[k])
 
-    others = np.clip(np.where(factor, np.exp(np.where(factor, found.others, 0.0)), found.others), lower, upper)
+    others = np.clip(coordinates.to_values(found.others), lower, upper)
     humps = tuple(Hump(value(h.lower), value(h.best), value(h.upper), h.drop) for h in found.humps)
     values = np.array([value(x) for x in found.values])
     return Profile(

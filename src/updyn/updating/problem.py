@@ -69,7 +69,7 @@ class Coordinates:
         return np.where(self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit)
 
     def to_values(self, x: _Vector) -> _Vector:
-        """Return the unknowns' values for x, both shape (n,)."""
+        """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
         return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
 
     def slope(self, x: _Vector) -> _Vector:
