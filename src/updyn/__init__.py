@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     from updyn.modal import identify_modes as identify_modes
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
+    from updyn.uncertainty.bootstrap import bootstrap as bootstrap
     from updyn.uncertainty.profile import profile as profile
+    from updyn.uncertainty.sampling import sample as sample
     from updyn.updating.channels import calibration as calibration
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
@@ -85,6 +87,7 @@ _WHERE = {
     "calibration": "updyn.updating.channels",
     "cluster": "updyn.updating.selection",
     "cluster_jointly": "updyn.updating.selection",
+    "bootstrap": "updyn.uncertainty.bootstrap",
     "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
     "average": "updyn.updating.noise.repeats",
@@ -96,6 +99,7 @@ _WHERE = {
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
     "profile": "updyn.uncertainty.profile",
+    "sample": "updyn.uncertainty.sampling",
     "read_frf": "updyn.io",
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",

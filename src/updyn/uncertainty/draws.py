@@ -1,0 +1,216 @@
+"""`Draws`: values of the unknowns drawn by a bootstrap or a sampler, pure data with words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from updyn.errors import OptionError, suggest
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["INTERVALS", "KINDS", "Draws"]
+
+_Vector = NDArray[np.float64]
+
+KINDS = ("bootstrap", "sampling")
+#: Kinds of intervals, the usual one first.
+INTERVALS = {"bootstrap": ("percentile", "basic", "bca"), "sampling": ("percentile", "highest")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draws:
+    """Draws of the unknowns.
+
+    Attributes
+    ----------
+    kind : {"bootstrap", "sampling"}
+        What made them.
+    names : tuple of str
+        The unknowns.
+    chains : ndarray of float, shape (n_chains, n_draws, n)
+        Values in the unit of each unknown. A bootstrap is one chain.
+    estimate, std : ndarray of float, shape (n,)
+        Of the update: values, and Laplace standard deviations (inf where it leaves the unknown open).
+    lower, upper : ndarray of float, shape (n,)
+        Bounds of the unknowns.
+    is_factor : ndarray of bool, shape (n,)
+        Which are positive factors, taken in their logarithm, not loss factors.
+    diagnostics : dict of str to ndarray of float, shape (n,)
+        Of a sampling, by ArviZ: ``r_hat``, ``ess_bulk``, ``ess_tail``, ``mcse_mean``, ``mcse_std`` (in the unit of the
+        unknown). Of a bootstrap: ``acceleration`` (of BCa intervals) and ``mcse_mean``, ``mcse_std``.
+    failed : dict of str to int
+        Draws that were tried and gave no value, by reason.
+    converged : bool
+        Whether the draws can be relied on: a sampling has converged, nearly all refits of a bootstrap have succeeded.
+    message : str
+        What to know, in words.
+    options : dict
+        How they were made: seed, numbers, evaluations, errors of a reduced model.
+    result : UpdateResult or JointResult or None
+        The update that they are about; not kept in files.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    chains: NDArray[np.float64]
+    estimate: _Vector
+    std: _Vector
+    lower: _Vector
+    upper: _Vector
+    is_factor: NDArray[np.bool_]
+    diagnostics: Mapping[str, _Vector] = field(default_factory=dict)
+    failed: Mapping[str, int] = field(default_factory=dict)
+    converged: bool = True
+    message: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    result: UpdateResult | JointResult | None = None
+
+    def __len__(self) -> int:
+        return int(self.chains.shape[0] * self.chains.shape[1])
+
+    def __repr__(self) -> str:
+        state = "" if self.converged else ", not converged"
+        return f"Draws({self.kind}, {len(self)} of {len(self.names)} unknowns{state})"
+
+    def __getitem__(self, name: str) -> _Vector:
+        """Return the draws of an unknown, shape (n_chains * n_draws,), in its unit.
+
+        Raises
+        ------
+        OptionError
+            If there is none of that name; the nearest is named.
+        """
+        if name not in self.names:
+            raise OptionError(f"no draws of {name!r}; {suggest(str(name), self.names)}")
+        return self.values[:, self.names.index(name)]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """All draws, shape (n_chains * n_draws, n)."""
+        return self.chains.reshape(-1, len(self.names))
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """Mean by unknown."""
+        return dict(zip(self.names, self.values.mean(axis=0).tolist(), strict=True))
+
+    @property
+    def deviation(self) -> dict[str, float]:
+        """Standard deviation by unknown."""
+        return dict(zip(self.names, self.values.std(axis=0, ddof=1).tolist(), strict=True))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the unknowns, shape (n, n)."""
+        return np.atleast_2d(np.cov(self.values, rowvar=False))
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Correlation of the unknowns, shape (n, n); nan for one that never moves."""
+        C = self.covariance
+        std = np.sqrt(np.diag(C))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(C / std[:, None] / std)
+
+    def of(self, result: UpdateResult | JointResult) -> Draws:
+        """Return the draws with the update that they are about, as one read from a file has lost it.
+
+        Raises
+        ------
+        OptionError
+            If the update has other unknowns or another estimate.
+        """
+        same = tuple(result.parameters.names) == self.names
+        if not same or not np.allclose([result.values[n] for n in self.names], self.estimate, rtol=1e-9, atol=1e-12):
+            raise OptionError("these draws are about another update: its unknowns or its estimate differ")
+        return replace(self, result=result)
+
+    # -- intervals -----------------------------------------------------------------------------------------
+    def intervals(self, level: float = 0.95, kind: str | None = None) -> dict[str, tuple[float, float]]:
+        """Return an interval by unknown, in its unit.
+
+        Parameters
+        ----------
+        level : float
+            Share of the probability within, between 0 and 1.
+        kind : str, optional
+            Of a bootstrap: ``"percentile"`` (default), ``"basic"`` (reflected at the estimate, in the logarithm of a
+            factor), or ``"bca"`` (corrected for bias and acceleration; Efron, J. Am. Stat. Assoc. 82 (1987) 171). Of a
+            sampling: ``"percentile"`` (default, equal tails) or ``"highest"`` (the shortest).
+
+        Raises
+        ------
+        OptionError
+            If the kind or the level is not understood, or there are too few draws.
+        """
+        if not 0.0 < level < 1.0:
+            raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+        known = INTERVALS[self.kind]
+        kind = known[0] if kind is None else kind
+        if kind not in known:
+            raise OptionError(f"intervals of a {self.kind} of kind {kind!r}: {suggest(str(kind), known)}")
+        if len(self) < 2:
+            raise OptionError(f"{len(self)} draws are too few for an interval")
+        ends = {"percentile": self._percentile, "basic": self._basic, "bca": self._bca, "highest": self._highest}
+        low, high = np.clip(ends[kind](0.5 * (1.0 - level)), self.lower, self.upper)
+        return {n: (float(a), float(b)) for n, a, b in zip(self.names, low, high, strict=True)}
+
+    def _percentile(self, tail: float) -> NDArray[np.float64]:
+        return np.asarray(np.quantile(self.values, [tail, 1.0 - tail], axis=0))
+
+    def _basic(self, tail: float) -> NDArray[np.float64]:
+        low, high = self._percentile(tail)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = np.array([self.estimate**2 / high, self.estimate**2 / low])
+        return np.where(self.is_factor, factor, np.array([2 * self.estimate - high, 2 * self.estimate - low]))
+
+    def _bca(self, tail: float) -> NDArray[np.float64]:
+        values, count = self.values, len(self)
+        below = (values < self.estimate).mean(axis=0) + 0.5 * (values == self.estimate).mean(axis=0)
+        bias = norm.ppf(np.clip(below, 0.5 / count, 1.0 - 0.5 / count))
+        a = self.diagnostics.get("acceleration", np.zeros(len(self.names)))
+        out = np.empty((2, len(self.names)))
+        for end, share in enumerate((tail, 1.0 - tail)):
+            z = bias + norm.ppf(share)
+            at = norm.cdf(bias + z / (1.0 - a * z))
+            out[end] = [np.quantile(values[:, k], at[k]) for k in range(len(self.names))]
+        return out
+
+    def _highest(self, tail: float) -> NDArray[np.float64]:
+        ordered = np.sort(self.values, axis=0)
+        inside = max(1, round((1.0 - 2.0 * tail) * (len(ordered) - 1)))
+        first = np.argmin(ordered[inside:] - ordered[:-inside], axis=0)
+        own = np.arange(len(self.names))
+        return np.array([ordered[first, own], ordered[first + inside, own]])
+
+    def summary(self, level: float = 0.95) -> str:
+        """Return the draws as text: means, deviations, intervals, and how far they can be relied on.
+
+        Parameters
+        ----------
+        level : float
+            Of the intervals.
+        """
+        width = max(28, *(len(name) + 2 for name in self.names))
+        tried = f", {sum(self.failed.values())} more failed" if self.failed else ""
+        head = [f"{self.kind.capitalize()}: {len(self)} draws{tried}", *filter(None, [self.message]), ""]
+        if len(self) < 2:
+            return "\n".join(head).rstrip()
+        more = [k for k in ("r_hat", "ess_bulk", "ess_tail") if k in self.diagnostics]
+        columns = ["value", "mean", "std", "Laplace std", "lower", "upper", *more]
+        head.append(
+            f"{'unknown':<{width}}" + "".join(f"{c:>13}" for c in columns) + f"   ({100 * level:g} % intervals)"
+        )
+        ends, mean, std = self.intervals(level), self.mean, self.deviation
+        for k, name in enumerate(self.names):
+            laplace = f"{self.std[k]:.3g}" if np.isfinite(self.std[k]) else "-"
+            row = f"{self.estimate[k]:>13.6g}{mean[name]:>13.6g}{std[name]:>13.3g}{laplace:>13}"
+            row += "".join(f"{end:>13.6g}" for end in ends[name])
+            row += "".join(f"{self.diagnostics[c][k]:>13.4g}" for c in more)
+            head.append(f"{name:<{width}}{row}")
+        return "\n".join(head)
