@@ -328,3 +328,18 @@ def test_it_is_immutable(bench):
         bench[0].status = "converged"
     assert bench[0].fewest == Fewest(5, bench[0].fewest.lines, bench[0].fewest.tried)
     assert repr(bench) == "Comparison(4 methods, 4 of them run, 18 unknowns)"
+
+
+def test_calibration_is_left_out_of_methods_that_know_none(start, data):
+    unknowns = updyn.parameters(start, stiffness=["unit 2"]) + updyn.calibration(data, responses=["3:RZ"])
+    found = updyn.compare(start, data, unknowns, ["log", "equation-error"])
+    assert found["log"].left == ()
+    assert found["equation-error"].left == ("3:RZ.calibration",)
+    assert found["equation-error"].values["3:RZ.calibration"] == 1.0
+    assert "equation-error leaves at the start: 3:RZ.calibration" in found.summary()
+
+
+def test_what_stays_open_is_counted(start, unknowns):
+    (row,) = updyn.compare(start, measure(), unknowns, ["equation-error"], truth=true_values())
+    assert (row.status, row.rank) == ("not-identifiable", 17)
+    assert "not-identifiable: 17 of 18" in updyn.compare(start, measure(), unknowns, ["equation-error"]).summary()

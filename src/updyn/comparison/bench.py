@@ -7,21 +7,21 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer
 from updyn.comparison.given import Given
 from updyn.comparison.rows import NOT_APPLICABLE, Row, figures_of
 from updyn.errors import InputError
-from updyn.updating.lines import d_optimal
+from updyn.frf import FRF
+from updyn.updating.lines import choose_lines, d_optimal
 from updyn.updating.methods import method_class
 from updyn.updating.monitor import Progress
 from updyn.updating.noise import choose_noise
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.parameters import CHANNELS, Parameter, ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.reducing import is_reduced
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import Test, on_lines
+from updyn.updating.run import Test
 from updyn.updating.selected import Selection
 from updyn.updating.split import split_data
 from updyn.updating.update import update, update_jointly
@@ -75,15 +75,15 @@ class Bench:
         What is asked for.
     running : mapping of str to object
         How fits are run.
-    problems : tuple of Problem
-        The tests on their lines.
+    data : tuple of FRF
+        What of each test is fitted, on its lines.
     """
 
     tests: tuple[Test, ...]
     parameters: ParameterSet
     given: Given
     running: Mapping[str, Any]
-    problems: tuple[Problem, ...]
+    data: tuple[FRF, ...]
     _subsets: dict[int, tuple[Test, ...]] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -95,21 +95,20 @@ class Bench:
         InputError
             If lines, noise or what is held out do not fit the data.
         """
-        made, problems = [], []
-        lines = sum(len(test.frf.freq) for test in tests)
-        tier = running["tier"]
-        tier = "sparse" if is_reduced(tier, max(test.model.n_dofs for test in tests), lines) else tier
+        made, data = [], []
         for test in tests:
             held: Any = None if test.validation is None else list(test.validation)
-            split = split_data(test.frf, held)
-            choose_noise(test.noise, split.fitted)
-            whole = Problem.build(
-                test.model, split.fitted, parameters, tier=tier, backend=running["backend"], name=test.name
-            )
-            problem = on_lines(whole, test.lines)
-            made.append(replace(test, validation=held, lines=None if problem is whole else problem.frf.freq))
-            problems.append(problem)
-        return cls(tuple(made), parameters, given, running, tuple(problems))
+            fitted = split_data(test.frf, held).fitted
+            choose_noise(test.noise, fitted)
+            if test.lines is None:
+                lines = None
+            elif isinstance(test.lines, str):
+                lines = fitted.freq[choose_lines(test.lines, _problem(test, fitted, parameters, running))]
+            else:
+                lines = fitted.freq[fitted.find_lines(test.lines)]
+            made.append(replace(test, validation=held, lines=lines))
+            data.append(fitted if lines is None else fitted.select(lines=lines))
+        return cls(tuple(made), parameters, given, running, tuple(data))
 
     # -- one method ----------------------------------------------------------------------------------------
     def row(self, name: str, watch: Watch) -> Row:
@@ -143,9 +142,10 @@ class Bench:
             errors=errors_against(values, self.given.truth, self.parameters),
             fitted=fitted,
             held_out=held_out,
+            rank=first.identifiability.rank,
             iterations=first.iterations,
             lines_solved=watch.lines_solved,
-            n_lines=sum(problem.n_lines for problem in self.problems),
+            n_lines=sum(len(frf.freq) for frf in self.data),
             seconds=first.timing_s["total"],
             result=result,
         )
@@ -168,7 +168,7 @@ class Bench:
         """Seek the fewest lines with which a method that was run still recovers."""
         assert row.result is not None
         unknowns, stage = row.result.parameters, watch.stage
-        n_lines = max(problem.n_lines for problem in self.problems)
+        n_lines = max(len(frf.freq) for frf in self.data)
         distance = self._distance(row, unknowns)
         if isinstance(distance, Fewest):
             return distance
@@ -188,7 +188,7 @@ class Bench:
             return np.inf if result.status == "failed" else distance(result.values)
 
         free = sum(1 for p in unknowns if p.prior_std is None)
-        numbers = counts(n_lines, sum(p.n_values // p.n_lines for p in self.problems), free)
+        numbers = counts(n_lines, sum(frf.values[0].size for frf in self.data), free)
         return fewest_lines(numbers, off, lambda count: _lines_of(self._on(count)[0]))
 
     def _distance(self, row: Row, unknowns: ParameterSet) -> Callable[[Mapping[str, float]], float] | Fewest:
@@ -210,18 +210,33 @@ class Bench:
     def _on(self, count: int) -> tuple[Test, ...]:
         """Return the tests with so many of their lines; the same for every method."""
         if count not in self._subsets:
-            chosen = [p.frf.freq[_positions(p, count, self.given.chosen)] for p in self.problems]
-            self._subsets[count] = tuple(replace(t, lines=own) for t, own in zip(self.tests, chosen, strict=True))
+            made = [self._thinned(test, frf, count) for test, frf in zip(self.tests, self.data, strict=True)]
+            self._subsets[count] = tuple(made)
         return self._subsets[count]
+
+    def _thinned(self, test: Test, frf: FRF, count: int) -> Test:
+        """Return a test with so many of its lines."""
+        n = len(frf.freq)
+        if count >= n:
+            at = np.arange(n)
+        elif self.given.chosen == "d-optimal":
+            at = d_optimal(_problem(test, frf, self.parameters, self.running), count)
+        else:
+            even = np.linspace(0, n - 1, count) if count > 1 else np.array([(n - 1) / 2])
+            at = np.unique(even.round().astype(np.intp))
+        return replace(test, lines=frf.freq[at])
 
 
 def about(name: str) -> dict[str, Any]:
     """Return what is known of a method without running it: ``method``, ``reference``, ``cannot``, ``needs``."""
     made = method_class(name)
+    cannot = dict.fromkeys(getattr(made, "cannot", ()))
+    if not getattr(made, "calibrates", False):
+        cannot |= dict.fromkeys(CHANNELS)
     return {
         "method": name,
         "reference": str(getattr(made, "reference", "")),
-        "cannot": tuple(getattr(made, "cannot", ())),
+        "cannot": tuple(cannot),
         "needs": str(getattr(made, "needs", "")),
     }
 
@@ -230,14 +245,10 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
 
-def _positions(problem: Problem, count: int, chosen: str) -> NDArray[np.intp]:
-    n = problem.n_lines
-    if count >= n:
-        return np.arange(n)
-    if chosen == "d-optimal":
-        return d_optimal(problem, count)
-    even = np.linspace(0, n - 1, count) if count > 1 else np.array([(n - 1) / 2])
-    return np.unique(even.round().astype(np.intp))
+def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Problem:
+    """Return what lines are chosen by; it is not kept, as a large model takes room."""
+    tier = "sparse" if is_reduced(running["tier"], test.model.n_dofs, len(frf.freq)) else running["tier"]
+    return Problem.build(test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name)
 
 
 def _lines_of(test: Test) -> tuple[float, ...]:

@@ -54,6 +54,8 @@ class Row:
     fitted, held_out : mapping of str to mapping of str to float
         ``before`` and ``after``: figures of agreement with the data of the fit and with what was held out
         (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
+    rank : int
+        Independent combinations of the unknowns that it was run with which it finds the data to determine.
     iterations : int
         Accepted steps, those of its search included.
     lines_solved : int
@@ -81,6 +83,7 @@ class Row:
     errors: Mapping[str, float] = field(default_factory=dict)
     fitted: _Figures = field(default_factory=dict)
     held_out: _Figures = field(default_factory=dict)
+    rank: int = 0
     iterations: int = 0
     lines_solved: int = 0
     n_lines: int = 0

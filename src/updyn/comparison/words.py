@@ -14,6 +14,9 @@ __all__ = ["COLUMNS", "cells", "columns", "limits", "listing", "summary"]
 #: Quantities of damping, the structural one first.
 _DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
 
+#: What is an unknown of a sensor, not of the structure.
+_CHANNELS = ("calibration", "force_calibration")
+
 Column = tuple[str, str, "Callable[[Row], str]"]
 
 
@@ -29,6 +32,12 @@ def _figure(row: Row, held: bool, name: str) -> str:
 
 def _number(value: float) -> str:
     return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.2g}"
+
+
+def _status(row: Row) -> str:
+    if row.status != "not-identifiable":
+        return row.status
+    return f"{row.status}: {row.rank} of {len(row.updated)}"
 
 
 def _error(row: Row, value: float) -> str:
@@ -51,7 +60,10 @@ def limits(row: Row) -> str:
 
 def _quantities(names: Sequence[str]) -> str:
     """Return quantities in words, those of damping together."""
-    out = [name.replace("_", " ") for name in names if name not in _DAMPING]
+    others = [name for name in names if name not in _DAMPING]
+    if set(_CHANNELS) <= set(others):
+        others = [*(name for name in others if name not in _CHANNELS), _CHANNELS[0]]
+    out = [name.replace("_", " ") for name in others]
     viscous = set(_DAMPING[1:]) <= set(names)
     if viscous and _DAMPING[0] in names:
         out.append("damping")
@@ -65,7 +77,7 @@ def _quantities(names: Sequence[str]) -> str:
 #: Key, heading and content of every column.
 COLUMNS: tuple[Column, ...] = (
     ("method", "method", lambda r: r.method),
-    ("status", "status", lambda r: r.status),
+    ("status", "status", _status),
     ("unknowns", "unknowns", lambda r: f"{len(r.updated)} of {len(r.updated) + len(r.left)}"),
     ("db", "misfit", lambda r: _figure(r, False, "db_error_median")),
     ("frac", "FRAC", lambda r: _figure(r, False, "frac_median")),

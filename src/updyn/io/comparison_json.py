@@ -29,7 +29,7 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a method with what `updyn.comparison.Row`
         holds: ``method``, ``reference``, ``status``, ``message``, ``cannot``, ``needs``, ``n_unknowns`` and
         ``updated``, ``left``, ``values``, ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``,
-        ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``), ``iterations``, ``lines_solved``,
+        ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``), ``iterations``, ``lines_solved``,
         ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines`` in Hz, ``tried``, ``note``; None where not sought);
         ``versions``.
     """
@@ -48,7 +48,16 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
 
 def _row(row: Row) -> dict[str, Any]:
     said = ("method", "reference", "status", "message", "cannot", "needs", "updated", "left", "values", "std", "errors")
-    counted = ("error_max", "error_rms", "error_max_updated", "iterations", "lines_solved", "n_lines", "seconds")
+    counted = (
+        "error_max",
+        "error_rms",
+        "error_max_updated",
+        "rank",
+        "iterations",
+        "lines_solved",
+        "n_lines",
+        "seconds",
+    )
     return {
         **{key: plain(getattr(row, key)) for key in said},
         "n_unknowns": len(row.updated),
