@@ -136,7 +136,7 @@ def test_the_measured_beam() -> None:
     assert (found.loss_factor[bending[1:]] < 0.006).all()
     assert (found.phase_collinearity[bending] > 0.95).all()
     assert (found.quality[bending] > 0.98).all()
-    assert len(found) <= 12  # splits of one mode, hit by hit, are no modes
+    assert len(found) == 9  # two that do not bend; splits of one mode, hit by hit, are no modes
 
 
 def test_is_deterministic() -> None:

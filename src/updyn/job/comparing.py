@@ -149,6 +149,9 @@ def _compared(
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
     options["options"] = {method.name: method.options}
+    if ready.modes:
+        modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
+        options["options"]["modal"] = options["options"].get("modal", {}) | {"modes": modes}
     for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)

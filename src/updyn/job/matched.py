@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
-from updyn.errors import InputError, JobError, suggest
+from updyn.dofs import Dof, DofSet
+from updyn.errors import DofError, InputError, JobError, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.job.schema import Job
 from updyn.matching import MatchError, Matching, match
+from updyn.modal import ModeSet
 from updyn.model import Model
 
-__all__ = ["matched"]
+__all__ = ["matched", "matched_modes"]
 
 T = TypeVar("T")
 
@@ -58,6 +60,44 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
         )
     except MatchError as error:
         raise _at_its_line(job, error) from error
+
+
+def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
+    """Name the DOFs of modes as the model names them.
+
+    What the FRFs have too goes where their sensors and forces went; all else has to be labelled as in the model.
+
+    Parameters
+    ----------
+    matching : Matching
+        Of the FRFs of the same test.
+    modes : ModeSet
+        As the file labels them.
+
+    Returns
+    -------
+    ModeSet
+        The same shapes.
+
+    Raises
+    ------
+    DofError
+        If a DOF is not in the model, or lies where a sensor has turned the DOFs of its node, or two are one.
+    """
+    seats = {row.sensor: row for row in matching.table}
+    new = []
+    for dof in modes.dofs:
+        row = seats.get(str(Dof(dof.node, dof.direction)))
+        if row is not None and row.turned:
+            raise DofError(
+                f"DOF {dof} of the modes: the sensor at it points obliquely, and the model has turned with it"
+            )
+        own = dof if row is None else Dof.parse(row.dof)
+        new.append(own if row is None or dof.sign > 0 else -own)
+    named = DofSet(new)
+    matching.model.dofs.match(named, "DOF of the modes")
+    parts = (modes.loss_factor, modes.scaled, modes.quality, modes.source)
+    return ModeSet(modes.frequency, modes.shapes, named, *parts)
 
 
 def _here(told: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:

@@ -15,9 +15,10 @@ import numpy as np
 from updyn.errors import DataError, InputError, JobError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.group import GROUP_QUANTITIES
-from updyn.job.matched import matched
+from updyn.job.matched import matched, matched_modes
 from updyn.job.schema import KINDS, OUTPUTS, Job
 from updyn.matching import Matching
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.channels import calibration, check_method
 from updyn.updating.choice import link, parameters
@@ -46,6 +47,8 @@ class PreparedTest:
         Of these, what is fitted: all but what is held out for validation.
     matching : Matching
         Who sits where.
+    modes : ModeSet or None
+        The modes that the job names, named as the model names its DOFs.
     """
 
     job: Job
@@ -53,6 +56,7 @@ class PreparedTest:
     frf: FRF
     fitted: FRF
     matching: Matching
+    modes: ModeSet | None = None
 
     @property
     def name(self) -> str:
@@ -77,6 +81,11 @@ class Prepared:
     job: Job
     tests: tuple[PreparedTest, ...]
     parameters: ParameterSet
+
+    @property
+    def modes(self) -> dict[str, ModeSet]:
+        """The modes that the job names, by the names of their tests."""
+        return {test.name: test.modes for test in self.tests if test.modes is not None}
 
     @property
     def model(self) -> Model:
@@ -130,7 +139,7 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     matching = matched(job, _configured(job, model), data[number], others)
     fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
-    return PreparedTest(job, matching.model, matching.frf, fitted, matching)
+    return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
 
 
 @contextmanager
@@ -246,6 +255,19 @@ def _read(job: Job, file: str, key: str) -> FRF:
         return read_frf(path, **job.test.reader_options)
     except InputError as error:
         raise job.error_about(str(error), "test", path=path) from error
+
+
+def _modes(job: Job, matching: Matching) -> ModeSet | None:
+    """Return the modes that the job's test names, in its band."""
+    from updyn.io import read_modes
+
+    table = job.test
+    if table.modes is None:
+        return None
+    path = _existing(job, table.modes, "test", "modes")
+    with _at(job, "test", "modes"):
+        modes = matched_modes(matching, read_modes(path))
+        return modes if table.band is None else modes.select(band=table.band)
 
 
 def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:

@@ -42,6 +42,8 @@ def resolved_job(job: Job, out: Path) -> str:
         if key in table:
             table[key] = _from(out, job.beside(table[key]))
     for test in tests:
+        if "modes" in test:
+            test["modes"] = _from(out, job.beside(test["modes"]))
         if "repeats" in test:
             test["repeats"] = [_from(out, job.beside(file)) for file in test["repeats"]]
     content["test"] = tests if len(tests) > 1 else tests[0]

@@ -87,6 +87,7 @@ def check_out(job: Job, out: str | Path) -> Path:
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
     files = [file for part in job.parts for file in (part.test.file, *(part.test.repeats or ()))]
+    files += [part.test.modes for part in job.parts if part.test.modes is not None]
     inputs = [("job file", job.path), *(("measurement", job.beside(file)) for file in files)]
     if job.model.file is not None:
         inputs.append(("model", job.beside(job.model.file)))
@@ -260,7 +261,7 @@ def _update(
 
     job, method = ready.job, ready.job.method
     options: dict[str, Any] = {"method": method.name, "callback": callback, "title": job.title or job.path.stem}
-    options |= running | method.options
+    options |= running | method.options | _modes(ready)
     for key in ("tier", "backend", "accuracy"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
@@ -271,6 +272,25 @@ def _update(
         (test,) = tests
         options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
         return update(test.model, test.frf, unknowns, **options)
+
+
+def _modes(ready: Prepared) -> dict[str, Any]:
+    """Return the measured modes as the method takes them.
+
+    Raises
+    ------
+    JobError
+        If it takes none.
+    """
+    from updyn.updating.methods import options_of
+
+    if not ready.modes:
+        return {}
+    method = ready.job.method.name
+    if "modes" not in options_of(method):
+        part = next(test.job for test in ready.tests if test.modes is not None)
+        raise part.error(f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out", "test", "modes")
+    return {"modes": ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))}
 
 
 @contextmanager

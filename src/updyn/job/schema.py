@@ -163,6 +163,7 @@ class TestTable(_Table):
 
     file: str
     repeats: Texts | None = Field(default=None, min_length=1)  # further files of the same test, averaged
+    modes: str | None = None  # a file of measured modes, for the method "modal"
     format: str | None = None
     quantity: str | None = None
     duplicates: str | None = None
