@@ -199,6 +199,40 @@ class LineSolver:
             out[i] = line(i).T
         return out.transpose(2, 0, 1)
 
+    def forced(
+        self, coefficients: NDArray[np.complex128], forces: NDArray[np.complex128], freq: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Solve Z X = F at a block of lines for forces on all DOFs.
+
+        Parameters
+        ----------
+        coefficients : ndarray of complex, shape (n_terms, n_lines)
+            Of Z.
+        forces : ndarray of complex, shape (N, n_lines, r)
+            Columns, in N.
+        freq : ndarray of float, shape (n_lines,)
+            In Hz, for messages.
+
+        Returns
+        -------
+        ndarray of complex, shape (N, n_lines, r)
+            In m.
+
+        Raises
+        ------
+        SolverError
+            If Z is singular at a line; the message names it.
+        """
+        if self.tier == "dense":
+            Z = self._dense(self.system.values(coefficients))
+            return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
+        solver, Z = self._whole()
+        out = np.empty((len(freq), forces.shape[2], self.system.n), dtype=np.complex128)
+        for i in range(len(freq)):
+            self.system.write(coefficients[:, i], Z.data)
+            out[i] = solver.solve(Z, np.asfortranarray(forces[:, i]), float(freq[i])).T
+        return out.transpose(2, 0, 1)
+
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the motion at some DOFs from fields that `solve` returned.
 
