@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import ModelError, suggest
 
 __all__ = [
+    "DAMPING",
     "GROUP_QUANTITIES",
     "MATRICES",
     "ROUNDING",
@@ -51,6 +52,9 @@ GROUP_QUANTITIES = {
 
 #: Those that are values, with their units; all are damping, not negative, and 0 where nothing is said.
 VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
+
+#: All damping of a group besides its viscous matrix, as `Group` takes it by name.
+DAMPING = (*VALUES, "loss_table")
 
 #: Rounding of an entry, as a share of the largest.
 ROUNDING = 1e-10
@@ -319,6 +323,29 @@ class Group:
             As `Group` does.
         """
         return Group(stiffness, mass, viscous=viscous, **self.damping)
+
+    def with_damping(self, damping: Mapping[str, Any]) -> Group:
+        """Return a group of the same matrices with other damping.
+
+        Parameters
+        ----------
+        damping : mapping of str to float, LossTable or None
+            ``loss_factor``, ``mass_damping``, ``stiffness_damping`` and ``loss_table`` as for `Group`; what is not
+            named stays.
+
+        Returns
+        -------
+        Group
+
+        Raises
+        ------
+        ModelError
+            If a name is not one of these, or a value is not usable.
+        """
+        for name in damping:
+            if name not in DAMPING:
+                raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}")
+        return Group._checked(self.stiffness, self.mass, self.viscous, self.damping | dict(damping))
 
     def changed(self, change: Mapping[str, float]) -> Group:
         """Return a changed copy, without a check.

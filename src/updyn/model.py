@@ -270,6 +270,37 @@ class Model:
             groups[name] = group.changed(change)
         return Model(groups, self.dofs, self.geometry, self.title)
 
+    def with_damping(self, damping: Mapping[str, Mapping[str, Any]]) -> Model:
+        """Return a copy with other damping, to begin with: of a deck that has none, or the course of a loss factor.
+
+        Parameters
+        ----------
+        damping : mapping of str to mapping
+            By group: ``loss_factor``, ``mass_damping`` (1/s), ``stiffness_damping`` (s) and ``loss_table`` (two rows,
+            lines in Hz and factors on the loss factor; None for none), as for `Group`. What is not named stays.
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        ModelError
+            If a group or a kind of damping is not there, or a value is not usable.
+        """
+        if not isinstance(damping, Mapping):
+            raise ModelError(f"damping: expected a mapping of group to damping, found {type(damping).__name__}")
+        groups = dict(self.groups)
+        for name, own in damping.items():
+            group = self.group(name)
+            if not isinstance(own, Mapping):
+                raise ModelError(f"group {name!r}: expected a mapping of damping by name, found {own!r}")
+            try:
+                groups[name] = group.with_damping(own)
+            except ModelError as error:
+                raise ModelError(f"group {name!r}: {error}") from error
+        return Model(groups, self.dofs, self.geometry, self.title)
+
 
 def _check_name(name: object) -> None:
     if not isinstance(name, str) or not name.strip() or name != name.strip():

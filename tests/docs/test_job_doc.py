@@ -20,6 +20,7 @@ from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.schema import (
     CalibrationTable,
+    DampingTable,
     Job,
     MatchTable,
     MethodTable,
@@ -65,6 +66,7 @@ TABLES = tables()
         ("[test]", TestTable),
         ("[match]", MatchTable),
         ("[[parameter]]", ParameterTable),
+        ("[[damping]]", DampingTable),
         ("[[calibration]]", CalibrationTable),
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),

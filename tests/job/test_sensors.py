@@ -113,3 +113,23 @@ def test_a_mass_of_two_values_is_no_unknown(folder: Path) -> None:
         prepare(load_job(job))
     ready = prepare(load_job(write(folder, head + two.format("a", 1.0) + two.format("b", 1.0) + rest)))
     assert ready.parameters[0].nominal == 1.0
+
+
+def test_a_job_says_what_damping_groups_begin_with(folder: Path) -> None:
+    tables = """
+[[damping]]
+groups = "all"
+loss_factor = 0.01
+mass_damping = 1.0
+[[damping]]
+groups = ["part2", "part4"]
+loss_factor = 0.03
+loss_table = [[0, 100], [1, 2]]
+"""
+    ready = prepare(load_job(write(folder, JOB.format(more=tables))))
+    told = {name: group.damping_words for name, group in ready.model.groups.items()}
+    assert told["part1"] == "loss factor 0.01, mass damping 1 1/s"
+    assert told["part4"] == "loss factor 0.03 by a table from 0 to 100 Hz, mass damping 1 1/s"
+    assert told["sensor 7"] == "loss factor 0"
+    start = {p.name: p.start for p in ready.parameters}
+    assert start["part1.mass_damping"] == 1.0

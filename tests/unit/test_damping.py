@@ -335,3 +335,19 @@ def test_uncertainty_is_in_the_unit_of_the_unknown():
     for name, interval in updyn.profile(found).intervals().items():
         value, std = found.values[name], found.std[name]
         assert interval == pytest.approx((value - 1.96 * std, value + 1.96 * std), abs=0.05 * std)
+
+
+def test_a_model_that_was_read_gets_other_damping(damped):
+    changed = damped.with_damping({"part1": {"loss_table": None, "mass_damping": 0.0}, "part2": {"loss_table": TABLE}})
+    assert changed.groups["part1"].damping == {"loss_factor": 0.02, "stiffness_damping": 2e-4}
+    assert changed.groups["part2"].loss_table.freq.tolist() == TABLE[0]
+    assert changed.groups["part2"].stiffness is damped.groups["part2"].stiffness
+    for damping, text in [
+        ({"part9": {}}, "no group 'part9'"),
+        ({"part1": {"loss": 1.0}}, "group 'part1': no damping 'loss'; .*'loss_factor'"),
+        ({"part1": {"mass_damping": -1.0}}, "group 'part1': mass_damping -1.0: expected a finite number of at least 0"),
+        ({"part1": 0.1}, "group 'part1': expected a mapping of damping by name, found 0.1"),
+        (0.1, "damping: expected a mapping of group to damping, found float"),
+    ]:
+        with pytest.raises(ModelError, match=text):
+            damped.with_damping(damping)

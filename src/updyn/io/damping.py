@@ -6,13 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError
-from updyn.group import VALUES, Group
+from updyn.group import DAMPING, Group
 from updyn.model import Model
 
 __all__ = ["DAMPING", "plain_damping", "refuse_damping"]
-
-#: Names of a group's damping besides its viscous matrix, as `Group` takes them.
-DAMPING = (*VALUES, "loss_table")
 
 
 def plain_damping(group: Group) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from updyn.errors import suggest
 from updyn.job.schema import (
     CalibrationTable,
+    DampingTable,
     Job,
     MatchTable,
     MethodTable,
@@ -102,6 +103,7 @@ _TABLES = {
     "test": TestTable,
     "match": MatchTable,
     "parameter": ParameterTable,
+    "damping": DampingTable,
     "calibration": CalibrationTable,
     "selection": SelectionTable,
     "method": MethodTable,

@@ -126,7 +126,7 @@ def prepare(job: Job) -> Prepared:
         If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not in the model, or
         the like; the message says on which line of the job, and where in the file.
     """
-    model = _model(job)
+    model = _damped(job, _model(job))
     _check_properties(job)
     data = [_measurement(part) for part in job.parts]
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
@@ -137,6 +137,10 @@ def prepare(job: Job) -> Prepared:
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
     others = [frf for i, frf in enumerate(data) if i != number]
     matching = matched(job, _configured(job, model), data[number], others)
+    for name, group in matching.model.groups.items():
+        if group.loss_table is not None:
+            with _at(job, "test", "band"):
+                group.loss_table.at(matching.frf.freq, name)
     fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
     return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
@@ -175,6 +179,27 @@ def _model(job: Job) -> Model:
         raise job.error(str(error), "model", key) from error
     except InputError as error:
         raise job.error(str(error), "model", "file") from error
+
+
+def _damped(job: Job, model: Model) -> Model:
+    """Return the model with the damping that the job begins with; a later table wins."""
+    for number, table in enumerate(job.damping):
+        acting = {"loss_factor" if name == "loss_table" else name for name in table.stated}
+        able = {name for name, group in model.groups.items() if all(group.has(q) for q in acting)}
+        names: list[str] = []
+        for pattern in table.groups:
+            fits = [n for n in model.groups if fnmatch.fnmatchcase(n, pattern) or pattern == "all"]
+            if not fits:
+                text = f"damping: no group {pattern!r}; {suggest(pattern, model.groups)}"
+                raise job.error(text, "damping", number, "groups")
+            if pattern in model.groups or not able.intersection(fits):
+                names += fits  # and if there is nothing to act on, that is said
+            names += able.intersection(fits)
+        try:
+            model = model.with_damping({name: table.stated for name in model.groups if name in names})
+        except InputError as error:
+            raise job.error_about(str(error), "damping", number) from error
+    return model
 
 
 def _check_properties(job: Job) -> None:

@@ -22,6 +22,7 @@ from updyn.job.toml_lines import Place, line_of
 
 __all__ = [
     "CalibrationTable",
+    "DampingTable",
     "Job",
     "MatchTable",
     "MethodTable",
@@ -244,6 +245,27 @@ class ParameterTable(_Table):
         return self
 
 
+class DampingTable(_Table):
+    """``[[damping]]``: damping that groups begin with, instead of what the model has."""
+
+    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
+    loss_factor: float | None = Field(default=None, ge=0)
+    mass_damping: float | None = Field(default=None, ge=0)
+    stiffness_damping: float | None = Field(default=None, ge=0)
+    loss_table: Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...] | None, Strict(False)] = None
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """What the table says, by name."""
+        return self.model_dump(exclude={"groups"}, exclude_none=True)
+
+    @model_validator(mode="after")
+    def _something(self) -> DampingTable:
+        if not self.stated:
+            raise ValueError("expected loss_factor, mass_damping, stiffness_damping or loss_table")
+        return self
+
+
 class CalibrationTable(_Table):
     """``[[calibration]]``: factors of sensors, an unknown each."""
 
@@ -311,6 +333,7 @@ class Job(_Table):
     parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables_of("parameter")), Strict(False)] = Field(
         min_length=1
     )
+    damping: Annotated[tuple[DampingTable, ...], BeforeValidator(_tables_of("damping")), Strict(False)] = ()
     calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(_tables_of("calibration")), Strict(False)] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
