@@ -34,12 +34,6 @@ def _number(value: float) -> str:
     return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.2g}"
 
 
-def _status(row: Row) -> str:
-    if row.status != "not-identifiable":
-        return row.status
-    return f"{row.status}: {row.rank} of {len(row.updated)}"
-
-
 def _error(row: Row, value: float) -> str:
     return "-" if row.status == "failed" else _number(value)
 
@@ -77,8 +71,10 @@ def _quantities(names: Sequence[str]) -> str:
 #: Key, heading and content of every column.
 COLUMNS: tuple[Column, ...] = (
     ("method", "method", lambda r: r.method),
-    ("status", "status", _status),
+    ("status", "status", lambda r: r.status),
     ("unknowns", "unknowns", lambda r: f"{len(r.updated)} of {len(r.updated) + len(r.left)}"),
+    ("rank", "rank", lambda r: "-" if r.status == "failed" else str(r.rank)),
+    ("fewest", "min lines", _fewest),
     ("db", "misfit", lambda r: _figure(r, False, "db_error_median")),
     ("frac", "FRAC", lambda r: _figure(r, False, "frac_median")),
     ("held_db", "held out", lambda r: _figure(r, True, "db_error_median")),
@@ -86,9 +82,8 @@ COLUMNS: tuple[Column, ...] = (
     ("error_max", "error", lambda r: _error(r, r.error_max)),
     ("error_rms", "rms", lambda r: _error(r, r.error_rms)),
     ("iterations", "steps", lambda r: str(r.iterations)),
-    ("lines_solved", "lines solved", lambda r: str(r.lines_solved)),
+    ("lines_solved", "solved", lambda r: str(r.lines_solved)),
     ("seconds", "seconds", lambda r: _number(r.seconds)),
-    ("fewest", "min lines", _fewest),
     ("limits", "cannot update", limits),
 )
 
@@ -122,7 +117,8 @@ def summary(comparison: Comparison) -> str:
         "",
         _table([heading for _, heading, _ in shown], [cells(row, shown) for row in comparison]),
         "",
-        "misfit: median level difference to the data of the fit; steps and lines solved: what the fit took.",
+        "misfit: median level difference to the data of the fit; rank: combinations of its unknowns that the data "
+        "determine; steps, solved: steps of the fit and lines at which the model was solved.",
     ]
     if comparison.truth:
         lines.append(

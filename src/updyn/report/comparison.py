@@ -147,8 +147,9 @@ def _methods(comparison: Comparison) -> str:
     rows = [m.row(cells(row, shown), kinds, "" if row.status == "converged" else "open") for row in comparison]
     how = (
         "All methods were given the same model, data, lines and unknowns. Misfit: median level difference between "
-        "model and data of the fit; FRAC: median over channels, 1 is the same shape. Steps and lines solved count the "
-        "work of the fit, its search for a start included."
+        "model and data of the fit; FRAC: median over channels, 1 is the same shape. Rank: combinations of its "
+        "unknowns that a method finds the data to determine. Steps, and lines solved, count the work of the fit, its "
+        "search for a start included."
     )
     truth = (
         "Error: estimate / truth − 1, for loss factors estimate − truth; unknowns left at their start count with it."
