@@ -40,6 +40,7 @@ _NEED_EXACT = {
     "complex-rfm": "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier 'sparse'",
     "frf-sensitivity": "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length; use "
     "tier 'sparse', or method 'output-error'",
+    "force-residual": "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier 'sparse'",
     "constitutive": "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier 'sparse'",
     "modal": "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use tier 'sparse'",
     "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",

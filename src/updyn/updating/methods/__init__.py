@@ -25,6 +25,7 @@ METHODS = {
     "log": (_HERE + "least_squares", "LogMethod"),
     "output-error": (_HERE + "least_squares", "OutputMethod"),
     "equation-error": (_HERE + "equation_error", "EquationErrorMethod"),
+    "force-residual": (_HERE + "force_residual", "ForceResidualMethod"),
     "constitutive": (_HERE + "constitutive", "ConstitutiveMethod"),
     "modal": (_HERE + "modal", "ModalMethod"),
     "rfm": (_HERE + "rfm", "ResponseFunctionMethod"),

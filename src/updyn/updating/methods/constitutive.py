@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from updyn.updating.problem import Problem
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import Local, TrustRegion
 
-__all__ = ["ConstitutiveError", "ConstitutiveMethod"]
+__all__ = ["ConstitutiveError", "ConstitutiveErrors", "ConstitutiveMethod", "adjoint_fields"]
 
 _Complex = NDArray[np.complex128]
 _Vector = NDArray[np.float64]
@@ -100,10 +100,14 @@ class ConstitutiveError:
 
     Parameters
     ----------
-    slack : ndarray of float, shape (n_f, n_i)
-        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N.
+    slack : ndarray of float, shape (n_f, n_i), or None
+        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N; None: by nothing.
     level : float
         What the residual is divided by, so that it is of the size of a relative misfit.
+    compliance : ndarray of float, shape (N,), optional
+        Takes the place of W, as its diagonal: then forces stand for the error, each in proportion to its own.
+    name : str
+        How the report calls it.
 
     Notes
     -----
@@ -115,14 +119,16 @@ class ConstitutiveError:
     to a rotation that changes neither E nor its derivatives.
     """
 
-    slack: _Vector
+    slack: _Vector | None
     level: float
-    name: ClassVar[str] = _NAME
+    compliance: _Vector | None = None
+    name: str = _NAME
 
     @property
     def mark(self) -> _Vector:
         """What tells it from others of its name."""
-        return np.append(self.slack.ravel(), self.level)
+        given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
+        return np.concatenate([[self.level], *given])
 
     def of(self, part: int) -> ConstitutiveError:
         """Return itself: it is of one test."""
@@ -130,7 +136,7 @@ class ConstitutiveError:
 
     def on(self, problem: Problem, lines: slice) -> ConstitutiveError:
         """Return it with the slack of a block of lines."""
-        return ConstitutiveError(self.slack[lines], self.level)
+        return self if self.slack is None else replace(self, slack=self.slack[lines])
 
     def partition(self, problem: Problem) -> list[slice]:
         """Return the blocks of lines."""
@@ -143,23 +149,25 @@ class ConstitutiveError:
         system, unknowns, values = problem.solver.system, problem.unknowns, problem.values(x)
         freq, state = problem.frf.freq[lines], problem.state(x)
         omega = 2.0 * np.pi * freq
-        P, U, S, moved, c = _fields(problem, state, freq)
+        P, U, S, moved, c = adjoint_fields(problem, state, freq, self.compliance)
         measured = problem.frf.converted("receptance").values[lines] * problem.sign
         misfit = U[problem.rows].transpose(1, 0, 2) - measured
         slopes = unknowns.slopes(system, state, values, omega)
         assert isinstance(problem.solver, LineSolver)
         Y = problem.solver.forced(c, moved, freq)
         crossed = contract(system, unknowns, slopes, P, Y)
-        weights = _weight_slopes(system, unknowns, c, slopes).astype(np.complex128)
-        turned = contract(system, unknowns, weights, P, P.conj())
-        S_ = turned - crossed - crossed.conj().swapaxes(2, 3)
+        change = -(crossed + crossed.conj().swapaxes(2, 3))
+        if self.compliance is None:
+            weights = _weight_slopes(system, unknowns, c, slopes).astype(np.complex128)
+            change += contract(system, unknowns, weights, P, P.conj())
         C = S.copy()
-        at = np.arange(C.shape[1])
-        C[:, at, at] += self.slack
+        if self.slack is not None:
+            at = np.arange(C.shape[1])
+            C[:, at, at] += self.slack
         L = np.linalg.cholesky(C)
         r = np.linalg.solve(L, misfit)
         J = contract(system, unknowns, -slopes, P, U)
-        J -= 0.5 * (S_ @ np.linalg.solve(C, misfit))
+        J -= 0.5 * (change @ np.linalg.solve(C, misfit))
         J *= (problem.coordinates.slope(x) / self.level)[:, None, None, None]
         return r / self.level, np.linalg.solve(L, J)
 
@@ -172,10 +180,12 @@ class ConstitutiveErrors:
     ----------
     errors : tuple of ConstitutiveError
         One for each test.
+    name : str
+        How the report calls it.
     """
 
     errors: tuple[ConstitutiveError, ...]
-    name: ClassVar[str] = _NAME
+    name: str = _NAME
 
     def of(self, part: int) -> ConstitutiveError:
         """Return the residual of one of the tests."""
@@ -189,17 +199,50 @@ class ConstitutiveErrors:
             return None
 
 
-def _fields(problem: Problem, state: State, freq: _Vector) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
-    """Return P and U (fields of responses and references), S, W conj(P), and the coefficients of Z."""
+def adjoint_fields(
+    problem: Problem, state: State, freq: _Vector, compliance: _Vector | None = None
+) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
+    """Return the fields from which errors in the relations, or forces, are told that make up for a misfit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    state : State
+        Of the model.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    compliance : ndarray of float, shape (N,), optional
+        Diagonal of W; else W is that of the constitutive relations.
+
+    Returns
+    -------
+    P, U : ndarray of complex, shapes (N, n_f, n_i) and (N, n_f, n_j)
+        Motion for unit forces on responses and on references, in m/N.
+    S : ndarray of complex, shape (n_f, n_i, n_i)
+        P^T W conj(P), Hermitian.
+    moved : ndarray of complex, shape (N, n_f, n_i)
+        W conj(P).
+    c : ndarray of complex, shape (n_terms, n_f)
+        Coefficients of Z.
+
+    Raises
+    ------
+    SolverError
+        If the model is singular at a line.
+    """
     system = problem.solver.system
     c, w = constitutive_weights(system, state, 2.0 * np.pi * freq)
     loaded, place = np.unique(np.concatenate([problem.rows, problem.columns]), return_inverse=True)
     fields = problem.solver.solve(c, loaded, freq)
     n_i = len(problem.rows)
     P, U = fields[:, :, place[:n_i]], fields[:, :, place[n_i:]]
-    moved = np.zeros_like(P)
-    for t, term in enumerate(system.terms):
-        moved[term.own] += w[t][None, :, None] * term.times(P[term.own].conj())
+    if compliance is None:
+        moved = np.zeros_like(P)
+        for t, term in enumerate(system.terms):
+            moved[term.own] += w[t][None, :, None] * term.times(P[term.own].conj())
+    else:
+        moved = compliance[:, None, None] * P.conj()
     S = np.einsum("nfi,nfk->fik", P, moved)
     return P, U, 0.5 * (S + S.conj().swapaxes(1, 2)), moved, c
 
@@ -237,5 +280,5 @@ def _at_start(problem: Problem, weight: float) -> ConstitutiveError:
 
 def _diagonal(problem: Problem, item: tuple[slice]) -> _Vector:
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    S = _fields(problem, problem.state(x), problem.frf.freq[item[0]])[2]
+    S = adjoint_fields(problem, problem.state(x), problem.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
