@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from updyn.frf import FRF as FRF
     from updyn.geometry import Geometry as Geometry
     from updyn.group import Group as Group
-    from updyn.group import LossTable as LossTable
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
+    from updyn.loss_table import LossTable as LossTable
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
@@ -76,7 +76,7 @@ _WHERE = {
     "Geometry": "updyn.geometry",
     "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
-    "LossTable": "updyn.group",
+    "LossTable": "updyn.loss_table",
     "ModeSet": "updyn.modal",
     "Model": "updyn.model",
     "Selection": "updyn.updating.selected",

@@ -16,6 +16,7 @@ ORDER = (
     ("dofs",),
     ("geometry",),
     ("frf",),
+    ("loss_table",),
     ("group",),
     ("model",),
     ("engines",),
