@@ -10,12 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import updyn
 from updyn.cli import main
 from updyn.cli.progress import Watch
 from updyn.demos import gear_train
+from updyn.demos.gear_train_case import true_model
 from updyn.updating.methods import METHODS
 
 METHODS_HERE = "maximum-likelihood,equation-error,reduced-frf,rfm"
@@ -115,6 +117,22 @@ def test_several_tests(inputs: Path, tmp_path: Path) -> None:
     assert [row["n_lines"] for row in found["rows"]] == [60, 60]
     assert found["rows"][0]["values"]["unit 2.loss_factor"] == pytest.approx(0.4)
     assert "2 tests" in (tmp_path / "two-compare" / "compare.html").read_text(encoding="utf-8")
+
+
+def test_measured_modes_go_to_the_methods_that_take_them(inputs: Path, tmp_path: Path) -> None:
+    frf = updyn.response(true_model(), np.linspace(0.8, 143.0, 600), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"])
+    updyn.write_modes(updyn.identify_modes(frf), inputs / "modes.uff")
+    text = (inputs / "compare_stiffness.toml").read_text(encoding="utf-8")
+    file = 'file = "compare_stiffness.uff"\n'
+    (inputs / "modes.toml").write_text(text.replace(file, f'{file}modes = "modes.uff"\n'), encoding="utf-8")
+    words = ["compare", str(inputs / "modes.toml"), "--methods", "equation-error,modal", "--fewest"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
+    paper, modal = found["rows"]
+    assert paper["status"] == "converged"
+    assert modal["left"] == [f"unit {e}.loss_factor" for e in range(1, 7)]
+    assert modal["lines_solved"] < paper["lines_solved"]  # it identifies nothing from FRFs
+    assert "does not depend on the lines" in modal["fewest"]["note"]
 
 
 def test_no_method_with_an_answer_says_3(inputs: Path, tmp_path: Path) -> None:

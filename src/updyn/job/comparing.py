@@ -89,7 +89,7 @@ def compare_job(
     """Run every method on the inputs of a job and write what comes of it.
 
     Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own options go to that
-    method.
+    method, measured modes to every method that takes them.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _compared(
 
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
-    options["options"] = {method.name: method.options}
+    options["options"] = _options(ready)
     if ready.modes:
         modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
         options["options"]["modal"] = options["options"].get("modal", {}) | {"modes": modes}
@@ -163,3 +163,16 @@ def _compared(
     (test,) = tests
     options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
     return compare(test.model, test.frf, unknowns, **options)
+
+
+def _options(ready: Prepared) -> dict[str, dict[str, Any]]:
+    """Return options by method: the job's own for its method, measured modes for those that take them."""
+    from updyn.updating.methods import METHODS, options_of
+
+    out = {ready.job.method.name: dict(ready.job.method.options)}
+    if ready.modes:
+        modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
+        for name in METHODS:
+            if "modes" in options_of(name):
+                out[name] = {**out.get(name, {}), "modes": modes}
+    return out
