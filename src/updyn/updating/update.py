@@ -68,8 +68,8 @@ def update(
     noise : None, str or mapping
         None: from the data's variance, else coherence, else estimated from the residual. A mapping with ``relative``
         and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``,
-        ``"estimated"`` force one source, as does ``source`` in a mapping. ``robust="student-t"`` in a mapping gives
-        outliers less weight, whatever the source.
+        ``"estimated"``, ``"estimated-by-channel"`` force one source, as does ``source`` in a mapping.
+        ``robust="student-t"`` in a mapping gives outliers less weight, whatever the source.
     engine : None, int, dask.distributed Client or Engine
         Where lines, and the tries of the search, are worked on: here one after the other, in so many processes on this
         machine, or on a cluster. The result does not depend on it.

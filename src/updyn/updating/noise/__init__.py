@@ -14,6 +14,7 @@ import numpy as np
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.updating.noise.base import ASSUMED, NoiseModel, level_by_unit
+from updyn.updating.noise.by_channel import EstimatedByChannel
 from updyn.updating.noise.coherence import Coherence
 from updyn.updating.noise.estimated import Estimated
 from updyn.updating.noise.given import Variance
@@ -26,6 +27,7 @@ __all__ = [
     "Assumed",
     "Coherence",
     "Estimated",
+    "EstimatedByChannel",
     "NoiseModel",
     "Robust",
     "Stated",
@@ -42,6 +44,7 @@ SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
     "variance": lambda frf, tails: Variance(),
     "coherence": lambda frf, tails: Coherence.of(frf),
     "estimated": lambda frf, tails: Estimated(tails=tails),
+    "estimated-by-channel": lambda frf, tails: EstimatedByChannel(tails),
 }
 _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
 
@@ -53,9 +56,9 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     ----------
     noise : None, str or mapping
         None: from the data's variance, else their coherence (of two averages or more), else estimated.
-        ``"variance"``, ``"coherence"`` or ``"estimated"`` to force one. A mapping with ``relative`` and/or ``floor``
-        states it; one with ``source`` forces one as the text does; in both ``robust = "student-t"`` gives less weight
-        to outliers, and alone keeps the default source.
+        ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one. A mapping with
+        ``relative`` and/or ``floor`` states it; one with ``source`` forces one as the text does; in both
+        ``robust = "student-t"`` gives less weight to outliers, and alone keeps the default source.
     frf : FRF
         The data of the fit.
 

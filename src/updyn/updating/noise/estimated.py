@@ -12,7 +12,9 @@ from updyn.frf import FRF
 from updyn.updating.noise.base import ASSUMED, SMALLEST, level_by_unit, two_part
 from updyn.updating.noise.stated import Assumed
 
-__all__ = ["Estimated"]
+__all__ = ["Estimated", "two_numbers"]
+
+_Real = NDArray[np.float64]
 
 _SAMPLES = 20_000
 
@@ -44,35 +46,52 @@ class Estimated:
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
         """Return the model with `relative` and `floor` estimated from frf - H, or `Assumed` where nothing is left."""
-        from scipy.optimize import minimize
-
         if 2 * H.size <= n_parameters:
             return Assumed(**ASSUMED)
         level = np.broadcast_to(level_by_unit(frf), H.shape)
-        stride = max(1, H.size // _SAMPLES)
-        size, floor = np.abs(H).ravel()[::stride], level.ravel()[::stride]
-        squared = np.abs(frf.values - H).ravel()[::stride] ** 2
-        squared = squared * H.size / (H.size - 0.5 * n_parameters)
-
-        def unlikely(logs: NDArray[Any]) -> float:
-            a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
-            v = (a * size) ** 2 + (b * floor) ** 2
-            if np.isinf(self.tails):
-                return float(np.mean(np.log(v) + squared / v))
-            return float(np.mean(np.log(v) + (0.5 * self.tails + 1.0) * np.log1p(2.0 / self.tails * squared / v)))
-
-        positive = size > 0
-        middle = np.mean if np.isinf(self.tails) else np.median
-        guess = np.sqrt(middle(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
-        both = max(guess, SMALLEST), max(np.sqrt(middle(squared / floor**2)), SMALLEST)
-        tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
-        found = min(
-            (minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6}) for t in tries),
-            key=lambda m: float(m.fun),
-        )
-        a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))
-        return replace(self, relative=float(a), floor=float(b))
+        squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
+        relative, floor = two_numbers(np.abs(H), level, squared, self.tails)
+        return replace(self, relative=relative, floor=floor)
 
     def figures(self) -> dict[str, Any]:
         """Return relative and floor."""
         return {"relative": self.relative, "floor": self.floor}
+
+
+def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
+    """Return relative and floor that make a residual most likely.
+
+    Parameters
+    ----------
+    size : ndarray of float
+        |H| of the model.
+    level : ndarray of float, shape of `size`
+        What the floor is a share of.
+    squared : ndarray of float, shape of `size`
+        Squared magnitude of the residual.
+    tails : float
+        As for `Estimated`.
+    """
+    from scipy.optimize import minimize
+
+    stride = max(1, size.size // _SAMPLES)
+    size, level, squared = (a.ravel()[::stride] for a in (size, level, squared))
+
+    def unlikely(logs: NDArray[Any]) -> float:
+        a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
+        v = (a * size) ** 2 + (b * level) ** 2
+        if np.isinf(tails):
+            return float(np.mean(np.log(v) + squared / v))
+        return float(np.mean(np.log(v) + (0.5 * tails + 1.0) * np.log1p(2.0 / tails * squared / v)))
+
+    positive = size > 0
+    middle = np.mean if np.isinf(tails) else np.median
+    guess = np.sqrt(middle(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
+    both = max(guess, SMALLEST), max(np.sqrt(middle(squared / level**2)), SMALLEST)
+    tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
+    found = min(
+        (minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6}) for t in tries),
+        key=lambda m: float(m.fun),
+    )
+    a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))
+    return float(a), float(b)

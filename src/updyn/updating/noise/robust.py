@@ -97,5 +97,9 @@ class Robust:
     def figures(self) -> dict[str, Any]:
         """Return those of the noise in the bulk, and what was down-weighted."""
         plain = self.base.figures()
-        level = {k: float(v * np.sqrt(self.factor)) for k, v in plain.items() if k in ("relative", "floor")}
+        scale = float(np.sqrt(self.factor))
+        level: dict[str, Any] = {k: float(v * scale) for k, v in plain.items() if k in ("relative", "floor")}
+        for key in ("relative_by_channel", "floor_by_channel"):
+            if key in plain:
+                level[key] = {name: value * scale for name, value in plain[key].items()}
         return {**plain, **level, **self.seen}
