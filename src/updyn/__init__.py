@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
     from updyn.uncertainty.bootstrap import bootstrap as bootstrap
+    from updyn.uncertainty.prediction import predict as predict
     from updyn.uncertainty.profile import profile as profile
     from updyn.uncertainty.sampling import sample as sample
     from updyn.updating.channels import calibration as calibration
@@ -98,6 +99,7 @@ _WHERE = {
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
+    "predict": "updyn.uncertainty.prediction",
     "profile": "updyn.uncertainty.profile",
     "sample": "updyn.uncertainty.sampling",
     "read_frf": "updyn.io",

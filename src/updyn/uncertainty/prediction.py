@@ -1,0 +1,239 @@
+"""Bands of prediction: how surely the updated model knows an FRF, also where nothing was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import OptionError, SolverError, suggest
+from updyn.frf import FRF, check_lines
+from updyn.uncertainty.band import Band
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.setting import restore
+from updyn.updating.identifiability import analyse
+from updyn.updating.noise import Stated, level_by_unit
+from updyn.updating.problem import Problem
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["predict"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Draws that a band is made of; more hardly move its edges.
+_DRAWS = 1000
+#: A motion along what the data leave open, as a share of |H|, that makes a band open.
+_OPEN = 1e-6
+
+
+def predict(
+    source: UpdateResult | JointResult | Draws,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    *,
+    level: float = 0.95,
+    noise: bool = False,
+    quantity: str | None = None,
+    test: str | None = None,
+    seed: int = 0,
+) -> Band:
+    """Predict an FRF with the band in which it lies.
+
+    Parameters
+    ----------
+    source : UpdateResult, JointResult or Draws
+        An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws of a bootstrap or a
+        sampling: the model is solved at up to 1000 of them, evenly chosen.
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz, also others than were measured.
+    responses, references : iterable of str or Dof
+        Any DOFs of the model, measured or not.
+    level : float
+        Share of the probability within, between 0 and 1, at every value by itself.
+    noise : bool
+        Whether the band is about a measurement yet to be made, with the noise of the fit, or about the structure.
+    quantity : str, optional
+        Of the FRF; by default that of the measurement.
+    test : str, optional
+        Of several tests, the one whose model answers.
+    seed : int
+        Of the noise that is added to draws.
+
+    Returns
+    -------
+    Band
+
+    Raises
+    ------
+    OptionError
+        If an option is not understood, draws read from a file were not given their update (`Draws.of`), or the noise of
+        the fit is known at measured values only.
+    DofError
+        If a response or a reference is no DOF of the model.
+    SolverError
+        If the model cannot be solved at a line.
+
+    Notes
+    -----
+    The band is about what the unknowns and the noise leave unsure; it does not know of a wrong model. Magnitude and
+    phase come from d ln H = dH / H. Where the data leave a combination of unknowns open, the band is infinite at values
+    that it moves, and not affected at those that it does not.
+    """
+    if not 0.0 < level < 1.0:
+        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    draws = source if isinstance(source, Draws) else None
+    about = source if draws is None else draws.result
+    if isinstance(source, Draws) and about is None:
+        raise OptionError("these draws were read from a file; give them their update first: draws.of(result)")
+    assert not isinstance(about, Draws)
+    result = _chosen(about, test)
+    problem = _problem(result, freq, responses, references, quantity)
+    x = problem.coordinates.to_x(np.array([result.values[n] for n in result.parameters.names]))
+    variance = _noise(result, problem, x) if noise else None
+    if draws is not None:
+        return _from_draws(problem, x, draws, level, variance, seed)
+    assert about is not None
+    return _from_laplace(problem, x, about, result, level, variance)
+
+
+def _chosen(about: UpdateResult | JointResult | None, test: str | None) -> UpdateResult:
+    if isinstance(about, JointResult):
+        if test not in about.results:
+            raise OptionError(f"test = {test!r}: which test's model is to answer? {suggest(str(test), about.results)}")
+        return about.results[test]
+    if not isinstance(about, UpdateResult):
+        raise OptionError(f"expected the result of an update or draws, found {type(about).__name__}")
+    if test is not None:
+        raise OptionError(f"test = {test!r}: this update has one test only")
+    return about
+
+
+def _problem(
+    result: UpdateResult,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str | None,
+) -> Problem:
+    lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
+    blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
+    frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
+    return Problem.build(result.start, frf, result.parameters)
+
+
+def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:
+    """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of the prediction squared."""
+    kind = result.noise.get("kind")
+    if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
+        raise OptionError(
+            f"noise: that of the fit ({kind or 'not known'}) is known at the measured values only; leave it out of the "
+            "band, or update with noise that is stated or estimated"
+        )
+    if result.noise.get("floor") and problem.frf.quantity != result.frf.quantity:
+        raise OptionError(f"noise: its floor is known for {result.frf.quantity}; predict that quantity")
+    stated = Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
+    H = problem.responses(x)
+    # The floor is a share of the level of what was measured in the same unit.
+    measured = result.frf.select(lines=result.lines, responses=result.fitted_responses)
+    levels = level_by_unit(measured)[0]
+    kinds = _units(measured)
+    level = np.zeros(H.shape[1:])
+    for at in np.ndindex(*level.shape):
+        like = levels[kinds == _units(problem.frf)[at]]
+        if not like.size and stated.floor > 0.0:
+            raise OptionError(f"noise: nothing was measured in the unit of {problem.frf.responses[at[0]]}")
+        level[at] = like[0] if like.size else 0.0
+    inflation = float(result.noise.get("inflation", 1.0)) ** 2
+    return np.asarray(((stated.relative * np.abs(H)) ** 2 + (stated.floor * level) ** 2) * inflation)
+
+
+def _units(frf: FRF) -> NDArray[np.int_]:
+    return np.asarray(2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :], dtype=np.int_)
+
+
+def _from_laplace(
+    problem: Problem,
+    x: _Real,
+    about: UpdateResult | JointResult,
+    result: UpdateResult,
+    level: float,
+    noise: _Real | None,
+) -> Band:
+    H, dH = _solved(problem, x)
+    covariance, free = _covariance(problem, x, about, result)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.einsum("kfij,kl->lfij", dH, free)
+        opens = (np.abs(moved) > _OPEN * np.abs(H)).any(axis=0)
+        real, imag = dH.real, dH.imag
+        rr = np.einsum("kfij,kl,lfij->fij", real, covariance, real)
+        ii = np.einsum("kfij,kl,lfij->fij", imag, covariance, imag)
+        ri = np.einsum("kfij,kl,lfij->fij", real, covariance, imag)
+        added = 0.0 if noise is None else 0.5 * noise
+        rr, ii = np.where(opens, np.inf, rr + added), np.where(opens, np.inf, ii + added)
+        ri = np.where(opens, 0.0, ri)
+        # d ln|H| and d arg H are the real and the imaginary part of dH / H.
+        u = np.conj(H) / np.abs(H) ** 2
+        magnitude = u.real**2 * rr + u.imag**2 * ii - 2.0 * u.real * u.imag * ri
+        phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
+        z = float(ndtri(0.5 + 0.5 * level))
+        spread = np.where(opens, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
+        turn = np.minimum(np.where(opens, np.inf, z * np.sqrt(np.maximum(phase, 0.0))), np.pi)
+        size = np.abs(H)
+        low, high = np.where(size > 0, size * np.exp(-spread), 0.0), np.where(size > 0, size * np.exp(spread), np.inf)
+    angle = np.angle(H)
+    return Band(
+        _frf(problem, H), level, "Laplace", noise is not None,
+        low, high, angle - turn, angle + turn, np.sqrt(rr), np.sqrt(ii),
+    )  # fmt: skip
+
+
+def _covariance(
+    problem: Problem, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
+) -> tuple[_Real, NDArray[np.float64]]:
+    """Return the covariance of what is determined, in x, and the open directions, by column."""
+    slope = problem.coordinates.slope(x)
+    if np.isfinite(result.covariance).all():
+        return result.covariance / slope / slope[:, None], np.zeros((len(x), 0))
+    setting = restore(about)
+    local = setting.likelihood().local(setting.x)
+    if local is None:
+        raise SolverError("the model cannot be solved at the estimate")
+    found = analyse(local.R, problem.coordinates.parameters.names)
+    return found.covariance, found.open
+
+
+def _solved(problem: Problem, x: _Real) -> tuple[_Complex, _Complex]:
+    """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
+    blocks = list(problem.blocks(x))
+    return np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks if b.dH is not None], axis=1)
+
+
+def _from_draws(problem: Problem, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int) -> Band:
+    values = draws.values
+    if len(values) < 2:
+        raise OptionError(f"{len(values)} draws are too few for a band")
+    at = np.unique(np.linspace(0, len(values) - 1, min(_DRAWS, len(values))).round().astype(np.intp))
+    H = problem.responses(x)
+    drawn = np.array([problem.responses(problem.coordinates.to_x(values[i])) for i in at])
+    if noise is not None:
+        normal = np.random.default_rng(seed).standard_normal((2, *drawn.shape)) / np.sqrt(2.0)
+        drawn = drawn + np.sqrt(noise) * (normal[0] + 1j * normal[1])
+    tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
+    low, high = np.quantile(np.abs(drawn), tails, axis=0)
+    angle = np.angle(H)
+    turned = angle + np.angle(drawn * np.exp(-1j * angle))  # nearest to the prediction, whatever the branch
+    left, right = np.quantile(turned, tails, axis=0)
+    return Band(
+        _frf(problem, H), level, draws.kind, noise is not None,
+        low, high, left, right, drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
+    )  # fmt: skip
+
+
+def _frf(problem: Problem, H: _Complex) -> FRF:
+    return replace(problem.frf, values=H)
