@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -18,6 +17,16 @@ from pydantic import (
 )
 
 from updyn.errors import JobError
+from updyn.job.tables import (
+    CalibrationTable,
+    DampingTable,
+    Pair,
+    ParameterTable,
+    Table,
+    Texts,
+    is_number,
+    tables_of,
+)
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = [
@@ -33,9 +42,6 @@ __all__ = [
     "TestTable",
 ]
 
-Pair = Annotated[tuple[float, float], Strict(False)]
-Texts = Annotated[tuple[str, ...], Strict(False)]
-
 #: Builders that `[model] kind = "..."` may name: module and function.
 KINDS = {
     "beam": ("updyn.elements.beam", "beam_from_table"),
@@ -48,17 +54,10 @@ KINDS = {
 OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
 
 
-def _groups(given: Any) -> Any:
-    globs = [given] if isinstance(given, str) else given
-    if not isinstance(globs, list | tuple) or not globs or not all(isinstance(g, str) for g in globs):
-        raise ValueError("expected group names or globs, such as ['shaft', 'gear*']")
-    return tuple(globs)
-
-
 def _lines(given: Any) -> Any:
     if isinstance(given, str):
         return given
-    if isinstance(given, list | tuple) and given and all(_is_number(x) for x in given):
+    if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
         return tuple(float(x) for x in given)
     raise ValueError("expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines")
 
@@ -67,7 +66,7 @@ def _validation(given: Any) -> Any:
     if isinstance(given, list | tuple) and given:
         if all(isinstance(x, str) for x in given):
             return tuple(given)
-        if len(given) == 2 and all(_is_number(x) for x in given):
+        if len(given) == 2 and all(is_number(x) for x in given):
             return float(given[0]), float(given[1])
     raise ValueError("expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz")
 
@@ -78,34 +77,9 @@ def _noise(given: Any) -> Any:
     return given
 
 
-def _driven(given: Any) -> Any:
-    if isinstance(given, Mapping) and given and all(_is_number(p) for p in given.values()):
-        return {name: float(power) for name, power in given.items()}
-    if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
-        return tuple(given)
-    raise ValueError('expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names')
-
-
-def _tables_of(name: str) -> Callable[[Any], Any]:
-    def several(given: Any) -> Any:
-        if isinstance(given, dict):
-            raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
-        return given
-
-    return several
-
-
-def _sensors(given: Any) -> Any:
-    if given == "all":
-        return given
-    if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
-        return tuple(given)
-    raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
-
-
 def _tolerance(given: Any) -> Any:
     share = isinstance(given, str) and given.strip().endswith("%")
-    if not share and (not _is_number(given) or given <= 0):
+    if not share and (not is_number(given) or given <= 0):
         raise ValueError("expected a distance in m above 0, or a share of the model's size, such as '0.5 %'")
     return given
 
@@ -115,7 +89,7 @@ def _alignment(given: Any) -> Any:
     if pairs and given and all(isinstance(v, int) and not isinstance(v, bool) for v in given.values()):
         return dict(given)
     matrix = isinstance(given, list | tuple) and all(isinstance(row, list | tuple) and len(row) == 4 for row in given)
-    if matrix and len(given) == 4 and all(_is_number(x) for row in given for x in row):
+    if matrix and len(given) == 4 and all(is_number(x) for row in given for x in row):
         return [[float(x) for x in row] for row in given]
     if given != "fit":
         raise ValueError("expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array")
@@ -129,20 +103,12 @@ def _count(given: Any) -> Any:
 
 
 def _cosine(given: Any) -> Any:
-    if not _is_number(given) or not 0 < given < 1:
+    if not is_number(given) or not 0 < given < 1:
         raise ValueError("expected a cosine between 0 and 1, such as 0.99")
     return given
 
 
-def _is_number(given: Any) -> bool:
-    return isinstance(given, int | float) and not isinstance(given, bool)
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class ModelTable(_Table):
+class ModelTable(Table):
     """``[model]``: a file with the options of its reader, or a kind with the keys of its builder."""
 
     model_config = ConfigDict(extra="allow")
@@ -157,7 +123,7 @@ class ModelTable(_Table):
         return dict(self.__pydantic_extra__ or {})
 
 
-class TestTable(_Table):
+class TestTable(Table):
     """``[test]``: the measurement, and what of it is used."""
 
     __test__ = False  # not a test, whatever its name suggests to pytest
@@ -205,7 +171,7 @@ class TestTable(_Table):
         return {k: v for k, v in stated.items() if v is not None}
 
 
-class MatchTable(_Table):
+class MatchTable(Table):
     """``[match]``: how sensors map to DOFs of the model."""
 
     by: Literal["label", "coordinates"] = "label"
@@ -218,70 +184,7 @@ class MatchTable(_Table):
     directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(default_factory=dict)
 
 
-class ParameterTable(_Table):
-    """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
-
-    groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
-    quantity: Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"] | None = None
-    name: str | None = None
-    drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
-    nominal: float | None = Field(default=None, gt=0)
-    unit: str = ""
-    bounds: Pair | None = None
-    prior_std: float | None = Field(default=None, gt=0)
-    start: float | None = None
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> ParameterTable:
-        plain, linked = (self.groups, self.quantity), (self.name, self.drives)
-        if any(x is not None for x in plain) and any(x is not None for x in linked):
-            raise ValueError("groups and quantity are one way to choose, name and drives the other; give one pair")
-        for pair, keys in ((plain, ("groups", "quantity")), (linked, ("name", "drives"))):
-            for one, other, missing in ((pair[0], pair[1], keys[1]), (pair[1], pair[0], keys[0])):
-                if one is not None and other is None:
-                    raise ValueError(f"missing key {missing!r}")
-        if self.groups is None and self.name is None:
-            raise ValueError("expected groups and quantity, or name and drives")
-        return self
-
-
-class DampingTable(_Table):
-    """``[[damping]]``: damping that groups begin with, instead of what the model has."""
-
-    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
-    loss_factor: float | None = Field(default=None, ge=0)
-    mass_damping: float | None = Field(default=None, ge=0)
-    stiffness_damping: float | None = Field(default=None, ge=0)
-    loss_table: Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...] | None, Strict(False)] = None
-
-    @property
-    def stated(self) -> dict[str, Any]:
-        """What the table says, by name."""
-        return self.model_dump(exclude={"groups"}, exclude_none=True)
-
-    @model_validator(mode="after")
-    def _something(self) -> DampingTable:
-        if not self.stated:
-            raise ValueError("expected loss_factor, mass_damping, stiffness_damping or loss_table")
-        return self
-
-
-class CalibrationTable(_Table):
-    """``[[calibration]]``: factors of sensors, an unknown each."""
-
-    responses: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
-    references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
-    prior_std: float = Field(default=0.05, gt=0)
-    bounds: Pair = (0.1, 10.0)
-
-    @model_validator(mode="after")
-    def _something(self) -> CalibrationTable:
-        if not self.responses and not self.references:
-            raise ValueError("expected responses or references: labels, or 'all'")
-        return self
-
-
-class SelectionTable(_Table):
+class SelectionTable(Table):
     """``[selection]``: which of the unknowns are fitted; the others are joined, or stay at their start."""
 
     cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
@@ -297,7 +200,7 @@ class SelectionTable(_Table):
         return self
 
 
-class MethodTable(_Table):
+class MethodTable(Table):
     """``[method]``: how the unknowns are found; further keys are options of the method."""
 
     model_config = ConfigDict(extra="allow")
@@ -316,25 +219,25 @@ class MethodTable(_Table):
         return dict(self.__pydantic_extra__ or {})
 
 
-class OutputTable(_Table):
+class OutputTable(Table):
     """``[output]``: what is written beside the numbers."""
 
     report: bool = True
     properties: str | None = None
 
 
-class Job(_Table):
+class Job(Table):
     """A job file: its title and its tables, with the place of each key. Read one with `load_job`."""
 
     title: str = ""
     model: ModelTable
     test: TestTable
     match: MatchTable = MatchTable()
-    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(_tables_of("parameter")), Strict(False)] = Field(
+    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(tables_of("parameter")), Strict(False)] = Field(
         min_length=1
     )
-    damping: Annotated[tuple[DampingTable, ...], BeforeValidator(_tables_of("damping")), Strict(False)] = ()
-    calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(_tables_of("calibration")), Strict(False)] = ()
+    damping: Annotated[tuple[DampingTable, ...], BeforeValidator(tables_of("damping")), Strict(False)] = ()
+    calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(tables_of("calibration")), Strict(False)] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
     output: OutputTable = OutputTable()

@@ -1,0 +1,170 @@
+"""The unknowns that a job chooses: of the model, and of its sensors."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from updyn.errors import InputError, JobError
+from updyn.frf import FRF
+from updyn.group import GROUP_QUANTITIES
+from updyn.job.configuration import with_all_masses
+from updyn.job.located import located
+from updyn.job.schema import Job
+from updyn.model import Model
+from updyn.updating.channels import calibration, check_method
+from updyn.updating.choice import link, parameters
+from updyn.updating.methods import method_class
+from updyn.updating.parameters import Parameter, ParameterSet
+
+__all__ = ["unknowns_of"]
+
+_QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous", "mass_damping", "stiffness_damping")
+
+
+def unknowns_of(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
+    """Choose the unknowns of a job.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    model : Model
+        Its model, without what the tests add to it.
+    data : sequence of FRF
+        The data of its tests, named as the model names its DOFs.
+
+    Returns
+    -------
+    ParameterSet
+        Of the model by group, then linked ones, then calibration factors.
+
+    Raises
+    ------
+    JobError
+        If a choice fits nothing, or the method does not know it; the message says on which line.
+    """
+    return _with_calibration(job, _parameters(job, model), data)
+
+
+def _parameters(job: Job, model: Model) -> ParameterSet:
+    chosen: dict[str, tuple[int, Parameter]] = {}
+    loaded = with_all_masses(job, model)
+    for number, table in enumerate(job.parameter):
+        try:
+            # Masses that a test adds are known: they are unknowns of who names them, not of "all" and "*".
+            own = _fits(model, table.groups or (), []) and _fits(model, table.drives or (), GROUP_QUANTITIES)
+            items = _choose(job, model if own else loaded, number)
+        except JobError:
+            raise
+        except InputError as error:
+            raise job.error_about(str(error), "parameter", number) from error
+        for p in items:
+            if p.name in chosen:
+                first = job.place("parameter", chosen[p.name][0])
+                raise job.error(
+                    f"{p.name} is already an unknown of the [[parameter]] on line {first}", "parameter", number
+                )
+            chosen[p.name] = (number, p)
+    groups = list(loaded.groups)
+
+    def place(entry: tuple[int, Parameter]) -> tuple[int, int]:
+        number, p = entry
+        if p.drives:  # after the others, as the job has them
+            return len(groups), number
+        return groups.index(p.group), _QUANTITY_ORDER.index(p.quantity)
+
+    with located(job, "parameter"):
+        return ParameterSet(tuple(p for _, p in sorted(chosen.values(), key=place)))
+
+
+def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
+    """Return the unknowns with the calibration factors that the job asks for."""
+    items = list(chosen)
+    first: dict[str, int] = {}
+    for number, table in enumerate(job.calibration):
+        try:
+            found = calibration(
+                data,
+                responses=table.responses,
+                references=table.references,
+                prior_std=table.prior_std,
+                bounds=table.bounds,
+            )
+        except InputError as error:
+            raise job.error_about(str(error), "calibration", number) from error
+        for p in found:
+            if first.setdefault(p.name, number) != number:
+                line = job.place("calibration", first[p.name])
+                raise job.error(
+                    f"{p.name} is already an unknown of the [[calibration]] on line {line}", "calibration", number
+                )
+        items += found
+    whole = ParameterSet(tuple(items))
+    with located(job, "method", "name"):
+        check_method(whole, job.method.name, method_class(job.method.name))
+    return whole
+
+
+def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> bool:
+    """Whether each pattern fits a group of a model, or a quantity of one, ``"all"`` aside."""
+    names = [f"{name}.{q}" for name in model.groups for q in quantities] or list(model.groups)
+    return all(pattern == "all" or any(fnmatch.fnmatchcase(name, pattern) for name in names) for pattern in patterns)
+
+
+def _sensor_mass(job: Job, number: int, group: str) -> float | None:
+    """Return the nominal mass of a sensor's group; None of any other."""
+    from updyn.elements.sensor_masses import sensor_group
+
+    given = {
+        mass
+        for part in job.parts
+        for key, mass in (part.test.sensor_masses or {}).items()
+        if sensor_group(key) == group
+    }
+    if len(given) > 1:
+        raise job.error(
+            f"{group!r} weighs {' and '.join(f'{m:g}' for m in sorted(given))} kg in different tests; one unknown "
+            "cannot be both",
+            "parameter",
+            number,
+        )
+    return given.pop() if given else None
+
+
+def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
+    table = job.parameter[number]
+    if table.name is not None and table.drives is not None:
+        with located(job, "parameter", number, "drives"):
+            return link(
+                model,
+                table.name,
+                table.drives,
+                start=table.start,
+                bounds=table.bounds,
+                prior_std=table.prior_std,
+                nominal=table.nominal,
+                unit=table.unit,
+            )
+    assert table.quantity is not None and table.groups is not None  # noqa: PT018 (the schema saw to it)
+    quantity, bounds = table.quantity, table.bounds
+    groups = "all" if table.groups == ("all",) and "all" not in model.groups else table.groups
+    chosen: dict[str, Any] = {quantity: groups}
+    with located(job, "parameter", number, "groups"):
+        items: Sequence[Parameter] = parameters(model, **chosen)
+    if bounds is not None and table.start is None:  # may move the start of a loss factor onto a bound
+        items = parameters(model, **chosen, bounds={quantity: bounds})
+    elif table.start is not None:
+        items = [
+            replace(
+                p, start=table.start, lower=bounds[0] if bounds else p.lower, upper=bounds[1] if bounds else p.upper
+            )
+            for p in items
+        ]
+    items = [replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items]
+    if quantity != "mass" or table.nominal is not None:
+        return items
+    masses = [_sensor_mass(job, number, p.group) for p in items]
+    return [p if m is None else replace(p, nominal=m, unit="kg") for p, m in zip(items, masses, strict=True)]
