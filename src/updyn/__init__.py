@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
     from updyn.loss_table import LossTable as LossTable
+    from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
+    from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
     from updyn.updating.channels import calibration as calibration
     from updyn.updating.choice import link as link
     from updyn.updating.choice import parameters as parameters
+    from updyn.updating.gaps import complete_parts as complete_parts
     from updyn.updating.noise.repeats import average as average
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
@@ -92,6 +95,7 @@ _WHERE = {
     "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
     "average": "updyn.updating.noise.repeats",
+    "complete_parts": "updyn.updating.gaps",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
     "identify_modes": "updyn.modal",
@@ -107,6 +111,7 @@ _WHERE = {
     "read_model": "updyn.io",
     "read_modes": "updyn.io",
     "read_result": "updyn.io",
+    "read_uncertainty": "updyn.io.uncertainty_file",
     "response": "updyn.dynamics.response",
     "select": "updyn.updating.selection",
     "select_jointly": "updyn.updating.selection",
@@ -119,6 +124,7 @@ _WHERE = {
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
     "write_result": "updyn.io",
+    "write_uncertainty": "updyn.io.uncertainty_file",
 }
 
 __all__ = ["__version__", *_WHERE]

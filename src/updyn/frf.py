@@ -21,6 +21,8 @@ __all__ = ["FRF", "QUANTITIES", "check_lines", "check_quantity"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: What to do about missing values.
+_GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
     "dynamic stiffness": "receptance",
     "impedance": "mobility",
@@ -159,7 +161,8 @@ class FRF:
         if array.shape != shape:
             raise DataError(f"{name}: expected shape (lines, responses, references) = {shape}, found {array.shape}")
         if not np.isfinite(array).all():
-            raise DataError(f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite")
+            gap = f"; {_GAPS}" if name == "values" and np.isnan(array).any() else ""
+            raise DataError(f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}")
         array.flags.writeable = False
         return array
 
@@ -354,7 +357,7 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
     except ValueError as error:
         raise DataError(f"{name}: not an array of numbers ({error})") from error
     if np.ma.is_masked(given):
-        raise DataError(f"{name}: holds masked values; leave out their lines, responses or references")
+        raise DataError(f"{name}: holds masked values; leave out their lines, responses or references, or {_GAPS}")
     if array.dtype.kind not in ("iufc" if dtype is np.complex128 else "iuf"):
         expected = "complex or real" if dtype is np.complex128 else "real"
         raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
