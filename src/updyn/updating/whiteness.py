@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigvals_banded
+from scipy.special import ndtr
 
 __all__ = ["adjusted", "bands", "clipped", "serial_p"]
 
@@ -19,6 +21,8 @@ _LAGS = np.array([0.75, 0.5, 0.25])
 _FEWEST = 5
 #: Values beyond this many standard deviations are cut back before correlations are formed; 1 % of Gaussian ones are.
 _CUT = 3.0
+#: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many points.
+_LONG = 512
 #: Smallest band, in lines; and most bands.
 _LEAST, _MOST = 8, 24
 
@@ -78,9 +82,9 @@ def serial_p(values: _Complex) -> _Real:
         full = power > 0
         if not full.any():
             continue
-        T = _toeplitz(np.flatnonzero(mask))
-        r = np.einsum("ij,ik,kj->j", e[:, full].conj(), T, e[:, full]).real / power[full]
-        out[columns[full]] = _tail(np.linalg.eigvalsh(T), np.asarray(r, dtype=np.float64))
+        diagonals = _diagonals(np.flatnonzero(mask))
+        r = _form(diagonals, e[:, full]) / power[full]
+        out[columns[full]] = _tail(*_eigenvalues(diagonals, gaps=not _consecutive(mask)), r)
     return out
 
 
@@ -91,35 +95,67 @@ def _alike(there: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArra
         yield patterns[:, i], np.flatnonzero(of.ravel() == i)
 
 
-def _toeplitz(at: NDArray[np.intp]) -> _Real:
-    apart = np.abs(at[:, None] - at[None, :])
-    return np.asarray(np.concatenate([[0.0], _LAGS, [0.0]])[np.minimum(apart, len(_LAGS) + 1)])
+def _consecutive(mask: NDArray[np.bool_]) -> bool:
+    at = np.flatnonzero(mask)
+    return bool(at[-1] - at[0] + 1 == len(at))
 
 
-def _tail(eigenvalues: _Real, r: _Real) -> _Real:
-    """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r."""
-    from scipy.special import ndtr
+def _diagonals(at: NDArray[np.intp]) -> _Real:
+    """Return T by its diagonals below, shape (4, m): row d has T[i + d, i] at i; 0 where there is none."""
+    weights = np.concatenate([[0.0], _LAGS, [0.0]])
+    out = np.zeros((len(_LAGS) + 1, len(at)))
+    for d in range(1, min(len(_LAGS) + 1, len(at))):
+        out[d, :-d] = weights[np.minimum(at[d:] - at[:-d], len(_LAGS) + 1)]
+    return out
 
-    m = len(eigenvalues)
+
+def _form(diagonals: _Real, e: _Complex) -> _Real:
+    """Return e^H T e for each column of e, shape (m, n)."""
+    out = np.zeros(e.shape[1])
+    for d in range(1, min(len(diagonals), len(e))):
+        out += 2.0 * np.sum(diagonals[d, :-d, None] * (e[d:].conj() * e[:-d]).real, axis=0)
+    return out
+
+
+def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
+    """Return eigenvalues of T, rising, and how often each counts.
+
+    Those of a long Toeplitz matrix are spread like the values of its symbol, 2 sum of t_d cos(d theta), at equal steps
+    of theta (Szegő's theorem; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
+    """
+    m = diagonals.shape[1]
+    if m <= _LONG or gaps:
+        values = np.asarray(eigvals_banded(diagonals[: min(len(diagonals), m)], lower=True))
+        return values, np.ones(m)
+    theta = np.pi * (np.arange(_LONG) + 0.5) / _LONG
+    symbol = sum(2.0 * t * np.cos((d + 1) * theta) for d, t in enumerate(_LAGS))
+    return np.sort(symbol), np.full(_LONG, m / _LONG)
+
+
+def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
+    """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
+
+    Each eigenvalue counts as often as it says.
+    """
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
     a = eigenvalues[None, :] - inside[:, None]
     low, high = 1.0 / a[:, 0], 1.0 / a[:, -1]
     for _ in range(80):  # K' rises from -inf to inf between the poles
         s = 0.5 * (low + high)
-        rising = np.sum(a / (1.0 - s[:, None] * a), axis=1) > 0
+        rising = (a / (1.0 - s[:, None] * a)) @ often > 0
         high, low = np.where(rising, s, high), np.where(rising, low, s)
     s = 0.5 * (low + high)
     share = 1.0 - s[:, None] * a
-    K, K2 = -np.sum(np.log(share), axis=1), np.sum((a / share) ** 2, axis=1)
+    K, K2 = -np.log(share) @ often, (a / share) ** 2 @ often
     w = np.sign(s) * np.sqrt(np.maximum(-2.0 * K, 0.0))
     v = s * np.sqrt(K2)
     near = np.abs(w) < 1e-3
     safe = np.where(near, 1.0, w)
     star = safe + np.log(np.where(near, 1.0, v) / safe) / safe
-    skew = 2.0 * np.sum(a**3, axis=1) / np.sum(a**2, axis=1) ** 1.5
+    skew = 2.0 * (a**3 @ often) / (a**2 @ often) ** 1.5
     middle = -w - np.where(near, skew, 0.0) / 6.0
-    return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0)) if m else np.ones(len(r))
+    return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0))
 
 
 def adjusted(p: _Real) -> _Real:
