@@ -52,7 +52,12 @@ __all__ = [
 
 FORMAT_VERSION = 1
 _DAMPED_VERSION = 2  # where groups have what version 1 had no place for: a reader of version 1 would drop it
-_READERS = {"model": "read_model", "frf": "read_frf", "result": "read_result"}
+_READERS = {
+    "model": "read_model",
+    "frf": "read_frf",
+    "result": "read_result",
+    "uncertainty": "read_uncertainty",
+}
 _LIBVER = ("v108", "v110")  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
 _COMPRESS_FROM = 2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
 

@@ -38,8 +38,8 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
     n_chains, n_draws, n = chains.shape
     by_unknown = np.moveaxis(chains, -1, 0)
     # An ensemble step by step: its halves are the early and the late draws.
-    whole = by_unknown.reshape(n, ensembles, n_chains // ensembles, n_draws)
-    whole = whole.swapaxes(2, 3).reshape(n, ensembles, -1)
+    walkers = by_unknown.reshape(n, ensembles, n_chains // ensembles, n_draws)
+    whole = walkers.swapaxes(2, 3).reshape(n, ensembles, -1)
     axes = {"chain_axis": -2, "draw_axis": -1}
     with np.errstate(invalid="ignore", divide="ignore"):
         return {

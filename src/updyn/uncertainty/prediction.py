@@ -104,7 +104,7 @@ def predict(
 
 def _chosen(about: UpdateResult | JointResult | None, test: str | None) -> UpdateResult:
     if isinstance(about, JointResult):
-        if test not in about.results:
+        if test is None or test not in about.results:
             raise OptionError(f"test = {test!r}: which test's model is to answer? {suggest(str(test), about.results)}")
         return about.results[test]
     if not isinstance(about, UpdateResult):
