@@ -52,7 +52,7 @@ def resolved_job(job: Job, out: Path) -> str:
     document = tomlkit.document()
     document.add(tomlkit.comment(f"{MARK} {__version__} from {_from(out, job.path)}"))
     for key, value in content.items():
-        if value != {} and value != {"table": {}}:
+        if value not in ({}, (), {"table": {}}):
             document.add(key, _item(value))
     return tomlkit.dumps(document).rstrip("\n") + "\n"
 
