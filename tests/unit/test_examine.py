@@ -119,6 +119,19 @@ def test_a_fit_that_failed_or_was_stopped_at_once_is_not_looked_at(wrong, data):
     assert "Residual" not in result.summary()
 
 
+def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wrong, data):
+    noise = {"relative": 0.01}
+    whole = updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise)
+    cut = {n: updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise, max_iterations=n) for n in (1, 12)}
+    assert {result.status for result in cut.values()} == {"max-iterations"}
+    assert cut[1].adequacy is None
+    assert cut[12].adequacy.outcome == "structure"
+    assert cut[12].adequacy.explained_by[0].name == "part3.stiffness"
+    assert "The model cannot explain" in cut[12].message
+    assert cut[12].remedy == "Raise max_iterations."
+    assert whole.iterations > 12
+
+
 def test_values_of_infinite_variance_are_left_out(chain12_true, data):
     from updyn.updating.examine import examine
 

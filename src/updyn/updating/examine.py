@@ -18,8 +18,13 @@ from updyn.updating.residuals import Each, OutputError
 
 __all__ = ["examine"]
 
+#: A fit whose unknowns could still take away more than this share of what is left is on its way.
+_MOVING = 0.05
 
-def examine(problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> tuple[Adequacy | None, ...]:
+
+def examine(
+    problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
+) -> tuple[Adequacy | None, ...]:
     """Test whether what a fit leaves is noise, at the lines of the fit, by the noise models of its tests.
 
     Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that a robust fit gave
@@ -33,11 +38,14 @@ def examine(problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel])
         The estimate.
     noises : sequence of NoiseModel
         How uncertain the data of each part are.
+    settled : bool
+        Whether the fit ended at a minimum. Where it did not, it is looked at all the same if the unknowns could not
+        take away more than a twentieth of what is left.
 
     Returns
     -------
     tuple of Adequacy or None
-        For each part; None where the model cannot be solved.
+        For each part; None where the model cannot be solved, or the fit was still on its way.
     """
     try:
         answers = [part.responses(x) for part in problem.parts]
@@ -67,13 +75,22 @@ def examine(problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel])
                 relative=_relative(misfit, part),
             )
         )
+    residual = Each(tuple(errors))
+    if not settled and _moves(problem, residual, x):
+        return (None,) * len(problem.parts)
     if all(a.outcome not in ("structure", "excess") for a in found):
         return tuple(found)
     beyond = None
     if all(a.absolute for a in found):
         beyond = sum(float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened) + problem.n
-    suspects = localise(problem, x, Each(tuple(errors)), whitened, beyond)
+    suspects = localise(problem, x, residual, whitened, beyond)
     return tuple(blamed(a, suspects) for a in found)
+
+
+def _moves(problem: Task, residual: Each, x: NDArray[np.float64]) -> bool:
+    """Return whether the unknowns could still take away a good part of what is left."""
+    local = residual.local(problem, x)
+    return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
 def _weight(noise: NoiseModel, H: NDArray[np.complex128], part: Problem, share: int) -> NDArray[np.float64]:

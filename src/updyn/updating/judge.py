@@ -120,8 +120,9 @@ def judge(
         for part, split, first in zip(problem.parts, data, solvers, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
-    if fit.reason in ("converged", "stalled"):  # what a fit leaves on its way says nothing about the model
-        adequacy = unless_stopped(lambda: examine(problem, fit.x, noises), adequacy)
+    if fit.reason in ("converged", "stalled", "max-iterations"):
+        settled = fit.reason != "max-iterations"
+        adequacy = unless_stopped(lambda: examine(problem, fit.x, noises, settled=settled), adequacy)
     if cut_short:
         fit = replace(fit, reason="stopped")
     return Judgement(

@@ -54,7 +54,7 @@ def verdict(
         One of `STATUSES`; the cause; what to do next, empty where all is well.
     """
     status, message, remedy = _ended(fit, analysis, names, advice, misfit)
-    if status in ("converged", "stalled", "not-identifiable"):
+    if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
         told = {k: a for k, a in (adequacy or {}).items() if a is not None and a.outcome in ("structure", "excess")}
         for name, found in told.items():
             message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
