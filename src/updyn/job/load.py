@@ -134,10 +134,15 @@ def _check_model(job: Job) -> None:
 
 def _check_method(job: Job) -> None:
     from updyn.updating.methods import METHODS, make_method, options_of
+    from updyn.updating.regularise import check_regularise
 
     table = job.method
     if table.name not in METHODS:
         raise job.error(f"method.name = {table.name!r}: {suggest(table.name, METHODS)}", "method", "name")
+    try:
+        check_regularise(table.regularise, table.name)
+    except OptionError as error:
+        raise job.error(str(error), "method", "regularise") from error
     known = options_of(table.name)
     for key in table.options:
         if key not in known:

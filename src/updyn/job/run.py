@@ -262,7 +262,7 @@ def _update(
     job, method = ready.job, ready.job.method
     options: dict[str, Any] = {"method": method.name, "callback": callback, "title": job.title or job.path.stem}
     options |= running | method.options | _modes(ready)
-    for key in ("tier", "backend", "accuracy"):
+    for key in ("tier", "backend", "accuracy", "regularise"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
     tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters

@@ -96,6 +96,14 @@ def _alignment(given: Any) -> Any:
     return given
 
 
+def _regularise(given: Any) -> Any:
+    if isinstance(given, str):
+        return given
+    if not is_number(given) or given <= 0:
+        raise ValueError("expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0")
+    return float(given)
+
+
 def _count(given: Any) -> Any:
     if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
         raise ValueError("expected a whole number of at least 1, or 'rank'")
@@ -212,6 +220,7 @@ class MethodTable(Table):
     tier: str | None = None
     backend: str | None = None
     accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
+    regularise: Annotated[str | float | None, BeforeValidator(_regularise)] = None
 
     @property
     def options(self) -> dict[str, Any]:

@@ -21,9 +21,11 @@ from updyn.updating.trust_region import Local, Outcome, TrustRegion
 __all__ = [
     "Fit",
     "Method",
+    "Pull",
     "correlation_length",
     "descend",
     "descend_to_scale",
+    "in_units",
     "known_length",
     "spread_of",
     "stopped_at",
@@ -35,6 +37,28 @@ _Vector = NDArray[np.float64]
 _SCALES = 8
 #: How often a fit with open directions is pulled back towards the start; and a cost a value that is rounding.
 _PULLS, _EXACT = 4, 1e-20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pull:
+    """How a fit was regularised.
+
+    Attributes
+    ----------
+    weight : ndarray of float, shape (n,)
+        1 / standard deviation of a prior that would pull as much, beside the unknowns' own; 0 for none.
+    within : ndarray of float, shape (n, k), or None
+        Orthonormal directions, where the unknowns moved along these only.
+    note : str
+        In a sentence.
+    record : mapping
+        The choice and the curve that it was made from, for the record.
+    """
+
+    weight: _Vector
+    within: NDArray[np.float64] | None
+    note: str
+    record: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +77,12 @@ class Fit:
         For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty: nothing is known.
     note : str
         What the user should know about this method's figures; may be empty.
+    local : Local or None
+        The data's own reduced problem at x, in the units in which priors count against it; where the method can tell.
+    unit : float
+        What of the residual these units are, where the method found their size along with the unknowns.
+    pull : Pull or None
+        What regularisation added.
     """
 
     x: _Vector
@@ -60,6 +90,9 @@ class Fit:
     R: NDArray[np.float64]
     noise: tuple[Mapping[str, Any], ...] = ()
     note: str = ""
+    local: Local | None = None
+    unit: float = 1.0
+    pull: Pull | None = None
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
@@ -109,12 +142,11 @@ def descend(
         If the user wants to stop before x has been evaluated.
     """
     lower, upper = problem.coordinates.bounds
+    within = problem.coordinates.within
 
     def evaluate(at: _Vector) -> Local | None:
         local = residual.local(problem, at)
-        if local is not None and unit != 1.0:
-            local = Local(local.cost / unit**2, local.R / unit, local.q / unit)
-        return None if local is None else with_prior(local, problem, at)
+        return None if local is None else with_prior(in_units(local, unit), problem, at)
 
     start = evaluate(x)
     if start is None:
@@ -123,6 +155,8 @@ def descend(
         monitor.start(x, start)
     if monitor.stopped:
         return Outcome(x, start, "stopped")
+    if within is not None:
+        return settings.minimise(evaluate, x, lower, upper, monitor.step, within)
     outermost = problem.coordinates.relaxed_lower if relax else lower
     outcome = settings.minimise(evaluate, x, outermost, upper, monitor.step)
     inside = np.clip(outcome.x, lower, upper)
@@ -159,7 +193,8 @@ def descend_to_scale(problem: Task, residual: Residual, x: _Vector, monitor: Mon
     """Minimise a residual whose spread is not known, priors included.
 
     A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
-    unknowns, each in turn, until it stays within 1 %. Without priors it does not matter.
+    unknowns, each in turn, until it stays within 1 %, unless it is known beforehand (`Coordinates.unit`). Without
+    priors it does not matter.
 
     Raises
     ------
@@ -168,6 +203,8 @@ def descend_to_scale(problem: Task, residual: Residual, x: _Vector, monitor: Mon
     Stopped
         If the user wants to stop before x has been evaluated.
     """
+    if problem.coordinates.unit is not None:
+        return descend(problem, residual, x, monitor, settings, problem.coordinates.unit)
     outcome = descend(problem, residual, x, monitor, settings)
     if not problem.coordinates.prior[1].any():
         return outcome
@@ -195,6 +232,11 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
     return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
+
+
+def in_units(local: Local, sigma: float) -> Local:
+    """Return a reduced problem in units of the standard deviation `sigma` of its residuals; as it is for 0."""
+    return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
 def stopped_at(problem: Task, x: _Vector) -> Fit:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.result import Identifiability
 
-__all__ = ["RANK_TOLERANCE", "Analysis", "analyse", "open_directions"]
+__all__ = ["RANK_TOLERANCE", "Analysis", "analyse", "covariance_within", "open_directions"]
 
 _Matrix = NDArray[np.float64]
 
@@ -106,6 +106,15 @@ def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
     return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * WIDEST))
+
+
+def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
+    """Return the covariance, shape (n, n), of unknowns that move along orthonormal directions only, shape (n, k)."""
+    if within.shape[1] == 0:
+        return np.zeros((len(within), len(within)))
+    triangle = np.linalg.qr(R @ within, mode="r")
+    spread = scipy.linalg.solve_triangular(triangle, within.T, trans="T")
+    return np.asarray(spread.T @ spread)
 
 
 def open_directions(R: _Matrix) -> _Matrix:

@@ -21,7 +21,7 @@ from updyn.updating.adequacy import Adequacy
 from updyn.updating.cure import advise
 from updyn.updating.examine import examine
 from updyn.updating.fit import Fit
-from updyn.updating.identifiability import Analysis, analyse
+from updyn.updating.identifiability import Analysis, analyse, covariance_within
 from updyn.updating.joint import Task
 from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
 from updyn.updating.problem import Problem
@@ -181,6 +181,11 @@ def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, 
 def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
+    if fit.pull is not None and fit.pull.within is not None:
+        known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
+        return np.asarray(known * slope[:, None] * slope)
+    if fit.pull is not None:
+        weight = weight + fit.pull.weight
     analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
     out = analysis.covariance * slope[:, None] * slope
     out[analysis.involved] = np.inf

@@ -49,12 +49,18 @@ class Coordinates:
         The unknowns.
     box : (ndarray, ndarray), optional
         Narrower bounds in x, each of shape (n,).
+    within : ndarray of float, shape (n, k), optional
+        Orthonormal directions: x moves from the unknowns' start along them only.
+    unit : float, optional
+        The standard deviation against which priors count, where the spread of a residual would say it.
     omega : float
         That frequency in rad/s.
     """
 
     parameters: ParameterSet
     box: tuple[_Vector, _Vector] | None = None
+    within: NDArray[np.float64] | None = None
+    unit: float | None = None
     omega: float = 1.0
     _factor: NDArray[np.bool_] = field(init=False, repr=False)
     _unit: _Vector = field(init=False, repr=False)

@@ -34,6 +34,7 @@ from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.reducing import Reducing, fallback, is_reduced
+from updyn.updating.regularise import regularised
 from updyn.updating.result import UpdateResult
 from updyn.updating.selected import Selection
 from updyn.updating.session import Recent, Session, Stopped
@@ -91,6 +92,7 @@ def run(
     accuracy: float,
     checkpoint: str | Path | None,
     resume: bool,
+    regularise: str | float | None = None,
 ) -> list[UpdateResult]:
     """Fit the unknowns to all tests; the parameters are those of `updyn.update`.
 
@@ -103,6 +105,7 @@ def run(
     """
     begun = time.perf_counter()
     strategy = make_method(method, options)
+    driver = regularised(strategy, method, regularise)
     chosen = Selection.of(parameters)
     parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, parameters)
@@ -141,6 +144,7 @@ def run(
         if checkpoint is not None:
             decisive: dict[str, object] = {k: v for k, v in used[0].items() if k != "max_iterations"}
             decisive |= {"method": method, "accuracy": accuracy}
+            decisive |= {} if regularise is None else {"regularise": regularise}
             decisive["lines"] = [_listed(test.lines) for test in tests]
             decisive |= {"noise": [test.noise for test in tests], "validation": held}
             told = fingerprint(whole, [test.frf for test in tests], decisive)
@@ -149,7 +153,7 @@ def run(
         elif resume:
             raise OptionError("resume: name the checkpoint to go on from")
         monitor = Monitor(whole, callback)
-        problem, fit = _fitted(whole, [test.lines for test in tests], strategy, noises, monitor, reduced)
+        problem, fit = _fitted(whole, [test.lines for test in tests], driver, noises, monitor, reduced)
         with monitor.stage("judge"):
             found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
@@ -163,10 +167,13 @@ def run(
         found.misfit,
         {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
     )
-    message = f"{message} {chosen.note}".strip()
+    notes = [chosen.note, "" if fit.pull is None else fit.pull.note]
+    message = " ".join([message, *(note for note in notes if note)])
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
     changes = parameters.changes(np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
+    more = chosen.option | ({} if fit.pull is None else {"regularisation": dict(fit.pull.record)})
+    more |= {} if regularise is None else {"regularise": regularise}
     common: dict[str, Any] = {
         "status": status,
         "message": message,
@@ -192,7 +199,7 @@ def run(
         UpdateResult(
             **common,
             title=f"{title}: {test.name}".removeprefix(": ") if test.name else title,
-            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced) | chosen.option,
+            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced) | more,
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
             frf=test.frf,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from updyn.updating.session import Stopped
 
@@ -121,6 +122,7 @@ class TrustRegion:
         lower: _Vector,
         upper: _Vector,
         observe: Callable[[Step], bool] | None = None,
+        within: NDArray[np.float64] | None = None,
     ) -> Outcome:
         """Minimise from `x` within the bounds.
 
@@ -133,6 +135,8 @@ class TrustRegion:
             Start, which must be possible to evaluate, and bounds.
         observe : callable, optional
             Called after every trial step; returning True stops the iteration.
+        within : ndarray of float, shape (n, k), optional
+            Orthonormal directions: the iteration stays in their span, from `x`.
 
         Returns
         -------
@@ -143,7 +147,7 @@ class TrustRegion:
             raise ArithmeticError("the start cannot be evaluated")
         radius = self.radius
         for _ in range(self.max_iterations):
-            p, fall, limited = _step(here, x, lower, upper, radius)
+            p, fall, limited = _step(here, x, lower, upper, radius, within)
             length = float(np.abs(p).max(initial=0.0))
             # What a step gains that the radius cuts short says nothing about how far the minimum is.
             if length == 0.0 or fall <= 0.0 or (not limited and fall <= max(self.fall, self._share * here.cost)):
@@ -168,12 +172,12 @@ class TrustRegion:
                 if length <= _ROUNDING and not limited:
                     # Costs that agree to rounding cannot choose between the two points; what is left to gain can.
                     if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
-                        left = _step(there, trial, lower, upper, radius)[1]
+                        left = _step(there, trial, lower, upper, radius, within)[1]
                         x, here = (trial, there) if left < fall else (x, here)
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
-                    whole = np.abs(_step(here, x, lower, upper, np.inf)[0]).max(initial=0.0)
+                    whole = np.abs(_step(here, x, lower, upper, np.inf, within)[0]).max(initial=0.0)
                     near = fall <= 1e-6 * here.cost or whole <= 10.0 * _ROUNDING
                     return Outcome(x, here, "converged" if near else "stalled")
             if stop:
@@ -181,8 +185,17 @@ class TrustRegion:
         return Outcome(x, here, "max-iterations")
 
 
-def _step(here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float) -> tuple[_Vector, float, bool]:
+def _step(
+    here: Local,
+    x: _Vector,
+    lower: _Vector,
+    upper: _Vector,
+    radius: float,
+    within: NDArray[np.float64] | None = None,
+) -> tuple[_Vector, float, bool]:
     """Return the step, the fall of the cost that the linear model predicts, and whether the radius limits it."""
+    if within is not None:
+        return _step_within(here, x, lower, upper, radius, within)
     g = here.gradient
     free = ~(((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0)))
     p = np.zeros(len(x))
@@ -196,6 +209,29 @@ def _step(here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float
         p = p * (radius / size)
     moved = here.R @ p
     return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
+
+
+def _step_within(
+    here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float, within: NDArray[np.float64]
+) -> tuple[_Vector, float, bool]:
+    """Return the same for steps along given directions: up to the first bound; from one, along it."""
+    held = np.zeros(len(x), dtype=np.bool_)
+    p, damping, share = np.zeros(len(x)), 0.0, 1.0
+    for _ in range(len(x) + 1):
+        basis = within @ null_space(within[held]) if held.any() else within
+        if basis.shape[1] == 0:
+            return np.zeros(len(x)), 0.0, False
+        along, damping = _ball_step(here.R @ basis, here.q, radius)
+        p = basis @ along
+        p[held] = 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(p > 0, (upper - x) / p, np.where(p < 0, (lower - x) / p, np.inf))
+        share = min(1.0, float(room.min(initial=np.inf)))
+        if share > _ROUNDING:
+            break
+        held |= room <= _ROUNDING
+    moved = here.R @ (p := share * p)
+    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or share < 1.0
 
 
 def _box_step(R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]) -> _Vector:

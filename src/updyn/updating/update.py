@@ -48,6 +48,7 @@ def update(
     accuracy: float = ACCURACY,
     checkpoint: str | Path | None = None,
     resume: bool = False,
+    regularise: str | float | None = None,
     **options: Any,
 ) -> UpdateResult:
     """Find the values of the unknowns with which the model answers as the structure does.
@@ -92,6 +93,11 @@ def update(
     resume : bool
         Go on with the run that `checkpoint` holds, however it ended: with the same answer, to the last bit, as if it
         had not been interrupted. Everything has to be as it was but `engine` and ``max_iterations``.
+    regularise : None, str or float, optional
+        Pull the unknowns without a prior to their start, by a common strength: ``"gcv"``, ``"l-curve"`` or
+        ``"discrepancy"`` choose it, a number states it (1 / standard deviation of a prior). ``"tsvd"`` fits only along
+        the directions that the data determine, ``"tsvd:12"`` along 12. Methods maximum-likelihood, log, output-error
+        and equation-error.
     **options
         Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed`` (maximum-likelihood, log);
         ``solver`` (equation-error).
@@ -122,6 +128,7 @@ def update(
         accuracy=accuracy,
         checkpoint=checkpoint,
         resume=resume,
+        regularise=regularise,
     )
     return result
 
@@ -139,6 +146,7 @@ def update_jointly(
     accuracy: float = ACCURACY,
     checkpoint: str | Path | None = None,
     resume: bool = False,
+    regularise: str | float | None = None,
     **options: Any,
 ) -> JointResult:
     """Find the unknowns with which several models answer as one structure does in several tests.
@@ -152,7 +160,7 @@ def update_jointly(
         At least one; names differ. What an unknown acts on has to be in the model of one of them, not of all.
     parameters : ParameterSet or Selection
         The unknowns.
-    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, **options
+    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, regularise, **options
         As for `update`. The reduced tier is chosen by the largest of the models.
 
     Returns
@@ -187,6 +195,7 @@ def update_jointly(
         accuracy=accuracy,
         checkpoint=checkpoint,
         resume=resume,
+        regularise=regularise,
     )
     return JointResult({test.name: result for test, result in zip(named, results, strict=True)}, title)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.updating.fit import Fit, descend_to_scale, spread_of
+from updyn.updating.fit import Fit, descend_to_scale, in_units, spread_of
 from updyn.updating.joint import Task
 from updyn.updating.methods._linear import basic_solution
 from updyn.updating.monitor import Monitor
@@ -83,7 +83,8 @@ class EquationErrorMethod:
             "The equation error is biased by noise in the measurement, and its standard deviations do not show that; "
             "use maximum likelihood where the data are noisy."
         )
-        return Fit(x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note)
+        R = local.R / sigma if sigma > 0 else local.R
+        return Fit(x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma)
 
 
 def _gauss_newton(

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit import Fit, descend_to_scale, known_length, spread_of, stopped_at
+from updyn.updating.fit import Fit, descend_to_scale, in_units, known_length, spread_of, stopped_at
 from updyn.updating.joint import Task
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel, level_by_unit
@@ -148,15 +148,15 @@ def judged(
     except Stopped:
         return Fit.blind(x, "stopped")
     assert local is not None
+    sigma = spread_of(local, problem.n_values, problem.n)
     found = sandwich(problem, residual, local, x, noises) if isinstance(residual, LogError | Each) else None
     if found is not None:
-        return Fit(x, reason, found.R, found.noise, f"{note} {found.note}".strip())
+        return Fit(x, reason, found.R, found.noise, f"{note} {found.note}".strip(), in_units(local, sigma), sigma)
 
     def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
         measured = problem.parts[part].frf.values
         return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
 
-    sigma = spread_of(local, problem.n_values, problem.n)
     known = known_length(problem, x, difference)
     length = known.get("correlation_length", 1.0)
     record = {
@@ -167,4 +167,5 @@ def judged(
         "inflation": float(np.sqrt(length)),
     }
     unit = sigma * float(np.sqrt(length))
-    return Fit(x, reason, local.R / unit if unit > 0 else local.R, (record,) * len(problem.parts), note)
+    R = local.R / unit if unit > 0 else local.R
+    return Fit(x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma)

@@ -151,7 +151,7 @@ class MaximumLikelihood:
             "inflation": inflation,
         }
         by_part = tuple({"kind": noise.kind, **record, **noise.figures()} for noise in noises)
-        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, by_part)
+        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, by_part, local=local)
 
 
 def _weigh(problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]) -> tuple[Sequence[NoiseModel], Each]:
