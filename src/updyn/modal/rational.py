@@ -20,7 +20,7 @@ __all__ = ["Basis", "Fitted", "growing"]
 
 _Complex = NDArray[np.complex128]
 
-_SWEEPS, _SETTLED = 12, 1e-11
+_SWEEPS, _SETTLED = 6, 1e-11
 #: A residual below this share of the data is rounding.
 _ROUNDING = 1e-12
 #: Loss factor of a new pole.
