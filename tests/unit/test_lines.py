@@ -1,11 +1,15 @@
 """Choice of lines: lists, D-optimal against random choices, refusals."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.errors import DataError, OptionError
-from updyn.updating.lines import choose_lines, d_optimal
+from updyn.updating import lines
+from updyn.updating.lines import a_optimal, choose_lines, d_optimal
+from updyn.updating.noise import level_by_unit
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import OutputError
 
@@ -35,13 +39,26 @@ def test_all_lines_or_a_list(problem):
         choose_lines([freq[0], 5.0], problem)
 
 
-@pytest.mark.parametrize("text", ["d-optimal", "d-optimal:", "d-optimal:4.5", "d-optimal:-3", "doptimal:5", "all", ""])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "d-optimal",
+        "d-optimal:",
+        "d-optimal:4.5",
+        "d-optimal:-3",
+        "doptimal:5",
+        "all",
+        "",
+        "d-optimal:4:part1.*",
+        "b-optimal:4",
+    ],
+)
 def test_text_that_is_not_understood(problem, text):
-    with pytest.raises(OptionError, match="expected 'd-optimal:N' with a whole number N, or frequencies in Hz"):
+    with pytest.raises(OptionError, match="expected 'd-optimal:N' or 'a-optimal:N' with a whole number N"):
         choose_lines(text, problem)
 
 
-@pytest.mark.parametrize("text", ["d-optimal:0", "d-optimal:61"])
+@pytest.mark.parametrize("text", ["d-optimal:0", "d-optimal:61", "a-optimal:61"])
 def test_more_lines_than_there_are(problem, text):
     with pytest.raises(OptionError, match="the data have 60 lines to choose from"):
         choose_lines(text, problem)
@@ -80,3 +97,48 @@ def test_d_optimal_does_not_depend_on_units(mixed_model):
         problem = Problem.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
         chosen.append(list(d_optimal(problem, 10)))
     assert chosen[0] == chosen[1] == chosen[2]
+
+
+def covariance(problem, at):
+    """Of the unknowns at their start, by the very information that the choice is made from."""
+    x, floor = lines._start(problem), lines._RELATIVE_FLOOR * level_by_unit(problem.frf)
+    information = lines._information(problem, (x, floor, slice(0, len(problem.frf.freq))))
+    return np.linalg.pinv(information[at].sum(axis=0), hermitian=True, rcond=1e-14)
+
+
+def test_the_exchange_reaches_the_best_of_all_sets():
+    """Two unknowns, five lines: greedy takes the line along the diagonal first; the best pair is the two axes."""
+    directions = np.array([[1.0, 0.0], [0.0, 1.0], [0.8, 0.8], [0.5, 0.1], [0.2, 0.6]])
+    information = np.einsum("fp,fq->fpq", directions, directions)
+    scaled = lines._scaled(information)[0]
+    best = max(
+        itertools.combinations(range(5), 2),
+        key=lambda c: np.linalg.slogdet(1e-9 * np.eye(2) + scaled[list(c)].sum(0))[1],
+    )
+    assert best == (0, 1)
+    assert list(lines._most_telling(information, 2)) == [0, 1]
+    total = 1e-9 * np.eye(2) + scaled[[2, 1]].sum(axis=0)
+    assert sorted(lines._exchanged(scaled, total, [2, 1])) == [0, 1]
+
+
+def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):
+    for count in (8, 15, 25):
+        of_all = np.diag(covariance(problem, np.arange(60)))
+        a, d = (np.mean(np.diag(covariance(problem, f(problem, count))) / of_all) for f in (a_optimal, d_optimal))
+        assert a < d
+
+
+def test_lines_for_some_unknowns(problem):
+    names = problem.coordinates.parameters.names
+    for name in ("part1.stiffness", "part4.mass"):
+        i = names.index(name)
+        own = choose_lines(f"a-optimal:10:{name}", problem)
+        assert len(own) == 10
+        for others in (a_optimal(problem, 10), d_optimal(problem, 10)):
+            assert covariance(problem, own)[i, i] < covariance(problem, others)[i, i]
+    assert list(choose_lines("a-optimal:9:part1.*, part4.mass", problem)) == list(
+        a_optimal(problem, 9, [i for i, n in enumerate(names) if n.startswith("part1.") or n == "part4.mass"])
+    )
+    assert list(choose_lines("a-optimal:9", problem)) == list(a_optimal(problem, 9))
+    with pytest.raises(OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"):
+        choose_lines("a-optimal:9:part1.stifness", problem)

@@ -65,7 +65,8 @@ def update(
         ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's); or one
         of the field's, for comparison (docs/methods.md).
     lines : None, str or array_like of float
-        Lines to fit: all, ``"d-optimal:40"``, or a list in Hz.
+        Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns, ``"a-optimal:40:shaft.*"``, or
+        a list in Hz.
     noise : None, str or mapping
         None: from the data's variance, else coherence, else estimated from the residual. A mapping with ``relative``
         and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``,
