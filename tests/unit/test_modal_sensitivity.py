@@ -12,7 +12,7 @@ import updyn
 from updyn.dynamics.affine import AffineSystem
 from updyn.elements.beam import Segment, beam
 from updyn.errors import SolverError
-from updyn.modal.sensitivity import RealModes, slopes
+from updyn.modal.sensitivity import RealModes, separated, slopes
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.parameters import ParameterSet
@@ -150,14 +150,91 @@ def test_compiled_model_is_not_touched(chain12: Model) -> None:
     assert (system.indptr == before[1]).all()
 
 
-def test_shape_of_a_repeated_mode_has_no_derivative() -> None:
-    K = np.diag([2.0, 2.0, 5.0]) * 1e4
-    groups = {"one": updyn.Group(K, np.eye(3)), "two": updyn.Group(np.diag([1.0, 0.0, 0.0]))}
-    model = updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X"])
-    unknowns = updyn.parameters(model, stiffness=["one"])
-    system = AffineSystem.compile(model.scaled({"two": {"stiffness": 1e-300}}))
-    where = Unknowns.find(system, unknowns)
-    modes = RealModes.lowest(system, system.start, 3, 0.0)
-    assert modes.gap[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
-    with pytest.raises(SolverError, match="another mode has the same eigenvalue"):
-        slopes(modes, 0, system, where, np.ones(1), np.arange(3))
+# -- modes of one eigenvalue -----------------------------------------------------------------------------------------
+CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+FIRST = np.diag([1.0, 0.0, 0.0])
+
+
+def two_planes(turn: float = 0.0, **more: np.ndarray) -> Model:
+    """A chain in X and the same in Y, the spring at its foot a group of its own in each; turned by an angle."""
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.kron(np.array([[c, -s], [s, c]]), np.eye(3))
+    none = np.zeros((3, 3))
+    parts = {
+        "foot x": np.block([[FIRST, none], [none, none]]),
+        "foot y": np.block([[none, none], [none, FIRST]]),
+        "rest": np.kron(np.eye(2), CHAIN - FIRST),
+        **more,
+    }
+    groups = {name: updyn.Group(1e4 * R @ K @ R.T) for name, K in parts.items()}
+    groups["masses"] = updyn.Group(mass=np.eye(6))
+    return updyn.Model.from_groups(groups, [f"{i}:{d}" for d in "XY" for i in (1, 2, 3)])
+
+
+def turned(model: Model, parameters: ParameterSet, measured: np.ndarray) -> tuple[Moved, RealModes, np.ndarray]:
+    moved, values = Moved(model, parameters, 6), np.ones(len(parameters))
+    modes = separated(moved.at(values), moved.system, moved.unknowns, values, lambda shapes: shapes, measured)
+    return moved, modes, values
+
+
+def test_modes_that_no_unknown_couples_have_their_own_derivatives() -> None:
+    """Those of the chain in one plane by itself, whatever basis the solver gives; by central differences there."""
+    for turn in (0.0, 0.5):
+        model = two_planes(turn)
+        unknowns = updyn.parameters(model, stiffness=["foot x", "foot y"])
+        moved, modes, values = turned(model, unknowns, np.eye(6))
+        alone = {"foot": updyn.Group(1e4 * FIRST), "rest": updyn.Group(1e4 * (CHAIN - FIRST), np.eye(3))}
+        plane = updyn.Model.from_groups(alone, ["1:X", "2:X", "3:X"])
+        single = Moved(plane, updyn.parameters(plane, stiffness=["foot"]), 3)
+        along = (
+            np.kron(np.array([np.cos(turn), np.sin(turn)]), np.eye(3)),
+            np.kron([-np.sin(turn), np.cos(turn)], np.eye(3)),
+        )
+        for which in range(6):
+            assert len(modes.alike(which)) == 2
+            value, shape = slopes(modes, which, moved.system, moved.unknowns, values, np.arange(6))
+            in_plane = [np.linalg.norm(a @ modes.shapes[:, which]) for a in along]
+            own = int(np.argmax(in_plane))
+            assert min(in_plane) < 1e-9
+            expected_value, expected_shape = slopes(
+                single.at(np.ones(1)), which // 2, single.system, single.unknowns, np.ones(1), np.arange(3)
+            )
+            sign = np.sign((along[own] @ modes.shapes[:, which]) @ single.at(np.ones(1)).shapes[:, which // 2])
+            assert value[own] == pytest.approx(expected_value[0], rel=1e-9)
+            assert value[1 - own] == pytest.approx(0.0, abs=1e-9 * modes.value[which])
+            assert along[own] @ shape[own] == pytest.approx(sign * expected_shape[0], abs=1e-9)
+            assert along[1 - own] @ shape[own] == pytest.approx(np.zeros(3), abs=1e-9)
+            assert shape[1 - own] == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_what_the_unknowns_leave_undecided_follows_the_measured_shapes() -> None:
+    """One unknown for both planes: every basis will do, and that of the test is taken."""
+    model = two_planes()
+    (both,) = updyn.link(model, "foot.both", {"foot x.stiffness": 1.0, "foot y.stiffness": 1.0})
+    angle, first = 0.3, Moved(two_planes(), ParameterSet((both,)), 6).at(np.ones(1)).shapes[:3]
+    chain = first[:, [int(np.argmax(np.linalg.norm(first, axis=0)))]]
+    measured = np.vstack([np.cos(angle) * chain, np.sin(angle) * chain])
+    moved, modes, values = turned(model, ParameterSet((both,)), measured / np.linalg.norm(measured))
+    alike = np.abs(measured.T @ modes.shapes)[0] / np.linalg.norm(measured)
+    assert alike.max() == pytest.approx(1.0, abs=1e-9)
+    best = int(np.argmax(alike))
+    value, shape = slopes(modes, best, moved.system, moved.unknowns, values, np.arange(6))
+    assert value[0] > 0
+    # The shape changes within its own plane.
+    across = np.array([-np.sin(angle), np.cos(angle)])
+    assert np.kron(across, np.eye(3)) @ shape[0] == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_modes_that_unknowns_couple_have_no_derivatives() -> None:
+    """A spring in X, and one at 45 degrees: no basis suits both."""
+    slant = np.kron(0.5 * np.ones((2, 2)), FIRST)
+    other = np.kron(0.5 * np.array([[1.0, -1.0], [-1.0, 1.0]]), FIRST)
+    model = two_planes(0.0, slant=slant, other=other)
+    unknowns = updyn.parameters(model, stiffness=["foot x", "slant"])
+    moved, modes, values = turned(model, unknowns, np.eye(6))
+    with pytest.raises(SolverError, match=r"2 modes of the model coincide at .* Hz, and the unknowns couple them"):
+        slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
+    either = updyn.parameters(model, stiffness=["slant"])
+    moved, modes, values = turned(model, either, np.eye(6))
+    value, _ = slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
+    assert np.isfinite(value).all()

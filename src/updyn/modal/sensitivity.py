@@ -5,14 +5,16 @@ eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector deriva
 from the mode itself and one factorisation, no sum over modes. Wanted at a few DOFs, all derivatives follow from as many
 solutions with that factorisation (its matrix is symmetric), however many unknowns there are.
 
-Derivatives of single modes exist where their eigenvalues are distinct. Equal ones only have derivatives as a group, and
-none along several unknowns at once.
+Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is one (R. L. Dailey,
+"Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491: eigenvectors of their matrix of first
+derivatives; here of those by all unknowns at once). Bending in two planes is such a case: `separated` finds the basis.
 """
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,14 +28,18 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 
-__all__ = ["RealModes", "slopes"]
+__all__ = ["RealModes", "separated", "slopes"]
 
 _Real = NDArray[np.float64]
 
 #: A strain energy below this share of the sum of its absolute terms is what rounding leaves of none.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _ACCURATE = 1e-6
-_SINGULAR = "the derivative of a mode shape: another mode has the same eigenvalue"
+#: Eigenvalues closer than this share are one, and changes smaller than that share of one are none.
+_ONE, _UNCOUPLED = 1e-7, 1e-6
+#: A measured shape of which less than this share lies in a subspace says nothing about its basis.
+_WITHIN = 0.5
+_SINGULAR = "the equations of the derivative of a mode shape are singular"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,11 +110,9 @@ class RealModes:
         """Natural frequencies in Hz, shape (n,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
-    @property
-    def gap(self) -> _Real:
-        """Distance to the next eigenvalue on either side, as a share of the own; shape (n,)."""
-        away = np.diff(self.value, prepend=-np.inf, append=np.inf)
-        return np.asarray(np.minimum(away[:-1], away[1:]) / self.value)
+    def alike(self, which: int) -> NDArray[np.intp]:
+        """Return the modes of the same eigenvalue, the mode itself among them."""
+        return np.flatnonzero(np.abs(self.value - self.value[which]) <= _ONE * self.value[which])
 
 
 def slopes(
@@ -146,38 +150,126 @@ def slopes(
     Raises
     ------
     SolverError
-        If the shape's equations are singular: another mode has the same eigenvalue.
+        If another mode has the same eigenvalue and an unknown couples the two.
     """
-    state = unknowns.state(system, values)
-    phi, value = modes.shapes[:, which], float(modes.value[which])
-    wanted = np.zeros(0, dtype=np.intp) if rows is None else rows
-    mass_phi = modes.M @ phi
-    # Columns: unit loads at the wanted DOFs, and M phi, whose solution gives the share of phi in the derivative.
-    Z = np.zeros((len(phi), len(wanted) + 1))
-    pivot = _pivot(modes, phi)
+    phi, value, group = modes.shapes[:, which], float(modes.value[which]), modes.alike(which)
+    wanted, basis = np.zeros(0, dtype=np.intp) if rows is None else rows, modes.shapes[:, group]
+    mass_basis = modes.M @ basis
+    # Columns: unit loads at the wanted DOFs, and M times the basis, whose solutions give its shares in the derivative.
+    Z = np.zeros((len(phi), len(wanted) + len(group)))
     if len(wanted):
-        loads = np.zeros_like(Z)
+        pivots = _pivots(modes, basis)
+        loads = np.hstack([np.zeros((len(phi), len(wanted))), mass_basis])
         loads[wanted, np.arange(len(wanted))] = 1.0
-        loads[:, -1] = mass_phi
-        loads[pivot] = 0.0
-        Z = _solved(modes, value, pivot, loads)
-    d_value, d_mass = np.zeros(unknowns.n), np.zeros(unknowns.n)
+        loads[pivots] = 0.0
+        Z = _solved(modes, value, pivots, loads)
+    by_value, by_mass = np.zeros((2, unknowns.n, len(group)))
     loaded = np.zeros((unknowns.n, Z.shape[1]))
+    for owner, own, force, is_mass in _forces(system, unknowns, values, phi):
+        if is_mass:
+            by_mass[owner] += force @ basis[own]
+        force = -value * force if is_mass else force
+        by_value[owner] += force @ basis[own]
+        loaded[owner] += force @ Z[own]
+    me = int(np.flatnonzero(group == which)[0])
+    d_value, others = by_value[:, me], np.delete(by_value, me, axis=1)
+    if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
+        raise SolverError(
+            f"{len(group)} modes of the model coincide at {np.sqrt(value) / (2.0 * np.pi):.6g} Hz, and the unknowns "
+            "couple them: they have no derivatives one by one. Break the symmetry in the start of the unknowns, or use "
+            "a method that fits the FRFs"
+        )
+    # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
+    v = -loaded + d_value[:, None] * (mass_basis[:, me] @ Z)
+    shares = -v[:, len(wanted) :] - 0.5 * by_mass
+    return d_value.copy(), v[:, : len(wanted)] + shares @ basis[wanted].T
+
+
+def separated(
+    modes: RealModes,
+    system: AffineSystem,
+    unknowns: Unknowns,
+    values: _Real,
+    seen: Callable[[_Real], _Real],
+    measured: _Real,
+) -> RealModes:
+    """Return the modes with those of one eigenvalue turned among themselves so that no unknown couples them.
+
+    What the unknowns leave undecided follows the measured shapes.
+
+    Parameters
+    ----------
+    modes : RealModes
+        Modes at `values`.
+    system : AffineSystem
+        The compiled model.
+    unknowns : Unknowns
+        Where the unknowns act.
+    values : ndarray of float, shape (n,)
+        The unknowns.
+    seen : callable
+        Returns shapes, shape (N, m), as the sensors see them, shape (k, m).
+    measured : ndarray of float, shape (k, n_m)
+        Measured shapes of unit length.
+
+    Returns
+    -------
+    RealModes
+        Itself where all eigenvalues are distinct.
+    """
+    first, shapes = 0, modes.shapes
+    while first < len(modes.value):
+        group = modes.alike(first)
+        if len(group) > 1:
+            shapes = shapes.copy() if shapes is modes.shapes else shapes
+            turned = shapes[:, group] @ _axes(system, unknowns, values, shapes[:, group], float(modes.value[first]))
+            mixed = _couplings(system, unknowns, values, turned, float(modes.value[first]))
+            level = np.sum(mixed, axis=0).diagonal()
+            start = 0
+            for stop in range(1, len(group) + 1):
+                if stop == len(group) or abs(level[stop] - level[start]) > _UNCOUPLED * modes.value[first]:
+                    part = turned[:, start:stop]
+                    turned[:, start:stop] = part @ _towards(seen(part), measured)
+                    start = stop
+            shapes[:, group] = turned
+        first = int(group[-1]) + 1
+    return modes if shapes is modes.shapes else replace(modes, shapes=shapes)
+
+
+def _forces(
+    system: AffineSystem, unknowns: Unknowns, values: _Real, shapes: _Real
+) -> Iterator[tuple[int, Any, _Real, bool]]:
+    """Yield, for each drive on stiffness or mass, its unknown, own DOFs, K' or M' times the shapes there, and which."""
+    state = unknowns.state(system, values)
     for owner, at, power in zip(unknowns.owner, unknowns.at, unknowns.power, strict=True):
         term = system.terms[at]
-        if term.quantity not in ("stiffness", "mass"):
-            continue
-        share = power * state.factor[at] / values[owner]
-        force = share * (term.local @ phi[term.own])
-        if term.quantity == "mass":
-            d_mass[owner] += force @ phi[term.own]
-            force = -value * force
-        d_value[owner] += force @ phi[term.own]
-        loaded[owner] += force @ Z[term.own]
-    # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivot.
-    v = -loaded + d_value[:, None] * (mass_phi @ Z)
-    share_of_phi = -v[:, -1] - 0.5 * d_mass
-    return d_value, v[:, :-1] + share_of_phi[:, None] * phi[wanted]
+        if term.quantity in ("stiffness", "mass"):
+            share = power * state.factor[at] / values[owner]
+            yield int(owner), term.own, share * (term.local @ shapes[term.own]), term.quantity == "mass"
+
+
+def _couplings(system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float) -> _Real:
+    """Return Phi^T (K' - lambda M') Phi by each unknown in its logarithm, weighted to be told apart, (n, m, m)."""
+    out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
+    for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
+        # Any weights do that are not in a simple ratio.
+        weight = values[owner] * (1.0 + 0.5 * np.sin(1.0 + owner))
+        out[owner] += weight * (-value if is_mass else 1.0) * (basis[own].T @ force)
+    return out
+
+
+def _axes(system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float) -> _Real:
+    """Return the turn, shape (m, m), after which the sum of all couplings is diagonal."""
+    whole = _couplings(system, unknowns, values, basis, value).sum(axis=0)
+    return np.asarray(np.linalg.eigh((whole + whole.T) / 2)[1])
+
+
+def _towards(seen: _Real, measured: _Real) -> _Real:
+    """Return the turn, shape (m, m), after which the first shapes are those nearest to measured ones."""
+    share = np.linalg.lstsq(seen, measured, rcond=None)[0]
+    near = np.linalg.norm(seen @ share, axis=0)
+    order = [int(i) for i in np.argsort(-near, kind="stable")[: len(share)] if near[i] ** 2 > _WITHIN]
+    return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
 def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
@@ -188,17 +280,18 @@ def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
     return matrix
 
 
-def _pivot(modes: RealModes, phi: _Real) -> int:
-    """Return the DOF that moves most, rotations and translations by their share of the strain energy."""
-    return int(np.argmax(np.abs(phi) * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))))
+def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
+    """Return the DOFs that move most, one a mode; rotations and translations by their share of the strain energy."""
+    weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
+    return np.asarray(scipy.linalg.qr(weighted, mode="r", pivoting=True)[1][: basis.shape[1]], dtype=np.intp)
 
 
-def _solved(modes: RealModes, value: float, pivot: int, loads: _Real) -> _Real:
-    """Solve with K - lambda M, its row and column `pivot` taken out; the solution is zero there."""
+def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real) -> _Real:
+    """Solve with K - lambda M, its rows and columns `pivots` taken out; the solution is zero there."""
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # translations and rotations weigh alike
-    scale[pivot] = 0.0
-    one = sp.csc_array((np.ones(1), ([pivot], [pivot])), shape=modes.K.shape)
+    scale[pivots] = 0.0
+    one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
     A = sp.csc_array(sp.diags_array(scale) @ (modes.K - value * modes.M) @ sp.diags_array(scale) + one)
     B = scale[:, None] * loads
     try:

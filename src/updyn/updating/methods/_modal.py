@@ -12,14 +12,14 @@ from scipy.optimize import linear_sum_assignment
 from updyn.correlation import mac
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
-from updyn.modal.sensitivity import RealModes, slopes
+from updyn.modal.sensitivity import RealModes, separated, slopes
 from updyn.updating.joint import Task
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import joined, reduce
 from updyn.updating.session import Record
 from updyn.updating.trust_region import Local
 
-__all__ = ["ModalError", "Pairs", "Target"]
+__all__ = ["ModalError", "Pairs", "Target", "measured_rms"]
 
 _Real = NDArray[np.float64]
 
@@ -27,8 +27,6 @@ _Real = NDArray[np.float64]
 _APART = 0.5
 #: Modes are computed up to this multiple of the highest measured frequency.
 _BEYOND = 1.5
-#: Eigenvalues closer than this share have no derivatives of their own that could be computed.
-_DISTINCT = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +127,8 @@ class Pairs:
                 f"modal: {len(target.value)} modes were measured; besides rigid-body motions the model has "
                 f"{len(modes.value)}. Give n_modes, or fewer modes"
             )
+        about = problem.solver.system, problem.unknowns, problem.values(x)
+        modes = separated(modes, *about, target.seen, target.shapes)
         seen = target.seen(modes.shapes)
         moving = np.linalg.norm(seen, axis=0) > 0
         alike = np.zeros((seen.shape[1], len(target.value)))
@@ -195,7 +195,6 @@ class ModalError:
         pairs = Pairs.at(problem, target, x)
         values, slope = problem.values(x), problem.coordinates.slope(x)
         with_shapes = self.shape_weight > 0 and len(target.rows) > 1
-        check_distinct(pairs, with_shapes)
         J, r = [], []
         for k, which in enumerate(pairs.which):
             problem.session.check()
@@ -218,24 +217,6 @@ class ModalError:
                 J.append(weight * J_shape)
                 r.append(weight * r_shape)
         return np.vstack(J), np.concatenate(r)[:, None]
-
-
-def check_distinct(pairs: Pairs, with_shapes: bool) -> None:
-    """Refuse paired modes that coincide with another one.
-
-    Raises
-    ------
-    SolverError
-        With the frequency of the first such mode.
-    """
-    gap = pairs.modes.gap[pairs.which]
-    if (gap < _DISTINCT).any():
-        f = float(pairs.modes.frequency[pairs.which][np.argmin(gap)])
-        what = "frequencies and shapes have" if with_shapes else "frequencies have"
-        raise SolverError(
-            f"modal: two modes of the model coincide at {f:.6g} Hz; their {what} no derivatives one by one. Break the "
-            "symmetry in the start of the unknowns, or use a method that fits the FRFs"
-        )
 
 
 def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Real]:
