@@ -65,12 +65,14 @@ class Suspect:
     Attributes
     ----------
     group, quantity : str
-        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"``.
+        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a group;
+        ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
         Share of what is left beyond the noise that this one change would take away, by a step of first order, all
         unknowns of the fit adapting to it. Errors that the channels cannot tell apart have nearly the same share.
     change : float
-        That step: of the logarithm of a factor, or of a loss factor. Its sign can be trusted more than its size.
+        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign can be trusted more
+        than its size.
     energy : float
         Share of the energy of the error in the constitutive relations that lies in this matrix, at the worst places.
     """
@@ -248,14 +250,19 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
         return found
     found = replace(found, outcome="structure", explained_by=tuple(suspects))
     telling = [s for s in suspects if s.explains >= 0.8 * suspects[0].explains][:_NAMED]
-    names = " or ".join(
-        f"the {_QUANTITY[s.quantity]} of {s.group} (too {'low' if s.change > 0 else 'high'})" for s in telling
-    )
+    names = " or ".join(_suspected(s) for s in telling)
     text = f"An error in {names} would explain {100.0 * suspects[0].explains:.0f} % of it."
     return replace(found, verdict=f"{_words(found)} {text}")
 
 
 _QUANTITY = {"stiffness": "stiffness", "mass": "mass", "viscous": "viscous damping", "loss_factor": "loss factor"}
+_SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
+
+
+def _suspected(s: Suspect) -> str:
+    if s.quantity in _SENSOR:
+        return f"the {_SENSOR[s.quantity]} {s.group} (reads too {'much' if s.change > 0 else 'little'})"
+    return f"the {_QUANTITY[s.quantity]} of {s.group} (too {'low' if s.change > 0 else 'high'})"
 
 
 def _mean_level(H: _Complex) -> _Real:

@@ -21,6 +21,7 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.frf import QUANTITIES
 from updyn.sensitivity import Unknowns
 from updyn.updating.adequacy import Suspect
+from updyn.updating.channels import calibration
 from updyn.updating.joint import Task, together
 from updyn.updating.parameters import Parameter, ParameterSet
 from updyn.updating.problem import Problem
@@ -33,6 +34,7 @@ _Complex = NDArray[np.complex128]
 
 #: Quantities that are tried, and how many suspects are kept.
 _MOST_TRIED, _KEPT = 240, 8
+_MOST_SENSORS = 80
 #: Lines at which the energy is looked at: the worst.
 _MOST_LINES = 60
 #: A suspect explains at least this share of what is left, and at least so many squared standard deviations.
@@ -124,7 +126,7 @@ def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines:
 def localise(
     problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
 ) -> tuple[Suspect, ...]:
-    """Say which quantity of which group, not among the unknowns, would explain what a fit leaves.
+    """Say which quantity of which group or sensor, not among the unknowns, would explain what a fit leaves.
 
     Parameters
     ----------
@@ -235,4 +237,11 @@ def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> lis
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
     driven = {d.name for p in problem.coordinates.parameters for d in p.acts_on if d.quantity == "loss_factor"}
-    return [p for p in items if p.quantity != "loss_factor" or p.name not in driven][:_MOST_TRIED]
+    items = [p for p in items if p.quantity != "loss_factor" or p.name not in driven]
+    return (_sensors(problem, free) + items)[:_MOST_TRIED]
+
+
+def _sensors(problem: Task, free: set[tuple[str, str]]) -> list[Parameter]:
+    """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
+    tried = calibration([part.frf for part in problem.parts], references="all")
+    return [p for p in tried if (p.group, p.quantity) not in free] if len(tried) <= _MOST_SENSORS else []
