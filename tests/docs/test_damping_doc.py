@@ -21,7 +21,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 def test_the_page_runs() -> None:
     namespace: dict[str, Any] = {"__name__": "page"}
     shown = [block for block in blocks(PAGE) if block.language == "python"]
-    assert len(shown) == 5
+    assert len(shown) == 6
     for block in shown:
         run_python(block, "docs/damping.md", namespace)
 
