@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from updyn.cli.describe import describe, describe_frf, describe_identifiability, describe_model
+from updyn.cli.reading import read_anything
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.io import write_modes
+from updyn.modal import ModeSet
 from updyn.model import Group, Model
 from updyn.updating.result import Identifiability
 
@@ -56,4 +61,20 @@ def test_open_combinations_are_named_largest_weight_first() -> None:
         "The data determine 2 of 3 unknowns (condition inf, collinearity index 2e+09).",
         "  open combination 1: -1 b.mass, +0.2 a.mass",
         "Measure b.",
+    ]
+
+
+def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
+    modes = ModeSet(
+        [10.0, 20.5], [[1.0, 1.0], [0.5, 1.0]], ["1:X", "2:X"], [0.01, np.nan], [True, False], [0.995, np.nan]
+    )
+    write_modes(modes, tmp_path / "modes.unv")
+    kind, content = read_anything(tmp_path / "modes.unv")
+    assert kind == "modes"
+    assert describe(content).splitlines() == [
+        "Modes: 2 from 10 to 20.5 Hz",
+        "2 DOFs: 1:X, 2:X",
+        "mode  frequency (Hz)  loss factor      scale  phase collinearity  quality",
+        "1                 10         0.01  unit mass               1.000   0.9950",
+        "2               20.5            -        any               1.000        -",
     ]

@@ -241,7 +241,7 @@ def convert(
 
 @app.command
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
-    """Say what is in a file: a measurement, a model, the record of a run, or a geometry.
+    """Say what is in a file: a measurement, a model, the record of a run, modes, or a geometry.
 
     Parameters
     ----------

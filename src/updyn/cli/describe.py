@@ -10,6 +10,7 @@ from updyn.dofs import DofSet
 from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.result import Identifiability, UpdateResult
@@ -20,6 +21,7 @@ __all__ = [
     "describe_geometry",
     "describe_identifiability",
     "describe_model",
+    "describe_modes",
     "describe_parameters",
     "table",
 ]
@@ -39,12 +41,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def describe(content: Model | FRF | Geometry | UpdateResult) -> str:
+def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult) -> str:
     """Return what a file holds, as text."""
     if isinstance(content, Model):
         return describe_model(content)
     if isinstance(content, FRF):
         return describe_frf(content)
+    if isinstance(content, ModeSet):
+        return describe_modes(content)
     return content.summary() if isinstance(content, UpdateResult) else describe_geometry(content)
 
 
@@ -104,6 +108,28 @@ def describe_frf(frf: FRF) -> str:
     if frf.geometry is not None:
         lines.append(describe_geometry(frf.geometry))
     return "\n".join(lines)
+
+
+def describe_modes(modes: ModeSet) -> str:
+    """Return frequencies, damping and quality of measured modes, as text."""
+    rows = [
+        [
+            str(number),
+            f"{modes.frequency[k]:.6g}",
+            "-" if np.isnan(modes.loss_factor[k]) else f"{modes.loss_factor[k]:.4g}",
+            "unit mass" if modes.scaled[k] else "any",
+            f"{modes.phase_collinearity[k]:.3f}",
+            "-" if np.isnan(modes.quality[k]) else f"{modes.quality[k]:.4f}",
+        ]
+        for number, k in enumerate(range(len(modes)), 1)
+    ]
+    return "\n".join(
+        [
+            f"Modes: {len(modes)} from {modes.frequency[0]:g} to {modes.frequency[-1]:g} Hz",
+            f"{len(modes.dofs)} DOFs: {_labels(modes.dofs)}",
+            table(("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality"), rows),
+        ]
+    )
 
 
 def describe_geometry(geometry: Geometry) -> str:

@@ -1,4 +1,4 @@
-"""Reading a file without being told what it holds: a measurement, a model, the record of a run, or a geometry."""
+"""Reading a file without being told what it holds: a measurement, a model, a record of a run, modes, or a geometry."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, InputError
-from updyn.io import read_frf, read_geometry, read_model, read_result
+from updyn.io import read_frf, read_geometry, read_model, read_modes, read_result
 from updyn.io.registry import find_format
 
 __all__ = ["KINDS", "read_anything"]
@@ -17,9 +17,16 @@ KINDS: Mapping[str, Callable[..., Any]] = {
     "frf": read_frf,
     "model": read_model,
     "result": read_result,
+    "modes": read_modes,
     "geometry": read_geometry,
 }
-_WORDS = {"frf": "a measurement", "model": "a model", "result": "the record of a run", "geometry": "a geometry"}
+_WORDS = {
+    "frf": "a measurement",
+    "model": "a model",
+    "result": "the record of a run",
+    "modes": "modes",
+    "geometry": "a geometry",
+}
 
 
 def read_anything(
@@ -40,7 +47,7 @@ def read_anything(
     -------
     kind : str
         What it holds.
-    content : FRF, Model, UpdateResult or Geometry
+    content : FRF, Model, UpdateResult, ModeSet or Geometry
         What was read.
 
     Raises
