@@ -49,9 +49,12 @@ def _result(row: Row) -> str:
         gone = row.status == "failed"
         misfit = "" if gone else _number(row.fitted["after"]["db_error_median"])
         error = "" if gone else _number(row.error_max)
-        fewest = "none" if row.fewest is None or row.fewest.count is None else str(row.fewest.count)
-        cells += [f"{len(row.updated)} of {len(row.updated) + len(row.left)}", misfit, error, fewest]
+        cells += [f"{len(row.updated)} of {len(row.updated) + len(row.left)}", misfit, error, _fewest(row)]
     return "| " + " | ".join([*cells, *[""] * (6 - len(cells))]) + " |"
+
+
+def _fewest(row: Row) -> str:
+    return "none" if row.fewest is None or row.fewest.count is None else str(row.fewest.count)
 
 
 def _number(value: float) -> str:

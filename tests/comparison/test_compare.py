@@ -130,8 +130,16 @@ def test_never_enough(start, data, unknowns):
     few = data.select(lines=data.freq[::13])
     found = updyn.compare(start, few, unknowns, ["equation-error"], truth=true_values(), fewest=True)
     assert found["equation-error"].fewest.count is None
-    assert [count for count, _ in found["equation-error"].fewest.tried] == [3, 4]
+    assert found["equation-error"].fewest.tried[-1][0] == 4
     assert " none" in found.summary()
+
+
+def test_what_does_not_arrive_with_all_lines_is_not_tried_with_few(start, data, unknowns):
+    few = {"log": {"starts": 0, "max_iterations": 3}}
+    found = updyn.compare(start, data, unknowns, ["log"], truth=true_values(), fewest=True, options=few)
+    assert found["log"].status == "max-iterations"
+    assert found["log"].fewest.count is None
+    assert found["log"].fewest.tried == ((40, found["log"].error_max / 0.01),)
 
 
 # -- what does not apply -------------------------------------------------------------------------------------

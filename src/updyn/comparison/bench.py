@@ -190,6 +190,8 @@ class Bench:
             return np.inf if result.status == "failed" else distance(result.values)
 
         free = sum(1 for p in unknowns if p.prior_std is None)
+        if row.status == "max-iterations" and distance(row.values) > 1.0:
+            return Fewest(None, tried=((n_lines, distance(row.values)),))  # what is slow with all is so with few
         numbers = counts(n_lines, sum(frf.values[0].size for frf in self.data), free)
         return fewest_lines(numbers, off, lambda count: _lines_of(self._on(count)[0]))
 

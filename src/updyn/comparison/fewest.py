@@ -60,7 +60,8 @@ def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
     )
     return (
         f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen {which}, from the same "
-        f"start, until {goal}. Numbers of lines with fewer measured values than unknowns are passed over."
+        f"start, until {goal}. Numbers of lines with fewer measured values than unknowns are passed over; a method "
+        "that has not arrived with all lines after its largest number of steps is not tried with fewer."
     )
 
 
