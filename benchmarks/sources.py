@@ -4,6 +4,7 @@
 as it was drawn (outlier lines: of the other lines).
 
 - coherence: n periodic records with noise at the output, 2 % of the rms after averaging; H1 and coherence from them;
+  "at the true |H|": with |H|^2 (1 - gamma^2) / (gamma^2 n) as the variance, which is not what updyn does;
 - repeats: three measurements with 2 % of |H| and 0.5 % of the rms, averaged;
 - outliers: 2 % of |H|, thirty times as much on 3 of the 60 lines or on none, with and without ``robust``;
 - sensor: 1 % of |H|, ten times as much at one of the five sensors or at none, estimated together and by channel.
@@ -52,6 +53,17 @@ def averaged(clean: FRF, n: int, variance: np.ndarray) -> Draw:
     return draw
 
 
+def at_true_size(clean: FRF, n: int, variance: np.ndarray) -> Draw:
+    measured = averaged(clean, n, variance)
+
+    def draw(rng: np.random.Generator) -> FRF:
+        data = measured(rng)
+        told = np.abs(clean.values) ** 2 * (1.0 / data.coherence - 1.0) / n
+        return replace(data, variance=np.maximum(told, 1e-8 * np.abs(clean.values) ** 2))
+
+    return draw
+
+
 def plain(clean: FRF, variance: np.ndarray) -> Draw:
     std = np.sqrt(variance)
     return lambda rng: replace(clean, values=clean.values + std * circular(rng, std.shape))
@@ -85,6 +97,9 @@ def main() -> None:
 
     studies: list[tuple[str, Any, np.ndarray, Draw]] = [
         (f"coherence, {n} averages", None, floor, averaged(clean, n, floor)) for n in (3, 10, 30, 100)
+    ]
+    studies += [
+        (f"{n} averages, at the true |H|", None, floor, at_true_size(clean, n, floor)) for n in (3, 10, 30, 100)
     ]
     of_three = plain(clean, two)
     studies += [("three repeats", None, two / 3, lambda rng: updyn.average([of_three(rng) for _ in range(3)]))]

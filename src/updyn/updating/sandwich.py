@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
-from updyn.updating.fit import known_length
+from updyn.updating.fit import known_length, spread_of
 from updyn.updating.identifiability import RANK_TOLERANCE
 from updyn.updating.joint import Task
 from updyn.updating.noise import Estimated, NoiseModel, Robust
@@ -112,7 +112,8 @@ def _sandwich(
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
     taken = looked[0].kind.startswith("estimated")  # from this very residual
-    record = {"chi_square": 1.0 if taken else float(misfit), **known, "inflation": inflation}
+    spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
+    record = {"chi_square": 1.0 if taken else float(misfit), "spread": spread, **known, "inflation": inflation}
     return Sandwich(R, tuple({"kind": n.kind, **n.figures(), **record} for n in looked), _note(residual, loud))
 
 

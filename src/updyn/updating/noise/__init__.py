@@ -35,6 +35,7 @@ __all__ = [
     "average",
     "choose_noise",
     "level_by_unit",
+    "noise_of_record",
 ]
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
@@ -108,3 +109,34 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
     if stated.relative == stated.floor == 0.0:
         raise OptionError("noise: relative and floor are both 0; data without noise need no noise model, leave it out")
     return stated
+
+
+def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
+    """Return the noise model that a result tells of, with nothing left to estimate but what a robust one weighs.
+
+    Parameters
+    ----------
+    record : mapping
+        ``noise`` of a result.
+    frf : FRF
+        The data that the fit could see, lines that it left out included.
+
+    Raises
+    ------
+    OptionError
+        If the data lack what the record speaks of.
+    """
+    base: NoiseModel
+    if record.get("kind") in ("variance", "coherence"):
+        base = _sourced(record["kind"], frf)
+    elif "relative_by_channel" in record:
+        relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
+        lacking = [label for label in frf.responses.labels if label not in relative]
+        if lacking:
+            raise OptionError(f"noise by channel: nothing is known of response {lacking[0]}")
+        names = tuple(frf.responses.labels)
+        a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
+        base = EstimatedByChannel(relative=a, floor=b, names=names, held=True)
+    else:
+        base = Stated(float(record.get("relative", 0.0)), float(record.get("floor", 0.0)))
+    return Robust(base) if record.get("robust") == Robust.name else base

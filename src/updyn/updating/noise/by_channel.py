@@ -33,12 +33,15 @@ class EstimatedByChannel:
         of all data of the same unit.
     names : tuple of str
         The responses, then.
+    held : bool
+        Whether the numbers stay as they are.
     """
 
     tails: float = np.inf
     relative: _Real | None = None
     floor: _Real | None = None
     names: tuple[str, ...] = ()
+    held: bool = False
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
     scale_known: ClassVar[bool] = True  # once it has been estimated
 
@@ -50,6 +53,8 @@ class EstimatedByChannel:
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> EstimatedByChannel | Estimated | Assumed:
         """Return the model with the numbers of each response, or of all together where these have too few values."""
+        if self.held:
+            return self
         if 2 * H.size <= n_parameters or H[:, 0].size < _ENOUGH:
             return Estimated(tails=self.tails).refit(H, frf, n_parameters)
         level = np.broadcast_to(level_by_unit(frf), H.shape)
