@@ -18,6 +18,7 @@ from updyn.report.agreement import csac_lines, frac_map, level_differences, resi
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.plots import Figure, label, numbers
 from updyn.report.residual import misfit_map
+from updyn.report.sections_held import trade_off
 from updyn.report.unknowns import correlation_map, cost_path, estimates, singular_values, value_paths
 from updyn.report.words import figure_name, unit
 from updyn.updating.result import UpdateResult
@@ -42,6 +43,7 @@ def all_figures(result: UpdateResult, data: ReportData) -> dict[str, Figure]:
         "calibrations": estimates(result, sensors),
         "singular-values": singular_values(result),
         "correlation": correlation_map(result),
+        "trade-off": trade_off(result),
         "cost": cost_path(result),
         "factor-paths": value_paths(result, factors),
         **{f"{figure_name(kind)}-paths": value_paths(result, chosen) for kind, chosen in values.items()},

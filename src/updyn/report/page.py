@@ -86,7 +86,8 @@ def render_joint(result: JointResult) -> str:
     data = gather(first)
     figures = all_figures(first, data)
     content = Content(first, data, figures, "")
-    common = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
+    made = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
+    common = [(anchor, name, text) for anchor, name, text in made if text]
     shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
     picture = structure_of(list(result.results.values()))
     sections = [("tests", "Tests", tests(result)), *([("structure", "Structure", picture)] if picture else []), *common]

@@ -9,6 +9,7 @@ from string import Template
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.content import Content, asset
+from updyn.report.sections_held import held
 from updyn.report.sections_record import noise, provenance, validation
 from updyn.report.sections_residual import model_error, tile
 from updyn.report.sections_unknowns import convergence, identifiability, parameters
@@ -155,6 +156,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Content], str]], ...] = (
     ("structure", "Structure", structure),
     ("unknowns", "Unknowns", parameters),
     ("identifiability", "What is determined", identifiability),
+    ("held", "What was held", held),
     ("convergence", "Convergence", convergence),
     ("validation", "Validation", validation),
     ("model-error", "Model error", model_error),
