@@ -92,6 +92,8 @@ def test_what_scales_together_is_said_to_be_open(chain12: Model, chain12_true: M
     assert set(direction) == set(unknowns.names)
     assert np.array(list(direction.values())) == pytest.approx(np.ones(8), abs=1e-6)
     assert all(np.isinf(s) for s in result.std.values())
+    assert result.remedy.startswith("Modes show stiffness and mass against each other")  # no line would help
+    assert result.identifiability.advice == result.remedy
     true = [abs(getattr(chain12_true.group(p.group), p.quantity)).sum() for p in unknowns]
     first = [abs(getattr(chain12.group(p.group), p.quantity)).sum() for p in unknowns]
     ratio = vector(result) * first / true

@@ -83,6 +83,9 @@ class Fit:
         What of the residual these units are, where the method found their size along with the unknowns.
     pull : Pull or None
         What regularisation added.
+    cure : str
+        What would cure open unknowns where the method fits something else than FRFs; empty: found among lines and
+        sensors that could be added.
     """
 
     x: _Vector
@@ -93,6 +96,7 @@ class Fit:
     local: Local | None = None
     unit: float = 1.0
     pull: Pull | None = None
+    cure: str = ""
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:

@@ -113,7 +113,10 @@ def judge(
     else:
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
         misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
-        advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
+        if fit.cure and not analysis.report.complete:
+            advice = fit.cure
+        else:
+            advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
     solvers = firsts or [part.solver for part in problem.parts]
     correlation = tuple(
         unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))

@@ -29,6 +29,10 @@ _Vector = NDArray[np.float64]
 #: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
 _ASSUMED = 0.01
 _SCALES = 8
+_CURE = (
+    "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes, or sensors that tell "
+    "their shapes; or fit the FRFs with the default method, whose level shows both."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +135,7 @@ class ModalMethod:
         if left["lowest_mac"] < self.mac:
             note += f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
         unit = sigma if sigma > 0 else 1.0
-        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip())
+        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), cure=_CURE)
 
     def _check_unknowns(self, problem: Task) -> None:
         unseen = [p.name for p in problem.coordinates.parameters if any(d.quantity in self.cannot for d in p.acts_on)]
