@@ -17,12 +17,12 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.gaussian import Gaussian, furthest
 from updyn.uncertainty.likelihood import Point
-from updyn.uncertainty.setting import Setting, restore
+from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.uncertainty.watch import Progress, Watch
 from updyn.updating.joint import Task, together
 from updyn.updating.monitor import Monitor
-from updyn.updating.noise import Estimated, NoiseModel
+from updyn.updating.noise import NoiseModel
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.session import Session, Stopped
 
@@ -135,7 +135,7 @@ def bootstrap(
         if made is not engine:
             ending.callback(made.close)
         session = Session(made)
-        setting = restore(result, session)
+        setting = restore(result, session, WITH_NOISE)
         watch = Watch("bootstrap", int(n), callback)
         watch.attach(session)
         found: list[tuple[str, _Vector]] = []
@@ -172,11 +172,9 @@ def _refits(setting: Setting, kind: str) -> _Refits:
             scale * (part.frf.values - h) / s for part, h, s in zip(setting.problem.parts, H, std, strict=True)
         )
     length = float(setting.first.noise.get("correlation_length", 1.0))
-    noises = tuple(
-        Estimated() if r.noise["kind"] == Estimated.kind else noise
-        for r, noise in zip(setting.results, setting.noises, strict=True)
+    return _Refits(
+        setting.problem, setting.strategy(), setting.begun(), setting.x, H, std, whitened, int(np.ceil(length))
     )
-    return _Refits(setting.problem, setting.strategy(), noises, setting.x, H, std, whitened, int(np.ceil(length)))
 
 
 def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
@@ -233,8 +231,7 @@ def _acceleration(setting: Setting) -> _Vector:
     root = Gaussian(likelihood, Point(setting.x, local)).root
     scores = []
     for i, part in enumerate(likelihood.problem.parts):
-        residual: Any = likelihood.residual
-        one = residual.of(i)
+        one = likelihood.residual.of(i)
         for lines in one.partition(part):
             r, J = one.on(part, lines).block(part, setting.x, lines)
             scores.append(np.einsum("kfij,fij->fk", J, r.conj()).real)

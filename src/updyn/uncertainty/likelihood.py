@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.joint import Task
-from updyn.updating.residuals import Each, LogError, Residual, with_prior
+from updyn.updating.residuals import Each, with_prior
 from updyn.updating.trust_region import Local, TrustRegion
 
 __all__ = ["Likelihood", "Point"]
@@ -59,15 +59,12 @@ class Likelihood:
     ----------
     problem : Task
         Model, data and unknowns.
-    residual : Residual
-        In units of the noise, but for `unit`.
-    unit : float
-        Standard deviation of the residual.
+    residual : Each
+        Output errors in units of the noise.
     """
 
     problem: Task
-    residual: Residual
-    unit: float
+    residual: Each
 
     @property
     def bounds(self) -> tuple[_Vector, _Vector]:
@@ -79,7 +76,7 @@ class Likelihood:
         local = self.residual.local(self.problem, x)
         if local is None:
             return None
-        return with_prior(Local(local.cost / self.unit**2, local.R / self.unit, local.q / self.unit), self.problem, x)
+        return with_prior(local, self.problem, x)
 
     def cost(self, x: _Vector) -> float:
         """Return the cost at x, shape (n,), without slopes; inf beyond the bounds and where it cannot be solved."""
@@ -92,10 +89,10 @@ class Likelihood:
                 H = part.responses(x)
             except SolverError:
                 return np.inf
-            total += float(np.sum(np.abs(_misfit(self.residual, i, H, part.frf.values)) ** 2))
+            total += float(np.sum(np.abs(self.residual.of(i).weight * (H - part.frf.values)) ** 2))
         centre, weight = self.problem.coordinates.prior
         prior = weight * (x - centre)
-        cost = 0.5 * total / self.unit**2 + 0.5 * float(prior @ prior)
+        cost = 0.5 * total + 0.5 * float(prior @ prior)
         return cost if np.isfinite(cost) else np.inf
 
     def descend(self, x: _Vector, held: int | None = None) -> Point | None:
@@ -141,14 +138,3 @@ class Likelihood:
 def _again(seen: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector) -> Local | None:
     known = seen.get(y.tobytes())
     return None if known is None else Local(known.cost, known.R[:, free], known.q)
-
-
-def _misfit(
-    residual: Residual, part: int, H: NDArray[np.complex128], measured: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
-    """Return the residual of a part, shape (n_f, n_i, n_j), as its class defines it, without slopes."""
-    if isinstance(residual, LogError):
-        usable = (measured != 0) & (H != 0)
-        return np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0))
-    assert isinstance(residual, Each)
-    return np.asarray(residual.of(part).weight * (H - measured))

@@ -52,7 +52,7 @@ def profile(
     Parameters
     ----------
     result : UpdateResult or JointResult
-        A fit by ``"maximum-likelihood"``, ``"log"`` or ``"output-error"``. Its noise is kept, inflation included; what
+        A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included; what
         is profiled is stated in `updyn.uncertainty.likelihood`, priors count as data.
     names : str or sequence of str, optional
         Unknowns; all where none is named.

@@ -77,7 +77,7 @@ def sample(
     Parameters
     ----------
     result : UpdateResult or JointResult
-        A fit by ``"maximum-likelihood"``, ``"log"`` or ``"output-error"``. Its noise is kept, inflation included.
+        A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included.
     n : int
         Wanted: effective draws of every unknown, in the bulk and in the tails.
     seed : int

@@ -13,22 +13,21 @@ from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.joint import Task, together
 from updyn.updating.methods import make_method, options_of
-from updyn.updating.noise import NoiseModel, Stated, choose_noise
+from updyn.updating.noise import NoiseModel, Robust, choose_noise, noise_of_record
 from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, LogError, OutputError, Residual
+from updyn.updating.residuals import Each, OutputError
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.session import Session
 
-__all__ = ["METHODS", "Setting", "chosen", "parts_of", "restore"]
+__all__ = ["LIKELIHOOD", "WITH_NOISE", "Setting", "chosen", "parts_of", "restore"]
 
 _Vector = NDArray[np.float64]
 
-#: Methods whose residual is in units of the noise: what they minimise is a likelihood.
-METHODS = ("maximum-likelihood", "log", "output-error")
+#: What minimises a likelihood; and what says of the noise all that is needed to make data anew.
+LIKELIHOOD = ("maximum-likelihood",)
+WITH_NOISE = ("maximum-likelihood", "log", "output-error")
 #: How an update has to have ended.
 _ENDED = ("converged", "not-identifiable", "stalled")
-#: Kinds of noise that come with the data, by the names under which they can be chosen again.
-_WITH_DATA = ("variance", "coherence")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,12 +87,12 @@ class Setting:
         SolverError
             If the model cannot be solved at the estimate.
         """
-        residual: Residual
-        if self.first.method == "log":
-            (relative,) = {float(r.noise["relative"]) for r in self.results}
-            return Likelihood(self.problem, LogError(), relative / np.sqrt(2.0) * self.inflation)
-        residual = Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances()))
-        return Likelihood(self.problem, residual, 1.0)
+        return Likelihood(self.problem, Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances())))
+
+    def begun(self) -> tuple[NoiseModel, ...]:
+        """Return the noise models as the fit began with them: numbers that are estimated are not known yet."""
+        triples = zip(self.results, self.problem.parts, self.noises, strict=True)
+        return tuple(_begun(result, part, noise) for result, part, noise in triples)
 
     def strategy(self) -> Any:
         """Return the method as it was used, without its search."""
@@ -102,7 +101,9 @@ class Setting:
         return make_method(self.first.method, options | ({"starts": 0} if "starts" in known else {}))
 
 
-def restore(result: UpdateResult | JointResult, session: Session | None = None) -> Setting:
+def restore(
+    result: UpdateResult | JointResult, session: Session | None = None, methods: Sequence[str] = LIKELIHOOD
+) -> Setting:
     """Bring an update back to its problem.
 
     Parameters
@@ -111,6 +112,8 @@ def restore(result: UpdateResult | JointResult, session: Session | None = None) 
         A fit that has ended.
     session : Session, optional
         Where lines are solved.
+    methods : sequence of str
+        Those that will do.
 
     Returns
     -------
@@ -119,22 +122,28 @@ def restore(result: UpdateResult | JointResult, session: Session | None = None) 
     Raises
     ------
     OptionError
-        If it is no result, its method has no likelihood, or the fit did not end at a minimum.
+        If it is no result, its method is none of these, it is regularised, or the fit did not end at a minimum.
+    SolverError
+        If the model cannot be solved at the estimate.
     """
     results = parts_of(result)
     first = results[0]
-    if first.method not in METHODS:
+    if first.method not in methods:
+        said = " or ".join(repr(m) for m in methods)
+        raise OptionError(f"method {first.method!r} does not minimise a likelihood; update with {said}")
+    if "regularise" in first.options:
         raise OptionError(
-            f"method {first.method!r} has no likelihood: its residual is not in units of the noise; update with "
-            f"{' or '.join(repr(m) for m in METHODS)}"
+            "a regularised fit has no likelihood that would say how sure it is; give the unknowns priors (prior_std)"
         )
     if first.status not in _ENDED or not all(r.noise for r in results):
         raise OptionError(f"the update has ended as {first.status!r}, not at a minimum of the misfit: {first.message}")
     session = session or Session()
     problems = [_problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)]
-    x = problems[0].coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
-    noises = tuple(_noise(r, p) for r, p in zip(results, problems, strict=True))
-    return Setting(results, together(problems), x, noises, float(first.noise.get("inflation", 1.0)))
+    whole = together(problems)
+    x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
+    shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
+    noises = tuple(_noise(r, p, x, n) for r, p, n in zip(results, whole.parts, shares, strict=True))
+    return Setting(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
 
 
 def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
@@ -180,8 +189,16 @@ def _problem(result: UpdateResult, session: Session, name: str) -> Problem:
     return Problem.build(result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name)
 
 
-def _noise(result: UpdateResult, problem: Problem) -> NoiseModel:
-    kind = result.noise.get("kind")
-    if kind in _WITH_DATA:
-        return choose_noise(kind, problem.frf)
-    return Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
+def _noise(result: UpdateResult, problem: Problem, x: _Vector, share: int) -> NoiseModel:
+    noise = noise_of_record(result.noise, result.frf.select(responses=result.fitted_responses))
+    # Weights of outliers are those at the estimate; the rest is as recorded.
+    return noise.refit(problem.responses(x), problem.frf, share) if isinstance(noise, Robust) else noise
+
+
+def _begun(result: UpdateResult, problem: Problem, noise: NoiseModel) -> NoiseModel:
+    robust = {k: str(result.noise[k]) for k in ("robust",) if k in result.noise}
+    for source in ("estimated", "estimated-by-channel"):
+        made = choose_noise({"source": source} | robust, problem.frf)
+        if made.kind == result.noise.get("kind"):
+            return made
+    return noise
