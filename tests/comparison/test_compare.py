@@ -243,6 +243,14 @@ def test_lines_are_chosen_once_for_all_and_held_out_data_are_scored(start, data,
     assert "held out" in found.summary()
 
 
+def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns):
+    found = updyn.compare(start, data, unknowns, ["log", "modal"], regularise=0.5)
+    assert found["log"].result.options["regularise"] == 0.5
+    assert "regularise" not in found["modal"].result.options
+    assert found["modal"].message.endswith("It was run without regularisation.")
+    assert "without regularisation" not in found["log"].message
+
+
 def test_several_tests_at_once(start, data, unknowns):
     halves = [
         updyn.Test(start, data.select(responses=["1:RZ", "2:RZ"]), "one"),
@@ -299,6 +307,7 @@ def test_stopping_while_the_fewest_lines_are_sought(start, data, unknowns):
         ({"truth": {"unit 1.stiffness": -1.0}}, ParameterError, "expected a factor above 0"),
         ({"truth": {"unit 1.loss_factor": "x"}}, ParameterError, "expected a finite number, found 'x'"),
         ({"truth": {}}, ParameterError, "holds no value"),
+        ({"regularise": "gvc"}, OptionError, "gcv"),
         ({"chosen": "evenly"}, OptionError, "did you mean 'even'"),
         ({"tolerance": 0}, OptionError, "expected a number above 0"),
         ({"lines": "d-optimal:99"}, OptionError, "40 lines to choose from"),

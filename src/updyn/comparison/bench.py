@@ -11,7 +11,7 @@ import numpy as np
 from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer
 from updyn.comparison.given import Given
 from updyn.comparison.rows import NOT_APPLICABLE, Row, figures_of
-from updyn.errors import InputError
+from updyn.errors import InputError, OptionError
 from updyn.frf import FRF
 from updyn.updating.lines import choose_lines, d_optimal
 from updyn.updating.methods import method_class
@@ -20,6 +20,7 @@ from updyn.updating.noise import choose_noise
 from updyn.updating.parameters import CHANNELS, Parameter, ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.reducing import is_reduced
+from updyn.updating.regularise import check_regularise
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import Test
 from updyn.updating.selected import Selection
@@ -134,7 +135,7 @@ class Bench:
         return Row(
             **known,
             status=result.status,
-            message=first.message,
+            message=first.message + ("" if self._regularises(name) else " It was run without regularisation."),
             updated=tuple(p.name for p in taken),
             left=tuple(p.name for p in self.parameters if p not in taken),
             values=values,
@@ -158,10 +159,20 @@ class Bench:
         held = tuple(p for p in self.parameters if p not in unknowns)
         chosen = Selection(unknowns, left_out={p.name: f"{name} cannot update it" for p in held}, held=held)
         how = {**self.running, **self.given.options.get(name, {}), "callback": watch}
+        if not self._regularises(name):
+            del how["regularise"]
         if len(tests) == 1 and not tests[0].name:
             (t,) = tests
             return update(t.model, t.frf, chosen, name, t.lines, t.noise, validation=t.validation, **how)
         return update_jointly(tests, chosen, name, **how)
+
+    def _regularises(self, name: str) -> bool:
+        """Return whether a method takes what is asked for of regularisation; True where nothing is."""
+        try:
+            check_regularise(self.running["regularise"], name)
+        except OptionError:
+            return False
+        return True
 
     # -- with few lines ------------------------------------------------------------------------------------
     def fewest(self, row: Row, watch: Watch) -> Fewest:

@@ -20,6 +20,7 @@ from updyn.errors import InputError, OptionError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.parameters import ParameterSet
+from updyn.updating.regularise import check_regularise
 from updyn.updating.run import Test, check
 from updyn.updating.selected import Selection
 
@@ -49,6 +50,7 @@ def compare(
     tier: str | None = None,
     backend: str | None = None,
     accuracy: float = ACCURACY,
+    regularise: str | float | None = None,
 ) -> Comparison:
     """Run every method on the same model, measurement, lines and unknowns.
 
@@ -79,8 +81,8 @@ def compare(
         How the fewest lines are chosen among the lines.
     options : mapping of str to mapping, optional
         Options by method.
-    title, tier, backend, accuracy
-        As for `updyn.update`.
+    title, tier, backend, accuracy, regularise
+        As for `updyn.update`. Methods that know no regularisation are run without it, and their rows say so.
 
     Returns
     -------
@@ -99,7 +101,8 @@ def compare(
     given = Given.checked(
         selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
     )
-    return _compare([test], selected, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
+    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare([test], selected, given, how, engine, callback)
 
 
 def compare_jointly(
@@ -118,6 +121,7 @@ def compare_jointly(
     tier: str | None = None,
     backend: str | None = None,
     accuracy: float = ACCURACY,
+    regularise: str | float | None = None,
 ) -> Comparison:
     """Run every method on several tests of one structure at once.
 
@@ -125,7 +129,9 @@ def compare_jointly(
     ----------
     tests : sequence of Test
         As for `updyn.update_jointly`.
-    parameters, methods, engine, callback, truth, fewest, tolerance, chosen, options, title, tier, backend, accuracy
+    parameters, methods, engine, callback
+        As for `compare`.
+    truth, fewest, tolerance, chosen, options, title, tier, backend, accuracy, regularise
         As for `compare`. The fewest lines are so many of each test.
 
     Returns
@@ -149,26 +155,28 @@ def compare_jointly(
         selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
     )
     named = [replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)]
-    return _compare(named, selected, given, engine, callback, tier=tier, backend=backend, accuracy=accuracy)
+    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare(named, selected, given, how, engine, callback)
 
 
 def _compare(
     tests: Sequence[Test],
     selected: Selection,
     given: Given,
+    how: Mapping[str, Any],
     engine: int | Client | Engine | None,
     callback: Callback | None,
-    **running: Any,
 ) -> Comparison:
     names, rows, parameters = given.methods, list[Row](), selected.parameters
     tests = [replace(test, model=selected.start_of(test.model)) for test in tests]
     refusals: list[InputError] = []
     watch = Watch(callback)
+    check_regularise(how["regularise"], "maximum-likelihood")
     with ExitStack() as ending:
         made = choose_engine(engine)
         if made is not engine:
             ending.callback(made.close)
-        bench = Bench.build(tests, parameters, given, running | {"engine": made, "title": given.title})
+        bench = Bench.build(tests, parameters, given, {**how, "engine": made, "title": given.title})
         for number, name in enumerate(names, 1):
             watch.stage = f"{name} ({number} of {len(names)})" if len(names) > 1 else name
             try:

@@ -149,10 +149,7 @@ def _compared(
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
     options["options"] = _options(ready)
-    if ready.modes:
-        modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
-        options["options"]["modal"] = options["options"].get("modal", {}) | {"modes": modes}
-    for key in ("tier", "backend", "accuracy"):
+    for key in ("tier", "backend", "accuracy", "regularise"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
     tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters
