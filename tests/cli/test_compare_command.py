@@ -160,7 +160,7 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
         (["--truth", "text.toml"], "'unit 1.stiffness': expected a finite number, found 'much'"),
         (["--truth", "broken.json"], "broken.json: not JSON"),
         (["--truth", "empty.toml"], "holds no true value"),
-        (["--within", "0"], "expected a number above 0"),
+        (["--tolerance", "0"], "expected a number above 0"),
         (["--chosen", "randomly"], "valid: 'd-optimal', 'even'"),
         (["--workers", "0"], "expected a number of processes"),
         (["--fewset"], "--fewset"),
@@ -186,6 +186,7 @@ def test_bad_input_is_one_message_and_writes_nothing(
     said = " ".join(err.split())
     assert message in said
     assert said.count("error:") == 1
+    assert "compare.toml:" not in said  # nothing is wrong with the job
     assert "Traceback" not in err
     assert sorted(tmp_path.iterdir()) == before
 

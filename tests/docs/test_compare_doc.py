@@ -90,7 +90,7 @@ def test_the_commands_are_written_into_the_jobs(tmp_path: Path, monkeypatch: pyt
         there = [f"gear/inputs/{word}" if word.endswith(".toml") else word for word in words]
         assert " ".join(there) in on_page
     monkeypatch.chdir(tmp_path)
-    assert main([*words[1:], "--methods", "log", "--chosen", "even", "--within", "0.01"]) == 0
+    assert main([*words[1:], "--methods", "log", "--chosen", "even", "--tolerance", "0.01"]) == 0
     assert (tmp_path / "compare_stiffness-compare" / "compare.html").exists()
 
 

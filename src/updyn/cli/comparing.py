@@ -19,7 +19,7 @@ def compare(
     methods: str | None = None,
     truth: Path | None = None,
     fewest: Annotated[bool, Parameter(negative=())] = False,
-    within: float = 0.01,
+    tolerance: float = 0.01,
     chosen: str = "d-optimal",
     out: Path | None = None,
     workers: int | None = None,
@@ -40,7 +40,7 @@ def compare(
         TOML or JSON file with true values of unknowns, where they are known: the errors are shown, too.
     fewest
         Seek the fewest lines with which each method still recovers; takes several fits a method.
-    within
+    tolerance
         How close counts as recovered, as a share (of a loss factor: as it is).
     chosen
         How the fewest lines are chosen: d-optimal or even.
@@ -81,7 +81,7 @@ def compare(
             prepared=ready,
             engine=where,
             fewest=fewest,
-            tolerance=within,
+            tolerance=tolerance,
             chosen=chosen,
         )
     _say(found.summary())

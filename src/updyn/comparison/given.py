@@ -54,10 +54,10 @@ class Given:
         options: Mapping[str, Mapping[str, Any]] | None,
         truth: Mapping[str, float] | None,
         *,
-        fewest: bool,
-        tolerance: float,
-        chosen: str,
-        title: str,
+        fewest: bool = False,
+        tolerance: float = 0.01,
+        chosen: str = "d-optimal",
+        title: str = "",
     ) -> Given:
         """Check the arguments of `updyn.compare`.
 
