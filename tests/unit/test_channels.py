@@ -216,3 +216,14 @@ def test_sensors_and_the_model_do_not_share_an_unknown():
 
     with pytest.raises(ParameterError, match=r"unknown 'a.b' acts on sensors and on the model; use two unknowns"):
         Parameter("a", "b", 1.0, 0.5, 2.0, 0.1, (Drive("2:X", "calibration"), Drive("part1", "stiffness")))
+
+
+def test_a_prediction_is_that_of_the_structure_unless_a_measurement_is_meant(case):
+    model, _, frf = case
+    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf, responses=["3:X"])
+    found = updyn.update(model, frf, unknowns, noise=NOISE)
+    of_structure = updyn.predict(found, FREQ, ["3:X"], ["1:X"])
+    as_read = updyn.predict(found, FREQ, ["3:X"], ["1:X"], noise=True)
+    plain = updyn.response(found.model, FREQ, ["3:X"], ["1:X"], "accelerance").values
+    assert of_structure.frf.values == pytest.approx(plain, rel=1e-9)
+    assert as_read.frf.values == pytest.approx(plain * found.values["3:X.calibration"], rel=1e-9)

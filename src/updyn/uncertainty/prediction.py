@@ -93,7 +93,7 @@ def predict(
         raise OptionError("these draws were read from a file; give them their update first: draws.of(result)")
     assert not isinstance(about, Draws)
     result = _chosen(about, test)
-    problem = _problem(result, freq, responses, references, quantity)
+    problem = _problem(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(np.array([result.values[n] for n in result.parameters.names]))
     variance = _noise(result, problem, x) if noise else None
     if draws is not None:
@@ -120,11 +120,14 @@ def _problem(
     responses: Iterable[str | Dof],
     references: Iterable[str | Dof],
     quantity: str | None,
+    *,
+    as_read: bool,
 ) -> Problem:
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
-    return Problem.build(result.start, frf, result.parameters)
+    # A structure knows no calibration factors; a measurement by the same sensors will.
+    return replace(Problem.build(result.start, frf, result.parameters), as_read=as_read)
 
 
 def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:

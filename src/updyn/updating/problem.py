@@ -155,6 +155,9 @@ class Problem:
         Where the lines are solved, and what is remembered of them. A copy sent to another process has a plain one.
     name : str
         Which test, where there are several.
+    as_read : bool
+        Whether the model's FRFs are those that the sensors read, times their calibration factors; else those of the
+        structure.
     """
 
     solver: FieldSolver
@@ -166,15 +169,17 @@ class Problem:
     sign: NDArray[np.float64]
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
+    as_read: bool = True
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
     _gains: Gains | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_gains", Gains.find(self.coordinates.parameters, self.frf))
+        gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
+        object.__setattr__(self, "_gains", gains)
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return Problem, (self.solver, *about, Session(), self.name)
+        return Problem, (self.solver, *about, Session(), self.name, self.as_read)
 
     @classmethod
     def build(
