@@ -121,6 +121,15 @@ def test_tsvd_chooses_its_number_by_gcv(problem, linear):
     assert fit.x == pytest.approx(Vt[:number].T @ (beta[:number] / s[:number]), abs=1e-10)
 
 
+def test_where_nothing_is_determined_tsvd_stays_at_the_start(problem):
+    rng = np.random.default_rng(1)
+    fit = fitted(problem, Linear(1e-3 * rng.standard_normal((40, 6)), rng.standard_normal(40)), "tsvd")
+    assert fit.pull.record["kept"] == 0
+    assert (fit.x == 0.0).all()
+    assert fit.pull.within.shape == (6, 0)
+    assert "had not settled" not in fit.pull.note
+
+
 def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
     """Against the whole problem solved with both kinds of prior."""
     data = updyn.response(chain6, np.linspace(5.0, 60.0, 20), ["6:X"], ["6:X"])
@@ -306,6 +315,8 @@ def test_several_tests_and_the_reduced_tier(chain6):
     joint = updyn.update_jointly(tests, unknowns, regularise="gcv", starts=0)
     assert joint.values["s2.stiffness"] == pytest.approx(1.15, rel=1e-4)
     assert all("regularisation" in r.options for r in joint.results.values())
+    with pytest.raises(OptionError, match="use tier 'sparse', or 'gcv'"):
+        updyn.update(chain6, tests[0].frf, unknowns, regularise="tsvd", tier="reduced")
     reduced = updyn.update(chain6, tests[0].frf, unknowns, regularise="gcv", starts=0, tier="reduced")
     assert reduced.values["s2.stiffness"] == pytest.approx(1.15, rel=1e-2)
 

@@ -50,7 +50,7 @@ _ROUNDS, _TURNS, _SETTLED, _SAME = 8, 4, 0.05, 1.0 - 1e-4
 _POINTS = 41
 
 
-def check_regularise(regularise: str | float | None, method: str) -> None:
+def check_regularise(regularise: str | float | None, method: str, *, reducing: bool = False) -> None:
     """Check the option.
 
     Parameters
@@ -59,6 +59,8 @@ def check_regularise(regularise: str | float | None, method: str) -> None:
         As for `updyn.update`.
     method : str
         Which method it goes with.
+    reducing : bool
+        Whether the fit is made in reduced models, each near the point of its basis.
 
     Raises
     ------
@@ -75,6 +77,11 @@ def check_regularise(regularise: str | float | None, method: str) -> None:
             )
     elif isinstance(regularise, bool) or not isinstance(regularise, int | float) or not 0.0 < regularise < np.inf:
         raise OptionError(f"regularise = {regularise!r}: expected a strength above 0, or one of {', '.join(CHOICES)}")
+    if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
+        raise OptionError(
+            f"regularise {regularise!r} keeps to directions from the start, a reduced model to where its basis was "
+            "made; use tier 'sparse', or 'gcv'"
+        )
     if method not in METHODS:
         raise OptionError(f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}")
 
@@ -265,21 +272,22 @@ class _Run:
         home = self.problem.coordinates.to_x(self.problem.coordinates.parameters.start)
         fit = self._pulled(noises, x, WEAKEST)
         noises, run = self._held(noises, fit), self._after(fit)
-        within, settled, kept, tried = np.zeros((len(x), 0)), False, 0, list[int]()
+        within: NDArray[np.float64] | None = None
+        settled, kept, tried = False, 0, list[int]()
         for _ in range(_TURNS):
             if _broken(fit):
                 break
             spectrum = run._spectrum(fit)
             kept = _number(spectrum) if number is None else min(number, _rank(spectrum))
-            before, within = within, self._directions(spectrum, kept)
-            settled = _same(before, within)
+            wanted = self._directions(spectrum, kept)
+            settled = within is not None and _same(within, wanted)
             if settled:
-                within = before
                 break
+            within = wanted
             tried.append(kept)
             held = self._with(replace(self.problem.coordinates, within=within, unit=run.unit))
             fit = self.method.fit(held, noises, self.monitor, self._projected(home, fit.x, within))
-        if _broken(fit):
+        if _broken(fit) or within is None:
             return fit
         spectrum = run._spectrum(fit)
         numbers = list(range(_rank(spectrum) + 1))
@@ -406,9 +414,9 @@ def _number(spectrum: Spectrum) -> int:
 
 def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
     """Whether two sets of orthonormal directions span the same."""
-    if before.shape != now.shape or now.shape[1] == 0:
+    if before.shape != now.shape:
         return False
-    return bool(np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME)
+    return now.shape[1] == 0 or bool(np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME)
 
 
 def _curve(

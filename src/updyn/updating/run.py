@@ -34,7 +34,7 @@ from updyn.updating.noise import NoiseModel, choose_noise
 from updyn.updating.parameters import ParameterSet
 from updyn.updating.problem import Problem
 from updyn.updating.reducing import Reducing, fallback, is_reduced
-from updyn.updating.regularise import regularised
+from updyn.updating.regularise import check_regularise, regularised
 from updyn.updating.result import UpdateResult
 from updyn.updating.selected import Selection
 from updyn.updating.session import Recent, Session, Stopped
@@ -117,6 +117,7 @@ def run(
         session = Session(_engine(engine, ending), Recent())
         largest = max(test.model.n_dofs for test in tests)
         reducing = is_reduced(tier, largest, sum(len(test.frf.freq) for test in tests), method)
+        check_regularise(regularise, method, reducing=reducing)
         problems = [
             Problem.build(
                 test.model,

@@ -241,7 +241,9 @@ def cluster_jointly(tests: Sequence[Test], parameters: ParameterSet | Selection,
 
 # -- clusters ----------------------------------------------------------------------------------------------
 def _kind(p: Parameter) -> str | None:
-    """Return the quantity of an unknown that may be joined with others of it; None for laws of several quantities."""
+    """Return the quantity of an unknown that may be joined with others of it; None for sensors and mixed laws."""
+    if p.is_channel:
+        return None
     quantities = {d.quantity for d in p.acts_on}
     return quantities.pop() if len(quantities) == 1 and all(d.power == 1.0 for d in p.acts_on) else None
 
