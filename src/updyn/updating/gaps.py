@@ -37,12 +37,16 @@ def complete_parts(
 
     Parameters
     ----------
-    freq, responses, references, quantity, averages, geometry, source
-        As for `updyn.FRF`.
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz.
     values : array_like of complex, shape (n_f, n_responses, n_references)
         As for `updyn.FRF`, but not-a-number, or masked, where a value is missing or not to be used.
+    responses, references, quantity
+        As for `updyn.FRF`.
     coherence, variance : array_like of float, shape of `values`, optional
         As for `updyn.FRF`. They count only where `values` has a value, and have to have one there.
+    averages, geometry, source
+        As for `updyn.FRF`.
 
     Returns
     -------
