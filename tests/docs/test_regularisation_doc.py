@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from updyn.updating import selection
+from updyn.updating import regularise, selection
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -28,7 +28,15 @@ def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "said", [f"`max_collinearity` ({selection.MAX_COLLINEARITY:g})", f"threshold ({selection.ALIKE:g})"]
+    "said",
+    [
+        f"`max_collinearity` ({selection.MAX_COLLINEARITY:g})",
+        f"threshold ({selection.ALIKE:g})",
+        f"a prior of a factor e (strength {regularise.WEAKEST:g})",
+        f"stays within {100 * regularise._SETTLED:g} %",
+        f"Methods: {', '.join(regularise.METHODS)}.",
+        *(f'`"{choice}"`' for choice in regularise.CHOICES),
+    ],
 )
 def test_constants_are_as_documented(said: str) -> None:
     assert said in TEXT
