@@ -84,9 +84,9 @@ def select(
     QR factors with column pivoting of the Jacobian whitened by the noise (Golub & Van Loan, Matrix Computations, 4th
     ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese, Proc. IEEE Conf. Control Applications 1995,
     991; one by one, too, but by what they explain of a residual, Lallement & Piranda, Proc. IMAC VIII, 1990, 579): each
-    next unknown is the one whose effect is least explained by those before it. One that lifts the collinearity index (Brun,
-    Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the index of a
-    larger set is never smaller. Effects are those of a change by a factor e, or of a loss factor by 1.
+    next unknown is the one whose effect is least explained by those before it. One that lifts the collinearity index
+    (Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the index
+    of a larger set is never smaller. Effects are those of a change by a factor e, or of a loss factor by 1.
     """
     return select_jointly([Test(model, frf, "", lines, noise)], parameters, n, max_collinearity)
 
