@@ -50,6 +50,7 @@ responses = ["5:X", "7:X"]
 [[calibration]]
 references = "all"
 prior_std = 0.01
+name = "hammer"
 """
 
 
@@ -91,6 +92,7 @@ def test_a_job_finds_what_is_wrong_with_its_sensors(folder: Path) -> None:
     assert updyn.read_model(folder / "out" / "model.h5").groups["part3"].stiffness_damping > 2e-3
     told = {p["name"]: p for p in json.loads((folder / "out" / "result.json").read_text())["parameters"]}
     assert told["5:X.calibration"]["quantity"] == "calibration"
+    assert told["hammer.calibration"]["drives"] == [{"group": "12:X", "quantity": "force_calibration", "power": 1.0}]
     repeated = prepare(load_job(folder / "out" / "job.toml"))
     assert repeated.parameters.names == result.parameters.names
     assert [p.prior_std for p in repeated.parameters][-3:] == [0.05, 0.05, 0.01]

@@ -169,16 +169,18 @@ def test_tests_share_the_factor_of_a_sensor(case):
     assert found.std["3:X.calibration"] < 0.01
 
 
-def test_a_linked_factor_is_that_of_an_amplifier(case):
-    from updyn.updating.parameters import Drive, Parameter, ParameterSet
-
+def test_one_factor_for_all_sensors_of_an_amplifier(case):
     model, true, _ = case
     exact = updyn.response(model.scaled(true), FREQ, model.dofs, ["1:X"], "accelerance")
-    drives = (Drive("2:X", "calibration"), Drive("3:X", "calibration"))
-    amplifier = ParameterSet((Parameter("amplifier", "gain", 1.0, 0.5, 2.0, 0.05, drives),))
     frf = scaled(exact, rows=[(1, 1.1), (2, 1.1)])
+    amplifier = updyn.calibration(frf, responses=["2:X", "3:X"], name="amplifier")
+    assert amplifier.names == ["amplifier.calibration"]
     found = updyn.update(model, frf, updyn.parameters(model, stiffness="all") + amplifier)
-    assert found.values["amplifier.gain"] == pytest.approx(1.1, rel=1e-3)
+    assert found.values["amplifier.calibration"] == pytest.approx(1.1, rel=1e-3)
+    assert "2:X.calibration, 3:X.calibration" in amplifier[0].law
+    for name in ("a.b", "", 3):
+        with pytest.raises(ParameterError, match=r"calibration: name .*; expected a plain text"):
+            updyn.calibration(frf, name=name)
 
 
 # -- errors ------------------------------------------------------------------------------------------------

@@ -122,6 +122,7 @@ class CalibrationTable(Table):
     references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
     prior_std: float = Field(default=0.05, gt=0)
     bounds: Pair = (0.1, 10.0)
+    name: str | None = None
 
     @model_validator(mode="after")
     def _something(self) -> CalibrationTable:

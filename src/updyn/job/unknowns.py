@@ -92,6 +92,7 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
                 references=table.references,
                 prior_std=table.prior_std,
                 bounds=table.bounds,
+                name=table.name,
             )
         except InputError as error:
             raise job.error_about(str(error), "calibration", number) from error

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import OptionError, ParameterError, suggest
 from updyn.frf import FRF
-from updyn.updating.parameters import CHANNELS, Parameter, ParameterSet
+from updyn.updating.parameters import CHANNELS, Drive, Parameter, ParameterSet
 
 if TYPE_CHECKING:
     from updyn.updating.result import UpdateResult
@@ -41,6 +41,7 @@ def calibration(
     references: str | Iterable[str | Dof] = (),
     prior_std: float = 0.05,
     bounds: tuple[float, float] = _BOUNDS,
+    name: str | None = None,
 ) -> ParameterSet:
     """Choose calibration factors of sensors as unknowns, to be added to those of the model with ``+``.
 
@@ -59,6 +60,9 @@ def calibration(
         the common level of all sensors would be for the data to say, which know it only as far as masses are known.
     bounds : (float, float)
         Of each factor.
+    name : str, optional
+        One factor for all that were chosen, called ``NAME.calibration``: one accelerometer or hammer that roves, one
+        amplifier.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def calibration(
     Raises
     ------
     ParameterError
-        If a sensor is not in the measurement, none is chosen, or a number is not usable.
+        If a sensor is not in the measurement, none is chosen, or a number or the name is not usable.
     DofError
         If a label cannot be read.
     """
@@ -76,14 +80,18 @@ def calibration(
     for one in data:
         if not isinstance(one, FRF):
             raise ParameterError(f"calibration: expected an FRF, found {type(one).__name__}")
-    items = [
-        Parameter(label, quantity, 1.0, *bounds, prior_std)
+    drives = tuple(
+        Drive(label, quantity)
         for quantity, given in zip(CHANNELS, (responses, references), strict=True)
         for label in _chosen(data, CHANNELS[quantity], given)
-    ]
-    if not items:
+    )
+    if not drives:
         raise ParameterError("calibration: no sensor is chosen")
-    return ParameterSet(tuple(items))
+    if name is None:
+        return ParameterSet(tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives))
+    if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
+        raise ParameterError(f"calibration: name {name!r}; expected a plain text, such as 'hammer'")
+    return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, drives),))
 
 
 def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
