@@ -351,3 +351,16 @@ def test_a_model_that_was_read_gets_other_damping(damped):
     ]:
         with pytest.raises(ModelError, match=text):
             damped.with_damping(damping)
+
+
+@pytest.mark.parametrize("tier", ["sparse", "reduced"])
+def test_large_models_are_fitted_with_all_damping(tier):
+    """The tiers of large models on a small one: the same answer as the dense one."""
+    model = chain(12, loss_table=TABLE)
+    change = {"part1": {"loss_factor": 0.06, "mass_damping": 3.0}, "part2": {"stiffness_damping": 4e-4}}
+    frf = updyn.response(model.scaled(change), FREQ, ["3:X", "12:X"], ["12:X"], "accelerance")
+    unknowns = updyn.parameters(model, loss_factor="part1", mass_damping="part1", stiffness_damping="part2")
+    found = updyn.update(model, frf, unknowns, tier=tier, accuracy=1e-8)
+    for group, quantities in change.items():
+        for quantity, value in quantities.items():
+            assert found.values[f"{group}.{quantity}"] == pytest.approx(value, rel=1e-5), quantity
