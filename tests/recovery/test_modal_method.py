@@ -181,6 +181,35 @@ def test_coinciding_modes_that_unknowns_couple_are_refused() -> None:
     assert vector(result) == pytest.approx([1.2, 1.5], rel=1e-7)
 
 
+def test_modes_that_resemble_the_model_only_later_join_later() -> None:
+    """A square membrane whose halves differ: from the symmetric start some pairs are mixtures of the measured modes."""
+    n = 12
+    number = np.arange(n * n).reshape(n, n)
+    pairs = np.array([*zip(number[:, :-1].ravel(), number[:, 1:].ravel(), strict=True),
+                      *zip(number[:-1].ravel(), number[1:].ravel(), strict=True)])  # fmt: skip
+    groups = {}
+    for name, own in (("left", pairs[:, 0] % n < n // 2), ("right", pairs[:, 0] % n >= n // 2)):
+        B = np.zeros((own.sum(), n * n))
+        B[np.arange(len(B)), pairs[own, 0]], B[np.arange(len(B)), pairs[own, 1]] = 1.0, -1.0
+        groups[name] = updyn.Group(1e4 * B.T @ B, loss_factor=0.01)
+    held = np.zeros((n, n))
+    held[[0, -1]] = held[:, [0, -1]] = 1e4
+    groups["frame"] = updyn.Group(np.diag(held.ravel()), np.eye(n * n))
+    start = updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n * n)])
+    true = start.scaled({"left": {"stiffness": 1.2}, "right": {"stiffness": 0.9}})
+    sensors = [f"{i + 1}:Z" for i in np.sort(np.random.default_rng(0).choice(n * n, 16, replace=False))]
+    frf = updyn.response(true, np.linspace(1.0, 2.0, 5), sensors, sensors[:1], "accelerance")
+    unknowns = updyn.parameters(start, stiffness="all")
+    modes = modes_of(true, 10, sensors)
+    result = updyn.update(start, frf, unknowns, method="modal", modes=modes)
+    assert result.status == "converged"
+    assert vector(result) == pytest.approx([1.2, 0.9, 1.0], rel=1e-8)
+    assert result.noise["modes"] == 10
+    at_first = updyn.update(start, frf, unknowns, method="modal", modes=modes, max_iterations=1)
+    assert at_first.noise["modes"] < 10
+    assert at_first.noise["left_out"].endswith(" Hz")
+
+
 def test_a_measured_mode_that_resembles_none_is_left_out(chain12: Model, chain12_true: Model) -> None:
     modes = modes_of(chain12_true, 5, SENSORS)
     stray = np.random.default_rng(5).standard_normal(5)

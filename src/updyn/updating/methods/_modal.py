@@ -152,6 +152,8 @@ class ModalError:
         The measured modes of each test.
     shape_weight : float
         What a difference of shapes counts for against one of frequencies; 0: frequencies alone.
+    name : str
+        How the report calls it.
     """
 
     targets: tuple[Target, ...]
@@ -183,6 +185,9 @@ class ModalError:
         return joined([self._part(part, target, x) for part, target in parts], problem.n)
 
     def _part(self, problem: Problem, target: Target, x: _Real) -> Local:
+        if not len(target.value):  # all left out
+            return Local(0.0, np.zeros((problem.n, problem.n)), np.zeros(problem.n))
+
         def compute() -> Record:
             local = reduce([np.hstack(self._rows(problem, target, x))], problem.n)
             return np.array(local.cost), local.R, local.q
@@ -235,9 +240,9 @@ def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Rea
 
 def measured_rms(problems: Sequence[Problem], targets: Sequence[Target], x: _Real) -> dict[str, float]:
     """Return, for the record, what is left of frequencies and shapes, and the least alike pair."""
-    found = [Pairs.at(problem, target, x) for problem, target in zip(problems, targets, strict=True)]
-    off = [0.5 * np.log(p.modes.value[p.which] / t.value) for p, t in zip(found, targets, strict=True)]
-    alike = np.concatenate([p.mac for p in found])
+    found = [(Pairs.at(p, target, x), target) for p, target in zip(problems, targets, strict=True) if len(target.value)]
+    off = [0.5 * np.log(pairs.modes.value[pairs.which] / target.value) for pairs, target in found]
+    alike = np.concatenate([pairs.mac for pairs, _ in found])
     return {
         "modes": float(len(alike)),
         "frequency_rms": float(np.sqrt(np.mean(np.concatenate(off) ** 2))),

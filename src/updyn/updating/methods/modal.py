@@ -62,7 +62,8 @@ class ModalMethod:
         The default says that shapes are measured ten times less exactly (Friswell & Mottershead, Finite Element Model
         Updating in Structural Dynamics, 1995: frequencies to 1 %, shapes to 10 %).
     mac : float
-        Measured modes that resemble no mode of the model by this MAC at the start are left out.
+        Measured modes that resemble no mode of the model by this MAC are left out. The fit begins with those that do at
+        the start; where it ends others may, and it goes on with these too.
     modes : ModeSet, or mapping of str to ModeSet, optional
         Measured modes; of several tests by their names. None: identified from the FRFs (`updyn.identify_modes`).
     """
@@ -72,7 +73,7 @@ class ModalMethod:
     n_modes: int = 0
     shapes: bool = True
     shape_weight: float = 0.1
-    mac: float = 0.5
+    mac: float = 0.8
     modes: ModeSet | Mapping[str, ModeSet] | None = None
 
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
@@ -114,23 +115,18 @@ class ModalMethod:
         self._check_names([part.name for part in problem.parts])
         with monitor.stage("modal"):
             try:
-                measured = [self._measured(part) for part in problem.parts]
-                chosen = [
-                    self._resembling(part, Target.of(part, modes), x)
-                    for part, modes in zip(problem.parts, measured, strict=True)
-                ]
-                targets = tuple(target for target, _ in chosen)
-                residual = ModalError(targets, self.shape_weight if self.shapes else 0.0)
-                residual.solved(problem, x)  # a start without derivatives is said with its frequency
-                outcome = self._descend(problem, residual, x, monitor)
-                local = residual.solved(problem, outcome.x)
-                left = measured_rms(problem.parts, targets, outcome.x)
+                measured = [Target.of(part, self._measured(part)) for part in problem.parts]
+                outcome, residual, kept = self._in_rounds(problem, measured, x, monitor)
+                x = outcome.x
+                local = residual.solved(problem, x)
+                left = measured_rms(problem.parts, residual.targets, x)
             except Stopped:
                 return Fit.blind(x, "stopped")
         sigma = _spread(local, residual.count, problem.n)
         common = {"kind": "spread of the modal residuals", **left, "chi_square": 1.0, "inflation": 1.0}
-        records = tuple({**common, "left_out": text} if text else common for _, text in chosen)
-        missing = [text for _, text in chosen if text]
+        missing = [_shown(target, ~like) for target, like in zip(measured, kept, strict=True)]
+        records = tuple({**common, "left_out": text} if text else common for text in missing)
+        missing = [text for text in missing if text]
         note = f"Measured modes that resemble none of the model are left out: {', '.join(missing)}." if missing else ""
         if left["lowest_mac"] < self.mac:
             note += f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
@@ -161,24 +157,34 @@ class ModalMethod:
             given = identify_modes(problem.frf, damping="viscous" if viscous else "structural")
         return given.select(range(min(self.n_modes or len(given), len(given))))
 
-    def _resembling(self, problem: Problem, target: Target, x: _Vector) -> tuple[Target, str]:
-        """Return the modes that resemble one of the model, and what is left out, in words."""
-        pairs = Pairs.at(problem, target, x)
-        like = pairs.mac >= self.mac
-        frequency = np.sqrt(target.value) / (2.0 * np.pi)
-        if not like.any():
-            raise DataError(
-                f"modal: no measured mode resembles a mode of the model at its start: the largest MAC is "
-                f"{pairs.mac.max():.2f}, at {frequency[np.argmax(pairs.mac)]:.4g} Hz (expected {self.mac:g})"
-            )
-        if like.all():
-            return target, ""
-        shown = ", ".join(f"{f:.4g}" for f in frequency[~like])
-        return target.keep(like), f"{shown} Hz"
+    def _in_rounds(
+        self, problem: Task, measured: Sequence[Target], x: _Vector, monitor: Monitor
+    ) -> tuple[Outcome, ModalError, list[NDArray[np.bool_]]]:
+        """Fit the modes that resemble one of the model, then those too that do so there, until there are no more."""
+        left, kept = self.max_iterations, [np.zeros(len(target.value), dtype=np.bool_) for target in measured]
+        found: tuple[Outcome, ModalError] | None = None
+        while True:
+            pairs = [Pairs.at(part, target, x) for part, target in zip(problem.parts, measured, strict=True)]
+            like = [k | (own.mac >= self.mac) for k, own in zip(kept, pairs, strict=True)]
+            if found is None:
+                _check_any(like, pairs, measured, self.mac)
+            elif all((a == b).all() for a, b in zip(like, kept, strict=True)):
+                return *found, kept
+            kept = like
+            targets = tuple(target.keep(k) for target, k in zip(measured, kept, strict=True))
+            residual = ModalError(targets, self.shape_weight if self.shapes else 0.0)
+            residual.solved(problem, x)  # a start without derivatives is said with its frequency
+            before = len(monitor.history)
+            outcome = self._descend(problem, residual, x, monitor, left)
+            left -= len(monitor.history) - before
+            x = outcome.x
+            found = outcome, residual
+            if outcome.reason in ("stopped", "max-iterations"):
+                return *found, kept
 
-    def _descend(self, problem: Task, residual: ModalError, x: _Vector, monitor: Monitor) -> Outcome:
+    def _descend(self, problem: Task, residual: ModalError, x: _Vector, monitor: Monitor, steps: int) -> Outcome:
         """Minimise, with priors against the spread of what is left, each found in turn."""
-        settings = TrustRegion(self.max_iterations, self.tolerance)
+        settings = TrustRegion(max(steps, 0), self.tolerance)
         outcome = descend(problem, residual, x, monitor, settings)
         unit = 1.0
         for _ in range(_SCALES if problem.coordinates.prior[1].any() else 0):
@@ -193,6 +199,25 @@ class ModalMethod:
             except Stopped:
                 return replace(outcome, reason="stopped")
         return outcome
+
+
+def _check_any(
+    like: Sequence[NDArray[np.bool_]], pairs: Sequence[Pairs], measured: Sequence[Target], mac: float
+) -> None:
+    if any(k.any() for k in like):
+        return
+    best, target = max(zip(pairs, measured, strict=True), key=lambda both: float(both[0].mac.max()))
+    frequency = float(np.sqrt(target.value[np.argmax(best.mac)])) / (2.0 * np.pi)
+    raise DataError(
+        f"modal: no measured mode resembles a mode of the model at its start: the largest MAC is {best.mac.max():.2f}, "
+        f"at {frequency:.4g} Hz (expected {mac:g})"
+    )
+
+
+def _shown(target: Target, which: NDArray[np.bool_]) -> str:
+    """Return the frequencies of some modes; empty where there are none."""
+    found = np.sqrt(target.value[which]) / (2.0 * np.pi)
+    return f"{', '.join(f'{f:.4g}' for f in found)} Hz" if len(found) else ""
 
 
 def _spread(local: Local, count: int, n: int) -> float:
