@@ -18,11 +18,11 @@ from updyn.job import load_job
 from updyn.job.comparing import compare_job
 
 PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
-JOBS = ("compare", "compare_stiffness")
+JOBS = ("compare", "compare_stiffness", "compare_full")
 
 
 def compared(folder: Path, name: str) -> Comparison:
-    """Run one of the gear train's two jobs for comparisons, as its command on the page does."""
+    """Run one of the gear train's jobs for comparisons, as its command on the page does."""
     gear_train.write_inputs(folder)
     truth = folder / f"{name}_truth.toml"
     with warnings.catch_warnings():
@@ -48,7 +48,7 @@ def _result(row: Row) -> str:
     if row.applies:
         gone = row.status == "failed"
         misfit = "" if gone else _number(row.fitted["after"]["db_error_median"])
-        error = "" if gone else _number(row.error_max)
+        error = "" if gone else "open" if row.status == "not-identifiable" else _number(row.error_max)
         cells += [f"{len(row.updated)} of {len(row.updated) + len(row.left)}", misfit, error, _fewest(row)]
     return "| " + " | ".join([*cells, *[""] * (6 - len(cells))]) + " |"
 

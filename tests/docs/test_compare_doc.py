@@ -53,7 +53,7 @@ def alike(a: str, b: str) -> bool:
         return a == b
 
 
-@pytest.mark.parametrize("name", ["compare", "compare_stiffness"])
+@pytest.mark.parametrize("name", ["compare", "compare_stiffness", "compare_full"])
 def test_results_come_out_of_the_command(both: dict[str, Comparison], name: str) -> None:
     """Else: python tools/make_compare_doc.py."""
     there, here = shown(name), rows(MAKE.results_table(both[name]))
@@ -68,7 +68,11 @@ def test_the_methods_are_those_that_there_are(both: dict[str, Comparison]) -> No
 
 
 def test_what_is_said_of_the_gear_train(both: dict[str, Comparison]) -> None:
-    all_of_it, stiffness = both.values()
+    all_of_it, stiffness, full = both.values()
+    assert full["complex-rfm"].error_max < 1e-6
+    assert full["reduced-frf"].error_max < 1e-6
+    assert full["rfm"].status == "failed"
+    assert full["rfm"].left == tuple(f"unit {e}.loss_factor" for e in range(1, 7))
     assert all_of_it["equation-error"].fewest.count == 5
     assert all(row.fewest.count is None or row.fewest.count >= 5 for row in all_of_it if row.fewest)
     assert all_of_it["reduced-frf"].status == "failed"
@@ -91,7 +95,7 @@ def test_the_commands_are_written_into_the_jobs(tmp_path: Path, monkeypatch: pyt
         assert " ".join(there) in on_page
     monkeypatch.chdir(tmp_path)
     assert main([*words[1:], "--methods", "log", "--chosen", "even", "--tolerance", "0.01"]) == 0
-    assert (tmp_path / "compare_stiffness-compare" / "compare.html").exists()
+    assert (tmp_path / "compare_full-compare" / "compare.html").exists()
 
 
 def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
