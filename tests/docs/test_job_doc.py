@@ -29,6 +29,7 @@ from updyn.job.schema import (
     ParameterTable,
     SelectionTable,
     TestTable,
+    UncertaintyTable,
 )
 from updyn.updating.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
@@ -70,6 +71,7 @@ TABLES = tables()
         ("[[calibration]]", CalibrationTable),
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
+        ("[uncertainty]", UncertaintyTable),
         ("[output]", OutputTable),
     ],
 )
@@ -167,7 +169,7 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     assert stated == set(Job.model_fields) - {"title"}
-    result = run_job(loaded, folder / "out", report=lambda result, path: path.write_text("report"))
+    result = run_job(loaded, folder / "out", report=lambda result, path, found: path.write_text("report"))
     assert result.status == "converged"
     assert set(TABLES["What a run writes"]) == set(OUTPUTS) == {p.name for p in (folder / "out").iterdir()}
     assert prepare(load_job(folder / "out" / "job.toml")).parameters.names == result.parameters.names

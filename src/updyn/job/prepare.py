@@ -15,6 +15,7 @@ from updyn.job.configuration import configured, damped
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
 from updyn.job.schema import KINDS, OUTPUTS, Job
+from updyn.job.uncertain import check_uncertainty
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
 from updyn.modal import ModeSet
@@ -124,7 +125,9 @@ def prepare(job: Job) -> Prepared:
     _check_properties(job)
     data = [_measurement(part) for part in job.parts]
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
-    return Prepared(job, tests, unknowns_of(job, model, [test.frf for test in tests]))
+    parameters = unknowns_of(job, model, [test.frf for test in tests])
+    check_uncertainty(job, parameters)
+    return Prepared(job, tests, parameters)
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:

@@ -16,11 +16,14 @@ from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import MARK, resolved_job
 from updyn.job.resume import journal_of
 from updyn.job.schema import OUTPUTS, Job
+from updyn.job.uncertain import UNCERTAINTY, uncertainty_of
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
+    from updyn.uncertainty.draws import Draws
+    from updyn.uncertainty.profiles import Profiles
     from updyn.updating.monitor import Progress
     from updyn.updating.result import Identifiability, JointResult, UpdateResult
     from updyn.updating.run import Test
@@ -107,7 +110,7 @@ def run_job(
     out: str | Path | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
-    report: Callable[[Any, Path], object] | None = None,
+    report: Callable[..., object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
@@ -159,9 +162,11 @@ def run_job(
     ready = prepare(job) if prepared is None else prepared
     with _folder(out), journal_of(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+        found = uncertainty_of(result, job, callback, engine)
         with _unfinished(out) as temporary:
             _write(result, job, out, temporary)
-            _report(result, job, temporary, report)
+            _write_uncertainty(found, temporary)
+            _report(result, job, temporary, report, found)
             for name in _outputs(job):
                 if (temporary / name).exists():
                     (out / name).parent.mkdir(exist_ok=True)
@@ -344,6 +349,13 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
     write_result_json(result, folder / "result.json")
 
 
+def _write_uncertainty(found: Draws | Profiles | None, folder: Path) -> None:
+    if found is not None:
+        from updyn.io.uncertainty_file import write_uncertainty
+
+        write_uncertainty(found, folder / UNCERTAINTY)
+
+
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
     """Return the result of each test with the folder that it belongs to."""
     from updyn.updating.result import UpdateResult
@@ -354,7 +366,11 @@ def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[P
 
 
 def _report(
-    result: UpdateResult | JointResult, job: Job, folder: Path, report: Callable[[Any, Path], object] | None
+    result: UpdateResult | JointResult,
+    job: Job,
+    folder: Path,
+    report: Callable[..., object] | None,
+    found: Draws | Profiles | None,
 ) -> None:
     if not job.output.report:
         return
@@ -362,7 +378,10 @@ def _report(
         text = f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to get it"
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    report(result, folder / "report.html")
+    if found is None:
+        report(result, folder / "report.html")
+    else:
+        report(result, folder / "report.html", found)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

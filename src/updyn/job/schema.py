@@ -51,7 +51,7 @@ KINDS = {
 
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
-OUTPUTS = ("model.h5", "run.nc", "report.html", "job.toml", "result.json")
+OUTPUTS = ("model.h5", "run.nc", "uncertainty.nc", "report.html", "job.toml", "result.json")
 
 
 def _lines(given: Any) -> Any:
@@ -235,6 +235,24 @@ class OutputTable(Table):
     properties: str | None = None
 
 
+class UncertaintyTable(Table):
+    """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
+
+    kind: Literal["profile", "bootstrap", "sampling"]
+    names: Texts | None = Field(default=None, min_length=1)  # of a profile; all unknowns where left out
+    n: int | None = Field(default=None, ge=2)
+    seed: int = Field(default=0, ge=0)
+    level: float = Field(default=0.95, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _fitting(self) -> UncertaintyTable:
+        if self.kind == "profile" and self.n is not None:
+            raise ValueError("n is the number of draws; a profile makes none")
+        if self.kind != "profile" and self.names is not None:
+            raise ValueError(f"names choose unknowns to profile; kind {self.kind!r} draws all")
+        return self
+
+
 class Job(Table):
     """A job file: its title and its tables, with the place of each key. Read one with `load_job`."""
 
@@ -249,6 +267,7 @@ class Job(Table):
     calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(tables_of("calibration")), Strict(False)] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
+    uncertainty: UncertaintyTable | None = None
     output: OutputTable = OutputTable()
 
     _path: Path = PrivateAttr(default=Path("job.toml"))

@@ -11,6 +11,8 @@ import numpy as np
 from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
 from updyn.report.plots import Figure
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.profiles import Profiles
 from updyn.updating.result import UpdateResult
 
 __all__ = ["Content", "agreement_figures", "asset"]
@@ -30,12 +32,15 @@ class Content:
         The figures that there are, by name.
     note : str
         What was thinned to keep the page small; empty where nothing was.
+    uncertainty : Draws or Profiles, optional
+        What was found beyond the standard deviations.
     """
 
     result: UpdateResult
     data: ReportData
     figures: Mapping[str, Figure]
     note: str
+    uncertainty: Draws | Profiles | None = None
 
 
 def asset(name: str) -> str:

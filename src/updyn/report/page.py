@@ -16,6 +16,9 @@ from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
 from updyn.report.sections_tests import COMMON, joint_head, tests
 from updyn.report.structure import structure_of
+from updyn.report.uncertain import band_figure, intervals_figure
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.profiles import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "page_text", "write_report"]
@@ -33,7 +36,9 @@ _NO_SCRIPT = (
 )
 
 
-def write_report(result: UpdateResult | JointResult, path: str | PathLike[str]) -> Path:
+def write_report(
+    result: UpdateResult | JointResult, path: str | PathLike[str], uncertainty: Draws | Profiles | None = None
+) -> Path:
     """Write an update as one HTML page that needs nothing else: no network, no other file.
 
     The page shows the verdict, measured FRFs over those of the model before and after, the agreement channel by
@@ -48,6 +53,8 @@ def write_report(result: UpdateResult | JointResult, path: str | PathLike[str]) 
         links to the page of each, ``NAME/report.html`` beside it, which is written from its own result.
     path : str or path-like
         Where to write; an existing file is replaced only once the new page is complete.
+    uncertainty : Draws or Profiles, optional
+        From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its own.
 
     Returns
     -------
@@ -62,30 +69,42 @@ def write_report(result: UpdateResult | JointResult, path: str | PathLike[str]) 
     from updyn.io.atomic import atomic_path
 
     target = Path(path)
-    page = render(result) if isinstance(result, UpdateResult) else render_joint(result)
+    page = render(result, uncertainty) if isinstance(result, UpdateResult) else render_joint(result, uncertainty)
     with atomic_path(target) as temporary:
         Path(temporary).write_text(page, encoding="utf-8", newline="\n")
     return target
 
 
-def render(result: UpdateResult) -> str:
+def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None) -> str:
     """Return the page as text."""
     data = gather(result)
     scores = agreement_figures(result, data)
     figures = all_figures(result, data)
     frfs, thinned = overlay(result, data)
-    content = Content(result, data, figures, thinned)
+    figures |= _uncertain(result, uncertainty)
+    content = Content(result, data, figures, thinned, uncertainty)
     sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
     there = [(anchor, name, text) for anchor, name, text in sections if text]
     return page_text(head(result, scores), there, result.title, result.versions.get("updyn", ""), figures, frfs)
 
 
-def render_joint(result: JointResult) -> str:
+def _uncertain(result: UpdateResult | JointResult, found: Draws | Profiles | None) -> dict[str, Figure]:
+    """Return the figures of the uncertainty."""
+    if found is None:
+        return {}
+    intervals = intervals_figure(result, found)
+    out = {} if intervals is None else {"uncertainty-intervals": intervals}
+    band = band_figure(result, found) if isinstance(result, UpdateResult) else None
+    return out if band is None else out | {"uncertainty-band": band[0] | {"channel": band[1]}}
+
+
+def render_joint(result: JointResult, uncertainty: Draws | Profiles | None = None) -> str:
     """Return the page of what several tests have in common."""
     first = replace(result.first, title=result.title)
     data = gather(first)
     figures = all_figures(first, data)
-    content = Content(first, data, figures, "")
+    figures |= _uncertain(result, uncertainty)
+    content = Content(first, data, figures, "", uncertainty)
     made = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
     common = [(anchor, name, text) for anchor, name, text in made if text]
     shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}

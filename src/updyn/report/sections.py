@@ -12,6 +12,7 @@ from updyn.report.content import Content, asset
 from updyn.report.sections_held import held
 from updyn.report.sections_record import noise, provenance, validation
 from updyn.report.sections_residual import model_error, tile
+from updyn.report.sections_uncertainty import uncertainty
 from updyn.report.sections_unknowns import convergence, identifiability, parameters
 from updyn.report.structure import structure
 from updyn.updating.result import UpdateResult
@@ -155,6 +156,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Content], str]], ...] = (
     ("agreement", "Agreement", agreement),
     ("structure", "Structure", structure),
     ("unknowns", "Unknowns", parameters),
+    ("uncertainty", "Uncertainty", uncertainty),
     ("identifiability", "What is determined", identifiability),
     ("held", "What was held", held),
     ("convergence", "Convergence", convergence),

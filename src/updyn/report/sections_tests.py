@@ -13,7 +13,7 @@ from updyn.updating.result import JointResult, UpdateResult
 __all__ = ["COMMON", "joint_head", "tests"]
 
 #: Sections of a test's page that are the same for all tests.
-COMMON = ("unknowns", "identifiability", "held", "convergence")
+COMMON = ("unknowns", "uncertainty", "identifiability", "held", "convergence")
 
 _FIGURES = ("frac_median", "frac_min", "db_error_median")
 
