@@ -66,7 +66,7 @@ def test_intervals_of_fits_cover(chain12, chain12_true, clean):
         list(updyn.update(chain12, replace(clean, variance=known), unknowns.with_start(truth), starts=0).std.values())
     )
     off, over, chi = [], [], []
-    for seed in range(16):
+    for seed in range(10):
         data = updyn.average(repeated(clean, RNG(seed), 3, 0.02, 0.005))
         result = updyn.update(chain12, data, unknowns, starts=0)
         error = np.array(list(result.values.values())) - truth
