@@ -75,7 +75,7 @@ def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated()
     text = words(adequacy=quiet)
     assert "What is left noise nothing speaks against the model" in text
     assert "compared with that of all the rest (F)" in text
-    assert "over the typical misfit, the size of the noise being taken from the residual" in text
+    assert "over the typical misfit, as the size of the noise was taken from it, by channel" in text
     assert "Places that stand out" not in text
     figure = misfit_map(quiet)
     assert len(figure["data"]) == 1

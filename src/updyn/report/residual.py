@@ -64,7 +64,7 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
         "height": height + (30 if marks else 0),
         "layout": {
             "xaxis": {"title": {"text": "frequency (Hz)"}, "range": [float(edges[0]), float(edges[-1])]},
-            "yaxis": {**categories(names, "response / reference"), "autorange": "reversed"},
+            "yaxis": {**categories(names, "response / reference"), "range": [len(names) - 0.5, -0.5]},
             "showlegend": bool(marks),
         },
     }

@@ -56,9 +56,9 @@ def model_error(c: Content) -> str:
 def _map(c: Content, found: Adequacy) -> str:
     channels = found.misfit.shape[0] * found.misfit.shape[1]
     some = f" The {MOST_ROWS} worst of {channels} channels are shown." if len(shown_channels(found)) < channels else ""
-    taken = "" if found.absolute else ", the size of the noise being taken from the residual"
+    taken = "; 1 is noise" if found.absolute else ", as the size of the noise was taken from it"
     caption = (
-        f"Root mean square misfit over {_unit(found)}{taken}, by channel and band about each resonance; 1 is noise. "
+        f"Root mean square misfit over {_unit(found)}{taken}, by channel and band about each resonance. "
         f"Marked: alike from line to line (an error of the model), and only too large.{some}"
     )
     height = c.figures["misfit-map"]["height"]
