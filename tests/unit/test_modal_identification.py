@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from importlib import resources
 from typing import Any
 
@@ -61,6 +62,29 @@ def test_exact_data_give_exact_modes(damping: str, model: updyn.Model, quantity:
     agrees(found, model, 1e-9)
     assert found.phase_collinearity == pytest.approx(np.ones(6), abs=1e-9)
     assert found.quality == pytest.approx(np.ones(6), abs=1e-9)
+
+
+@pytest.mark.parametrize("damping", ["structural", "viscous"])
+@pytest.mark.parametrize("loss", [0.0, 0.02])
+def test_one_mode_alone(damping: str, loss: float) -> None:
+    """Fewer poles than the fit begins with; a 0 Hz line; no damping at all."""
+    group = updyn.Group(np.array([[1e4]]), np.array([[2.0]]), loss_factor=loss)
+    model = updyn.Model.from_groups({"all": group}, ["1:X"])
+    found = identify_modes(updyn.response(model, np.linspace(0.0, 50.0, 60), ["1:X"], ["1:X"]), damping=damping)
+    assert len(found) == 1
+    # One form of damping taken for the other: as near as its square.
+    assert found.frequency == pytest.approx(updyn.modes(model, 1).frequency, rel=1e-9 + loss**2)
+    assert found.loss_factor == pytest.approx([loss], abs=1e-9 + 0.05 * loss)
+    assert np.abs(found.shapes[0, 0]) == pytest.approx(np.sqrt(0.5), rel=1e-9 + loss)
+
+
+@pytest.mark.parametrize("n", [4, 5, 7, 10, 14])
+def test_few_lines_are_an_error_or_modes_but_no_accident(n: int) -> None:
+    for band in (np.linspace(1.0, 300.0, n), np.geomspace(1.0, 300.0, n)):
+        frf = updyn.response(chain(6, loss_factor=0.01), band, ["1:X", "3:X", "6:X"], ["1:X"], "accelerance")
+        for damping in ("structural", "viscous"):
+            with contextlib.suppress(DataError):
+                assert len(identify_modes(frf, damping=damping)) <= 6
 
 
 def test_modes_outside_the_band_do_not_disturb() -> None:

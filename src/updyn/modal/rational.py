@@ -140,7 +140,8 @@ def growing(basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: in
 def fit(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> Fitted:
     """Fit the residues to the functions, the poles given: linear least squares in the frequency domain."""
     A = basis.parts(_columns(basis, x, poles))
-    scale = np.linalg.norm(A, axis=0)
+    norms = np.linalg.norm(A, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)  # of a pole far away nothing may be left
     weights = np.linalg.lstsq(A / scale, basis.parts(Y), rcond=_TINY)[0] / scale[:, None]
     return Fitted(basis, poles, weights, float(np.sum(np.abs(basis.parts(Y) - A @ weights) ** 2)))
 
@@ -161,7 +162,11 @@ def _worst(basis: Basis, x: _Complex, error: _Complex, poles: _Complex) -> compl
 def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     """Move poles until they rest."""
     for _ in range(_SWEEPS):
-        before, poles = poles, _zeros(basis, x, Y, poles)
+        before = poles
+        try:
+            poles = _zeros(basis, x, Y, poles)
+        except np.linalg.LinAlgError:  # two poles have met: there are more than the functions have
+            break
         # In which order they come does not matter.
         if max((np.abs(before - p).min() / abs(p) for p in poles), default=0.0) < _SETTLED:
             break
