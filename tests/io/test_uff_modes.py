@@ -207,6 +207,12 @@ def test_bad_files_are_refused(tmp_path: Path, data: bytes, message: str) -> Non
         updyn.read_modes(put(tmp_path, data))
 
 
+def test_a_note_about_quality_is_no_number(tmp_path: Path) -> None:
+    for line in ("quality E", "quality -", "quality 0.5 or so", "high quality 3"):
+        modes = updyn.read_modes(put(tmp_path, dataset().replace(b"NONE\n" * 2, f"{line}\n".encode() * 2, 1)))
+        assert np.isnan(modes.quality).all()
+
+
 def test_touching_numbers_are_told_by_their_columns(tmp_path: Path) -> None:
     rows = {1: [-1.5e-100, -2.5e-100, -3.5e-100]}  # 13 columns, no blank between them
     touching = dataset(nodes=rows).replace(b" -1.50000E-100", b"-1.50000E-100")

@@ -43,7 +43,7 @@ _WIDTHS = {2: 3, 3: 6}  # data characteristic: values a node
 _REAL, _COMPLEX = (2, 4), (5, 6)
 _DISPLACEMENT = (0, 1, 8)
 _HEAD = 8  # lines before the nodes
-_QUALITY = re.compile(r"quality ([0-9.Ee+-]+)")
+_QUALITY = re.compile(r"^quality ([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)$")
 _WIDEST = 10**10
 
 
