@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 from report_case import left_over, realistic
 from test_page import Page
 
-from updyn.report.page import render
+from updyn.report.page import render, render_joint
 from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
 from updyn.updating.adequacy import assess
+from updyn.updating.result import JointResult
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +102,13 @@ def test_channels_without_data_are_left_out():
         e, np.ones(e.shape), np.arange(1.0, 31.0), ["1:X", "2:X", "3:X"], ["1:X"], n_unknowns=0, absolute=True
     )
     assert misfit_map(part)["layout"]["yaxis"]["ticktext"] == ["1:X / 1:X", "3:X / 1:X"]
+
+
+def test_the_page_of_several_tests_says_what_is_left_of_each_and_the_worst_of_all():
+    good = realistic(adequacy=noise((40, 3, 1)))
+    both = JointResult({"free": good, "locked": realistic(), "old": realistic(adequacy=None)}, "Three tests")
+    html = render_joint(both)
+    assert "What is left model error the model cannot follow the data everywhere" in Page(html).words
+    section = html[html.index('<section id="tests">') :].split("</section>")[0]
+    last = [re.findall(r"<td[^>]*>([^<]*)</td>", row)[-1] for row in re.findall(r"<tr>.*?</tr>", section)[1:]]
+    assert last == ["noise", "model error", "–"]

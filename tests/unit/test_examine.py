@@ -109,6 +109,10 @@ def test_each_of_several_tests_is_judged_by_itself(chain12_true, wrong, data, ad
     assert result["as built"].adequacy.explained_by[0].name == "part3.stiffness"
     assert result["as drawn"].adequacy.explained_by == ()
     assert "Test 'as built': The model cannot explain" in result.first.message
+    text = result.summary().splitlines()
+    assert f"as drawn: Residual: {result['as drawn'].adequacy.verdict}" in text
+    assert "as built: an error in part3.stiffness would explain " in result.summary()
+    assert not any(line.startswith(("Residual:", "  an error in")) for line in text)
     assert result["as drawn"].adequacy.level == result["as built"].adequacy.level == 0.01
 
 

@@ -8,6 +8,7 @@ from urllib.parse import quote
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.sections import head
+from updyn.report.sections_residual import tile
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["COMMON", "joint_head", "tests"]
@@ -16,6 +17,8 @@ __all__ = ["COMMON", "joint_head", "tests"]
 COMMON = ("unknowns", "uncertainty", "identifiability", "held", "convergence")
 
 _FIGURES = ("frac_median", "frac_min", "db_error_median")
+#: Outcomes of the residual's tests, the worst first: the head shows that of all tests.
+_GRAVITY = ("structure", "excess", "untested", "noise", "exact")
 
 
 def joint_head(result: JointResult) -> str:
@@ -23,18 +26,25 @@ def joint_head(result: JointResult) -> str:
     worst = min(result.results.values(), key=lambda one: _figures(one, "after").get("frac_median", 1.0))
     figures = {when: _figures(worst, when) for when in ("before", "after", "validation")}
     count = len(result.results)
-    return head(replace(worst, title=result.title), figures, f"{count} tests; agreement is that of the worst of them")
+    left = [one.adequacy for one in result.results.values() if one.adequacy is not None]
+    least = min(left, key=lambda found: _GRAVITY.index(found.outcome), default=None)
+    return head(
+        replace(worst, title=result.title, adequacy=least),
+        figures,
+        f"{count} tests; agreement is that of the worst of them",
+    )
 
 
 def tests(result: JointResult) -> str:
     """Return one row a test: link, data, agreement before and after."""
-    kinds = ("text", "text", *[""] * len(_FIGURES))
+    kinds = ("text", "text", *[""] * len(_FIGURES), "text")
     rows = []
     for name, one in result.results.items():
         before, after = _figures(one, "before"), _figures(one, "after")
         agreed = [f"{w.number(before.get(k))} → {w.number(after.get(k))}" for k in _FIGURES]
-        rows.append(m.row([name, w.extent(one.frf), *agreed], kinds, link=f"{quote(name)}/report.html"))
-    names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES)]
+        left = "–" if one.adequacy is None else tile(one.adequacy)[1]
+        rows.append(m.row([name, w.extent(one.frf), *agreed, left], kinds, link=f"{quote(name)}/report.html"))
+    names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES), "what is left"]
     return (
         '<section id="tests"><h2>Tests</h2>'
         + m.paragraph("One set of unknowns was fitted to all tests together; each has a page of its own.")

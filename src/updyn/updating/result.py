@@ -292,10 +292,12 @@ class JointResult:
         """Return the outcome as text: unknowns once, agreement test by test."""
         lines = self.first.summary().splitlines()
         at = next((i for i, line in enumerate(lines) if line.startswith("fitted, before")), len(lines))
-        head = lines[:at]
+        first = _left_over(self.first.adequacy, self.first.message)
+        head = [line for line in lines[:at] if line not in first]
         head[0] = head[0].replace(self.first.title or "Update", self.title or "Update", 1)
         for name, result in self.results.items():
             own = [line for line in result.summary().splitlines() if line.startswith(("fitted,", "held out,"))]
+            own += [line.strip() for line in _left_over(result.adequacy, result.message)]
             head += [f"{name}: {line}" for line in own]
         return "\n".join(head)
 
@@ -304,8 +306,10 @@ def _combination(direction: Mapping[str, float]) -> str:
     return ", ".join(f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
 
 
-def _left_over(found: Adequacy, message: str) -> list[str]:
+def _left_over(found: Adequacy | None, message: str) -> list[str]:
     """Return what is said of the residual beyond the message: places, and what would explain them."""
+    if found is None:
+        return []
     lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
