@@ -247,6 +247,14 @@ def test_several_tests_with_modes_by_name() -> None:
     found = result.results["bare"]
     assert found.status == "converged"  # what was added is known: it gives the scale of mass and stiffness
     assert vector(found) == pytest.approx([1.0, 1.3, 0.8, 1.1], rel=1e-8)
+    # A test none of whose modes is like one of the model adds nothing.
+    mixture = modes["bare"].shapes.sum(axis=1, keepdims=True)
+    odd = {**modes, "bare": ModeSet([9.0], mixture, dofs)}
+    stiffness = updyn.parameters(start, stiffness="all")
+    both = updyn.update_jointly(tests, stiffness, method="modal", modes=odd, mac=0.9).results
+    assert vector(both["heavy"]) == pytest.approx([1.3, 0.8, 1.1], rel=1e-8)
+    assert both["bare"].noise["left_out"] == "9 Hz"
+    assert "left_out" not in both["heavy"].noise
     with pytest.raises(OptionError, match="there are several tests"):
         updyn.update_jointly(tests, unknowns, method="modal", modes=modes["bare"])
     with pytest.raises(OptionError, match="no test 'bear'; did you mean 'bare'"):
