@@ -169,7 +169,7 @@ class ConstitutiveError:
         J = contract(system, unknowns, -slopes, P, U)
         J -= 0.5 * (change @ np.linalg.solve(C, misfit))
         J *= (problem.coordinates.slope(x) / self.level)[:, None, None, None]
-        return r / self.level, np.linalg.solve(L, J)
+        return np.asarray(r / self.level), np.asarray(np.linalg.solve(L, J))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -158,7 +158,8 @@ class ForceResidual:
             J[p, term.own] += slopes[d][None, :, None] * term.times(motion[term.own])
         weight = 1.0 / (np.sqrt(self.compliance) * self.level)
         J *= problem.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
-        return (force * weight[:, None, None]).transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
+        r = np.asarray(force * weight[:, None, None], dtype=np.complex128)
+        return r.transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
