@@ -1,0 +1,86 @@
+"""The section on uncertainty: intervals in standard deviations, the band of the widest channel, and what is not so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.report.page import render
+from updyn.report.uncertain import band_figure, intervals_figure
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.profiles import Hump, Profile, Profiles
+
+
+@pytest.fixture(scope="module")
+def result():
+    groups = {
+        "base": updyn.Group([[1000.0, 0.0], [0.0, 0.0]], np.diag([1.0, 0.0]), loss_factor=0.03),
+        "top": updyn.Group([[600.0, -600.0], [-600.0, 600.0]], np.diag([0.0, 1.0]), loss_factor=0.05),
+    }
+    model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
+    frf = updyn.response(model, np.linspace(1.0, 9.0, 40), ["1:X", "2:X"], ["1:X"])
+    noise = np.random.default_rng(0).normal(size=(2, *frf.values.shape)) * 0.02 / np.sqrt(2)
+    data = updyn.FRF(frf.freq, frf.values * (1 + noise[0] + 1j * noise[1]), frf.responses, frf.references, "receptance")
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor=["top"])
+    return updyn.update(model, data, unknowns, noise={"relative": 0.02}, starts=0)
+
+
+def profiles(result, spans):
+    found = []
+    for name, (low, high) in spans.items():
+        value, at = result.values[name], np.array([low, result.values[name], high])
+        hump = Hump(low, value, high, 0.0)
+        found.append(Profile(name, value, at, np.array([1.92, 0.0, 1.92]), np.ones((3, 3)), (hump,), "level", "bound"))
+    return Profiles(tuple(found), 0.95, 1.92)
+
+
+def draws(result, message=""):
+    rng = np.random.default_rng(1)
+    names = result.parameters.names
+    mean, std = (np.array([table[n] for n in names]) for table in (result.values, result.std))
+    values = mean + std * rng.standard_normal((4, 100, 3))
+    more = {k: np.ones(3) for k in ("r_hat", "ess_bulk", "ess_tail")}
+    about = (mean, std, result.parameters.lower, result.parameters.upper, result.parameters.is_factor)
+    return Draws("sampling", tuple(names), values, *about, more, {}, not message, message)
+
+
+def test_bars_are_standard_deviations_of_laplace(result):
+    factor, loss = "base.stiffness", "top.loss_factor"
+    v, s = result.values, result.std
+    spans = {
+        factor: (v[factor] * np.exp(-2 * s[factor] / v[factor]), v[factor] * np.exp(99 * s[factor] / v[factor])),
+        loss: (v[loss] - 1.5 * s[loss], v[loss] + 3 * s[loss]),
+    }
+    figure = intervals_figure(result, profiles(result, spans))
+    laplace, own = figure["data"]
+    assert (laplace["name"], own["name"]) == ("Laplace", "profile")
+    assert laplace["error_x"]["array"] == pytest.approx([1.96, 1.96], abs=1e-3)
+    assert own["error_x"]["arrayminus"] == pytest.approx([2.0, 1.5])
+    assert own["error_x"]["array"] == pytest.approx([8.0, 3.0])  # cut at what is drawn
+    assert len(figure["layout"]["yaxis"]["ticktext"]) == 2
+
+
+def test_the_band_is_that_of_the_channel_known_least(result):
+    figure, channel = band_figure(result, draws(result))
+    low, high, line, measured = figure["data"]
+    widths = {}
+    for response in ("1:X", "2:X"):
+        band = updyn.predict(draws(result).of(result), result.frf.freq, [response], ["1:X"])
+        widths[f"{response} / 1:X"] = np.median(np.log(band.upper / band.lower))
+    assert channel == max(widths, key=widths.get)
+    assert high["fill"] == "tonexty"
+    assert (np.array(low["y"]) <= line["y"]).mean() > 0.95
+    assert (np.array(high["y"]) >= line["y"]).mean() > 0.95
+    assert len(measured["y"]) == 40
+
+
+def test_the_page_shows_it_and_what_it_is_worth(result):
+    text = render(result, draws(result, "Not converged: independent ensembles disagree."))
+    assert '<section id="uncertainty">' in text
+    assert "Not converged: independent ensembles disagree." in text
+    assert "effective draws" in text
+    assert text.count('data-figure="uncertainty-') == 2
+    assert '<section id="uncertainty">' not in render(result)
+    one = profiles(result, {"base.stiffness": (0.9, 5.0)})
+    assert "no upper end within its bounds" in render(result, one)
