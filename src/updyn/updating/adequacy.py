@@ -20,6 +20,8 @@ OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
 LEVEL = 0.02
 #: A misfit, as a share of the rms of the data, below which no test could see anything.
 _EXACT = 1e-9
+#: Real numbers over which the size of noise that was told from averages has errors of its own.
+_SHARED = 32.0
 #: Places that are listed, and groups that are named.
 _LISTED, _NAMED = 12, 3
 
@@ -190,9 +192,10 @@ def assess(
     Notes
     -----
     Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a value, or against F
-    where the size of the noise is an estimate too: from n averages, with n - 1 as many degrees of freedom; where it was
-    taken from this residual, by the ratio to all other values. The unknowns make the
-    residual smaller than the noise, which is counted for all values together, not place by place: the tests err on the
+    where the size of the noise is an estimate too: from n averages, with n - 1 as many degrees of freedom, but no more
+    than sixteen lines have (smoothing makes the errors of the size alike over more); where it was taken from this
+    residual, by the ratio to all other values. The unknowns make the residual smaller than the noise, which is counted
+    for all values together, not place by place: the tests err on the
     side of silence. Likeness: `updyn.updating.whiteness.serial_p`. Channels over all bands, bands over all channels and
     all data together are tested as well, with the p-values of likeness joined by Stouffer's sum of normal scores
     (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its share of `level`.
@@ -289,7 +292,7 @@ class _Size:
             if self.averages is None:
                 p = chdtrc(freedom, square)
             else:
-                p = fdtrc(freedom, np.maximum(count, 1.0) * max(self.averages - 1, 1), square / freedom)
+                p = fdtrc(freedom, np.clip(count, 1.0, _SHARED) * max(self.averages - 1, 1), square / freedom)
         else:
             rest, other = self.square - square, self.count - count - self.n_unknowns
             usable = (other >= 1.0) & (rest > 0.0) & (count > 0.0)
