@@ -85,3 +85,20 @@ def test_missing_braces_are_found(pattern: str) -> None:
             found = CASE["storey_stiffness"][STOREY[d]] * result.values[f"storey {s} {d}.stiffness"]
             assert found == pytest.approx(table, rel=0.01), (s, d)
             assert result.std[f"storey {s} {d}.stiffness"] < 0.01
+
+
+def test_going_up_in_frequency_finds_a_building_that_is_far_off():
+    """Storeys up to eight times too stiff or too soft: one of the starts that only this part of the search recovers."""
+    true = damaged({1})
+    chosen = ["storey ? x", "storey ? y"]
+    clean = updyn.response(
+        true, np.linspace(2.0, 65.0, 120), ["2:X", "4:X", "2:Y", "4:Y"], ["4:X", "4:Y"], "accelerance"
+    )
+    names = [p.group for p in updyn.parameters(true, stiffness=chosen)]
+    factors = np.exp(np.random.default_rng(1010).uniform(-1.0, 1.0, len(names)) * np.log(8.0))
+    start = true.scaled({n: {"stiffness": f, "loss_factor": 0.0} for n, f in zip(names, factors, strict=True)})
+    unknowns = updyn.parameters(start, stiffness=chosen, loss_factor=chosen)
+    found = updyn.update(start, clean, unknowns)
+    assert [found.values[f"{n}.stiffness"] for n in names] == pytest.approx(1.0 / factors, rel=1e-6)
+    without = updyn.update(start, clean, unknowns, continuation=False)
+    assert np.abs(np.log([without.values[f"{n}.stiffness"] for n in names] * factors)).max() > 0.1

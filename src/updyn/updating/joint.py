@@ -67,6 +67,10 @@ class Joint:
         """Return the parts on at most `largest` lines each."""
         return Joint(tuple(part.thinned(largest) for part in self.parts))
 
+    def lowest(self, share: float) -> Joint:
+        """Return the parts on a share of their lines, from the lowest."""
+        return Joint(tuple(part.lowest(share) for part in self.parts))
+
     def with_session(self, session: Session) -> Joint:
         """Return the parts with another session."""
         return Joint(tuple(part.with_session(session) for part in self.parts))

@@ -240,6 +240,11 @@ class Problem:
         stride = -(-len(self.frf.freq) // largest)
         return self if stride <= 1 else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
+    def lowest(self, share: float) -> Problem:
+        """Return the problem on a share of its lines, from the lowest; at least four of them."""
+        n = max(4, round(share * self.n_lines))
+        return self if n >= self.n_lines else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
+
     @property
     def parts(self) -> tuple[Problem, ...]:
         """The tests that are fitted together: this one."""

@@ -4,7 +4,9 @@ The log error has the widest basin of all residuals (measured: benchmarks/basin.
 factors start inflated, so that the model's resonances are broad enough to overlap the measured ones, and may pass
 through negative values on the way: a wall at zero stops most searches for lightly damped parts, whose true values lie
 on it. And a basin is believed only when further tries, with other inflations and then from random points, end in it
-too.
+too. All but the first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
+are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common factor on all
+stiffnesses, chosen beforehand so that the frequency axes agree, finds no more.)
 
 Where there are several workers and the lines of one evaluation are too few to be worth spreading, whole tries run in
 them, ahead of their turn. What they evaluated is remembered, and the tries are then made here as ever: the answer and
@@ -34,9 +36,11 @@ from updyn.updating.trust_region import Local, Outcome, TrustRegion
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search"]
 
 _Vector = NDArray[np.float64]
-_Points: TypeAlias = "Generator[_Vector, None, None]"
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
-_Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Vector]], _Found]"
+#: Where a try begins, and whether it goes up in frequency.
+_Start: TypeAlias = "tuple[_Vector, bool]"
+_Points: TypeAlias = "Generator[_Start, None, None]"
+_Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Start]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
 SEARCH_LINES = 400
@@ -45,6 +49,8 @@ SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
+#: Shares of the lines, from the lowest, that a try with continuation descends on before it takes all.
+_STAGES = (1 / 3, 2 / 3)
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
@@ -69,12 +75,18 @@ class Search:
         Random tries move factors by up to this, in logarithm.
     seed : int
         Of the random tries.
+    inflate : bool
+        Whether loss factors start inflated; else every try begins with those of the start.
+    continuation : bool
+        Whether all tries but the first go up in frequency.
     """
 
     starts: int = 8
     max_iterations: int = SEARCH_STEPS
     spread: float = 1.0
     seed: int = 0
+    inflate: bool = True
+    continuation: bool = True
 
     @property
     def _settings(self) -> TrustRegion:
@@ -87,8 +99,8 @@ class Search:
         costs: list[float] = []
         try:
             with closing(self._ahead(_try, problem, self._points(problem))) as points:
-                for x in points:
-                    outcome = self._try_from(problem, x, monitor)
+                for start in points:
+                    outcome = self._try_from(problem, start, monitor)
                     if outcome is None:
                         continue
                     costs.append(outcome.local.cost)
@@ -98,10 +110,23 @@ class Search:
                         break
         except Stopped:
             pass  # the best so far
-        start = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        return np.clip(start if best is None else best.x, lower, upper)
+        home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        return np.clip(home if best is None else best.x, lower, upper)
 
-    def _try_from(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome | None:
+    def _try_from(self, problem: Task, start: _Start, monitor: Monitor) -> Outcome | None:
+        """Return where a try ends, or None where the model cannot be solved on its way."""
+        x, gradual = start
+        for share in _STAGES if gradual else ():
+            part = problem.lowest(share)
+            if 2 * part.n_values < problem.n:
+                continue
+            outcome = self._relaxed_descent(part, x, monitor)
+            if outcome is None or monitor.stopped:
+                return outcome
+            x = outcome.x
+        return self._relaxed_descent(problem, x, monitor)
+
+    def _relaxed_descent(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a descent from x ends, or None where the model cannot be solved there."""
 
         def evaluate(at: _Vector) -> Local | None:
@@ -118,38 +143,39 @@ class Search:
     def _descend(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, LogError(), x, monitor, self._settings)
 
-    def _ahead(self, attempt: _Attempt, problem: Task, points: Iterable[_Vector]) -> _Points:
-        """Yield points; where workers are free, what an attempt from each evaluates has been evaluated by then."""
+    def _ahead(self, attempt: _Attempt, problem: Task, points: Iterable[_Start]) -> _Points:
+        """Yield starts; where workers are free, what an attempt from each evaluates has been evaluated by then."""
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
             yield from points
             return
         points = list(points)
-        known = [is_solved(LogError(), problem, x) for x in points]
-        items = [(self, x) for x, k in zip(points, known, strict=True) if not k]
+        known = [not gradual and is_solved(LogError(), problem, x) for x, gradual in points]
+        items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
         with closing(session.map(attempt, problem, items, spread=True)) as results:
-            for x, k in zip(points, known, strict=True):
+            for start, k in zip(points, known, strict=True):
                 if not k:
                     found = next(results)
                     session.lines_solved += len(found) * problem.n_lines
                     session.remember(found)
-                yield x
+                yield start
 
-    def _points(self, problem: Task) -> Iterator[_Vector]:
+    def _points(self, problem: Task) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         loss = ~problem.coordinates.parameters.is_factor
-        inflated = _INFLATED if loss.any() else (0.0,)
-        for level in inflated[: self.starts]:
+        inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
+        for i, level in enumerate(inflated[: self.starts]):
             # A user's own start that is already higher is not lowered, and a user's bounds are kept.
-            yield np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
+            x = np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
+            yield x, self.continuation and i > 0
         rest = self.starts - len(inflated)
         if rest > 0:
             draws = qmc.LatinHypercube(d=len(start), rng=self.seed).random(rest)
             for i, draw in enumerate(draws):
                 level = inflated[i % len(inflated)]
                 moved = start + self.spread * (2.0 * draw - 1.0)
-                yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
+                yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper), self.continuation
 
     def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
@@ -166,7 +192,7 @@ class Search:
             for _ in range(_ROUNDS):
                 before = best.local.cost
                 with closing(self._ahead(_descend, problem, self._neighbours(problem, best))) as points:
-                    for start in points:
+                    for start, _ in points:
                         if monitor.stopped:
                             return best.x
                         other = self._descend(problem, start, monitor)
@@ -179,7 +205,7 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _neighbours(problem: Task, at: Outcome) -> Iterator[_Vector]:
+    def _neighbours(problem: Task, at: Outcome) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         analysis = analyse(at.local.R / unit, problem.coordinates.parameters.names)
@@ -189,7 +215,7 @@ class Search:
                 for sign in (1.0, -1.0):
                     moved = at.x.copy()
                     moved[i] += sign * min(_FAR * std[i], 1.0)
-                    yield np.clip(moved, lower, upper)
+                    yield np.clip(moved, lower, upper), False
 
     @staticmethod
     def _believed(problem: Task, best: _Vector, costs: list[float]) -> bool:
@@ -212,15 +238,15 @@ class Search:
         return float(np.mean(products)) < 0.3 * power
 
 
-def _try(problem: Task, item: tuple[Search, _Vector]) -> _Found:
+def _try(problem: Task, item: tuple[Search, _Start]) -> _Found:
     """Make a try elsewhere; return all that it evaluated."""
-    search, x = item
-    return _recorded(problem, lambda alone: search._try_from(alone, x, Monitor(alone)))
+    search, start = item
+    return _recorded(problem, lambda alone: search._try_from(alone, start, Monitor(alone)))
 
 
-def _descend(problem: Task, item: tuple[Search, _Vector]) -> _Found:
+def _descend(problem: Task, item: tuple[Search, _Start]) -> _Found:
     """Descend elsewhere; return all that it evaluated."""
-    search, x = item
+    search, (x, _) = item
     return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
 

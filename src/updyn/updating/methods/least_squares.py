@@ -36,12 +36,18 @@ class LogMethod:
         Tries of the search; 0 skips it.
     seed : int
         Of the search's random tries.
+    inflate : bool
+        Whether the loss factors of the search start inflated.
+    continuation : bool
+        Whether the tries of the search, but the first, go up in frequency.
     """
 
     max_iterations: int = 100
     tolerance: float = 1e-10
     starts: int = 8
     seed: int = 0
+    inflate: bool = True
+    continuation: bool = True
 
     reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
     calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
@@ -51,7 +57,8 @@ class LogMethod:
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
             rough = problem.thinned(SEARCH_LINES)
-            search = Search(self.starts, min(self.max_iterations, SEARCH_STEPS), seed=self.seed)
+            steps = min(self.max_iterations, SEARCH_STEPS)
+            search = Search(self.starts, steps, seed=self.seed, inflate=self.inflate, continuation=self.continuation)
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
                 if not monitor.stopped:
