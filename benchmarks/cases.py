@@ -23,9 +23,12 @@ class Case:
     true: Model
     start: Model
     clean: FRF
+    chosen: ParameterSet | None = None
 
     @property
     def unknowns(self) -> ParameterSet:
+        if self.chosen is not None:
+            return self.chosen
         return updyn.parameters(self.start, stiffness="all", mass="all", loss_factor="all")
 
     @property
