@@ -31,6 +31,8 @@ from updyn.uncertainty.setting import restore
 WITH_SLOPES = 3
 #: Independent ensembles, or chains.
 GROUPS = 4
+#: Draws in which the step size of NUTS is found; they do not count.
+WARM = 200
 
 
 @dataclass
@@ -146,11 +148,11 @@ def mici(target: Target, budget: int) -> tuple[np.ndarray, int]:
     for seed in range(GROUPS):
         rng = np.random.default_rng(seed)
         sampler = package.samplers.DynamicMultinomialHMC(system, integrator, rng)
-        begun, steps = target.count, []
+        steps: list[np.ndarray] = []
         adapter = package.adapters.DualAveragingStepSizeAdapter(0.8)
-        state = target.start(rng, 1)[0]
-        final, *_ = sampler.sample_chains(40, 0, [state], adapters=[adapter], display_progress=False)
-        state = final[0]
+        state, before = target.start(rng, 1)[0], target.count
+        final, *_ = sampler.sample_chains(WARM, 0, [state], adapters=[adapter], display_progress=False)
+        state, begun, target.count = final[0], before, before
         while not steps or target.count - begun < budget // GROUPS:
             out = sampler.sample_chains(0, 10, [state], trace_funcs=[lambda s: {"q": s.pos}], display_progress=False)
             state = out.final_states[0]
