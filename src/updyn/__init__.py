@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
-    from updyn.loss_table import LossTable as LossTable
     from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
     from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
+    from updyn.loss_table import LossTable as LossTable
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes

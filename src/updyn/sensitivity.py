@@ -22,7 +22,7 @@ from updyn.linalg.threads import alone
 if TYPE_CHECKING:
     from updyn.updating.parameters import Parameter
 
-__all__ = ["Unknowns", "condensed_product", "receptance"]
+__all__ = ["Unknowns", "condensed_product", "contract", "receptance"]
 
 _Complex = NDArray[np.complex128]
 
@@ -193,7 +193,7 @@ def receptance(
     if not derivatives:
         return H, None
     V = X[:, :, _view(place[: len(rows)])]
-    return H, _contract(system, unknowns, -unknowns.slopes(system, state, values, omega), V, U)
+    return H, contract(system, unknowns, -unknowns.slopes(system, state, values, omega), V, U)
 
 
 @alone
@@ -245,7 +245,7 @@ def condensed_product(
     if not derivatives:
         return product, None
     moved = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
-    return product, _contract(system, unknowns, unknowns.slopes(system, state, values, omega), T, moved)
+    return product, contract(system, unknowns, unknowns.slopes(system, state, values, omega), T, moved)
 
 
 def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -260,8 +260,24 @@ def _view(places: NDArray[np.intp]) -> Any:
     return slice(len(places)) if np.array_equal(places, np.arange(len(places))) else places
 
 
-def _contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
-    """Sum slope_d V^T A_d U over the drives of every unknown, (n_p, n_f, n_v, n_u); fields are (N, n_f, columns)."""
+def contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
+    """Sum slope_d V^T A_d U over the drives of every unknown, line by line.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model, whose terms are the A_d.
+    unknowns : Unknowns
+        Which terms an unknown drives.
+    slopes : ndarray of complex, shape (n_d, n_f)
+        From `Unknowns.slopes`, with the sign that is wanted.
+    V, U : ndarray of complex, shape (N, n_f, n_v) and (N, n_f, n_u)
+        Fields. V is transposed, not conjugated.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_p, n_f, n_v, n_u)
+    """
     n_u = U.shape[2]
     out = np.empty((unknowns.n, U.shape[1], V.shape[2], n_u), dtype=np.complex128)
     begun = np.zeros(unknowns.n, dtype=np.bool_)

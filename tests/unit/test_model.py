@@ -354,7 +354,10 @@ def test_a_factor_of_0_keeps_the_pattern(model):
     ("changes", "text"),
     [
         ({"sprin": {}}, "no group 'sprin'; did you mean 'spring'?"),
-        ({"spring": {"stifness": 1.0}}, "group 'spring': no quantity 'stifness'; did you mean 'stiffness' or 'stiffness_damping'?"),
+        (
+            {"spring": {"stifness": 1.0}},
+            "group 'spring': no quantity 'stifness'; did you mean 'stiffness' or 'stiffness_damping'?",
+        ),
         ({"spring": {"mass": 1.0}}, "group 'spring' has no mass to change"),
         ({"masses": {"loss_factor": 0.1}}, "group 'masses' has no stiffness to change"),
         ({"spring": {"viscous": 1.0}}, "group 'spring' has no viscous to change"),

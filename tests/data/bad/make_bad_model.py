@@ -93,7 +93,10 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     "unknown_direction.npz": (npz(dofs=np.array(["1:X", "2:W"])), "DOF '2:W': expected node:direction"),
     "no_dofs.npz": (npz(dofs=None), "no 'dofs': the 2 DOFs need labels"),
     "no_matrix.npz": (npz(K=None, M=None), "no matrix: expected K, M or C"),
-    "misspelt.npz": (npz(M=None, loss_facter=0.1), "unknown name 'loss_facter'; did you mean 'loss_factor' or 'loss_table'?"),
+    "misspelt.npz": (
+        npz(M=None, loss_facter=0.1),
+        "unknown name 'loss_facter'; did you mean 'loss_factor' or 'loss_table'?",
+    ),
     "objects.npz": (npz(dofs=CELLS), "dofs: holds Python objects (pickled), which are never read"),
     "complex_stiffness.npz": (npz(K=K * (1 + 0.01j)), "found complex numbers; damping goes into loss_factor"),
     "not_square.npz": (npz(K=K[:1]), "expected a square matrix, found shape (1, 2)"),

@@ -14,8 +14,7 @@ from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
-from updyn.sensitivity import Unknowns
-from updyn.sensitivity import _contract as contract
+from updyn.sensitivity import Unknowns, contract
 from updyn.updating.fit import Fit, descend_to_scale
 from updyn.updating.joint import Task
 from updyn.updating.localise import constitutive_weights

@@ -14,7 +14,7 @@ from updyn.errors import DataError, OptionError, SolverError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.model import GROUP_QUANTITIES
-from updyn.sensitivity import _contract as contract
+from updyn.sensitivity import contract
 from updyn.updating.fit import Fit, descend_to_scale
 from updyn.updating.joint import Task
 from updyn.updating.methods._linear import Amounts, Plain, check_unknowns, fit_of, linear_step, local_of
