@@ -19,7 +19,7 @@ OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
 #: Share of fits to pure noise of which something is said all the same.
 LEVEL = 0.02
 #: A misfit, as a share of the rms of the data, below which no test could see anything.
-_EXACT = 1e-9
+_EXACT = 1e-7
 #: Real numbers over which the size of noise that was told from averages has errors of its own.
 _SHARED = 32.0
 #: Places that are listed, and groups that are named.
