@@ -115,6 +115,7 @@ def test_without_truth_the_answer_with_all_lines_counts(start, data, unknowns):
     (row,) = found
     assert row.fewest.count == 5
     assert np.isnan(row.error_max)
+    assert np.isnan(row.off_in_std)
     assert "own answer" in found.rule
     assert "  rms" not in found.summary()
 
@@ -249,6 +250,20 @@ def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns):
     assert "regularise" not in found["modal"].result.options
     assert found["modal"].message.endswith("It was run without regularisation.")
     assert "without regularisation" not in found["log"].message
+
+
+def test_distance_in_own_standard_deviations(chain12, chain12_true, chain12_frf, add_noise, chain12_case):
+    """At 1 % noise the default's deviations hold; those of the equation error know nothing of its bias."""
+    data = add_noise(chain12_frf, np.random.default_rng(5), 0.01)
+    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+    true = chain12_case["true_factors"]
+    truth = {p.name: true[p.quantity][int(p.group[-1]) - 1] for p in unknowns}
+    found = updyn.compare(chain12, data, unknowns, ["maximum-likelihood", "equation-error"], truth=truth)
+    for row in found:
+        own = [abs(row.result.values[n] - truth[n]) / row.result.std[n] for n in truth]
+        assert row.off_in_std == pytest.approx(max(own))
+    assert found["maximum-likelihood"].off_in_std < 4
+    assert found["maximum-likelihood"].error_max < 0.2 * found["equation-error"].error_max
 
 
 def test_several_tests_at_once(start, data, unknowns):

@@ -141,6 +141,7 @@ class Bench:
             values=values,
             std={n: result.std.get(n, np.nan) for n in self.parameters.names},
             errors=errors_against(values, self.given.truth, self.parameters),
+            off={name: values[name] - true for name, true in self.given.truth.items()},
             fitted=fitted,
             held_out=held_out,
             rank=first.identifiability.rank,

@@ -51,6 +51,8 @@ class Row:
     errors : mapping of str to float
         Estimate against the truth where that is known, as `errors_against` has it. Unknowns left at their start count
         with it.
+    off : mapping of str to float
+        Estimate minus truth, in the unit of the unknown, where the truth is known.
     fitted, held_out : mapping of str to mapping of str to float
         ``before`` and ``after``: figures of agreement with the data of the fit and with what was held out
         (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
@@ -81,6 +83,7 @@ class Row:
     values: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
     errors: Mapping[str, float] = field(default_factory=dict)
+    off: Mapping[str, float] = field(default_factory=dict)
     fitted: _Figures = field(default_factory=dict)
     held_out: _Figures = field(default_factory=dict)
     rank: int = 0
@@ -111,6 +114,15 @@ class Row:
     def error_max_updated(self) -> float:
         """Largest size of `errors` of the unknowns that it was run with; nan where the truth is not known."""
         return max((abs(e) for name, e in self.errors.items() if name in self.updated), default=math.nan)
+
+    @property
+    def off_in_std(self) -> float:
+        """Largest distance from the truth in the method's own standard deviations, of unknowns that have one.
+
+        Below 3 or so where these can be believed; nan where the truth is not known or nothing is determined.
+        """
+        known = [name for name in self.off if 0.0 < self.std.get(name, math.nan) < math.inf]
+        return max((abs(self.off[name]) / self.std[name] for name in known), default=math.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

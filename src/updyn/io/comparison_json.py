@@ -29,8 +29,9 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a method with what `updyn.comparison.Row`
         holds: ``method``, ``reference``, ``status``, ``message``, ``cannot``, ``needs``, ``n_unknowns`` and
         ``updated``, ``left``, ``values``, ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``,
-        ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``), ``iterations``, ``lines_solved``,
-        ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines`` in Hz, ``tried``, ``note``; None where not sought);
+        ``off_in_std``, ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
+        ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines`` in Hz, ``tried``,
+        ``note``; None where not sought);
         ``versions``.
     """
     return {
