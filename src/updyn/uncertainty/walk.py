@@ -19,7 +19,7 @@ _Vector = NDArray[np.float64]
 _STRIDE, _CLOSE = 0.5, 2e-3
 #: Largest step, as a share of the way between the bounds.
 _SHARE = 0.1
-_STEPS, _HALVINGS, _ROOTS = 60, 5, 12
+_STEPS, _HALVINGS, _ROOTS = 60, 5, 40
 _ROUNDING = 1e-12
 
 
@@ -159,19 +159,16 @@ class Walk:
 
     def _crossing(self, inside: Point, outside: Point, side: float) -> float:
         """Return where the fall is that of the level, between two points of the profile."""
+        wanted, widths = np.sqrt(2.0 * self.drop), [np.inf, np.inf]
         for _ in range(_ROOTS):
             a, b = (float(p.x[self.k]) for p in (inside, outside))
             za, zb = (np.sqrt(2.0 * max(self._fall(p), 0.0)) for p in (inside, outside))
-            wanted = np.sqrt(2.0 * self.drop)
-            nearer, z = (inside, za) if wanted - za < zb - wanted else (outside, zb)
-            if abs(z - wanted) < _CLOSE * wanted or abs(b - a) < 1e-12:
+            order = (inside, outside) if wanted - za < zb - wanted else (outside, inside)
+            if min(wanted - za, zb - wanted) < _CLOSE * wanted or abs(b - a) < 1e-12:
                 break
-            guess = nearer.x[self.k] + side * self._reach(nearer, side, self.drop)
-            margin = 0.02 * (b - a)
-            if not min(a + margin, b - margin) <= guess <= max(a + margin, b - margin):
-                guess = a + (b - a) * (wanted - za) / max(zb - za, 1e-300)
-                guess = float(np.clip(guess, min(a + margin, b - margin), max(a + margin, b - margin)))
-            there = self._onward(nearer, 1.0, float(guess - nearer.x[self.k]))
+            guess = self._guess(order, a, b, side) if abs(b - a) <= 0.5 * widths[-2] else 0.5 * (a + b)
+            widths.append(abs(b - a))
+            there = self._onward(order[0], 1.0, guess - float(order[0].x[self.k]))
             if there is None:
                 break
             self._points.append(there)
@@ -183,6 +180,19 @@ class Walk:
         if zb - za < 1e-12:
             return b
         return float(a + (b - a) * np.clip((wanted - za) / (zb - za), 0.0, 1.0))
+
+    def _guess(self, points: tuple[Point, Point], a: float, b: float, side: float) -> float:
+        """Return where the first local model with a crossing inside the bracket puts it; else the middle.
+
+        Where an unknown meets its bound, the profile has a kink, and only the model on that side of it is right.
+        """
+        margin = 0.02 * abs(b - a)
+        low, high = min(a, b) + margin, max(a, b) - margin
+        for point in points:
+            guess = float(point.x[self.k]) + side * self._reach(point, side, self.drop)
+            if low <= guess <= high:
+                return guess
+        return 0.5 * (a + b)
 
 
 def _within(x: float, humps: list[tuple[Hump, str, str]]) -> bool:
