@@ -269,7 +269,7 @@ def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns
         ({"frf": coherent}, "the data differ"),
         ({"parameters": moved}, r"the unknowns differ \(part1.mass\)"),
         ({"seed": 1}, r"the options differ \(seed\)"),
-        ({"method": "output-error"}, r"the options differ \(method, seed, starts\)"),
+        ({"method": "output-error"}, r"the options differ \(continuation, inflate, method, seed, starts\)"),
         ({"lines": data.freq[::2]}, r"the options differ \(lines\)"),
         ({"noise": {"relative": 0.1}}, r"the options differ \(noise\)"),
         ({"validation": ["2:X"]}, r"the options differ \(validation\)"),
