@@ -130,9 +130,9 @@ def check(job: Path, /) -> int:
         _say(f"\n{test.name}\n{test.matching}" if test.name else f"\n{test.matching}")
     _say("")
     _say(describe_parameters(ready.parameters))
-    _say("\nAt the start of the unknowns:")
     if chosen is not None:
         _say(f"\nSelected before the fit:\n{chosen.summary()}")
+    _say("\nAt the start of the unknowns:")
     _say(describe_identifiability(found))
     _say(f"\nThe job can be run; results would go to {out}.")
     return DONE if found.complete else NOT_DETERMINED
