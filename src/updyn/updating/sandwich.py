@@ -15,7 +15,6 @@ from updyn.updating.identifiability import RANK_TOLERANCE
 from updyn.updating.joint import Task
 from updyn.updating.noise import Estimated, NoiseModel, Robust
 from updyn.updating.residuals import Each, LogError, OutputError
-from updyn.updating.session import Stopped
 from updyn.updating.trust_region import Local
 
 __all__ = ["Sandwich", "sandwich"]
@@ -69,10 +68,15 @@ def sandwich(
         The estimate.
     noises : sequence of NoiseModel
         How uncertain the data of each part are; estimated from the residual where none are given.
+
+    Raises
+    ------
+    Stopped
+        If the user wants to stop.
     """
     try:
         return _sandwich(problem, residual, local, x, noises or [Estimated()] * len(problem.parts))
-    except (Stopped, LinAlgError):
+    except LinAlgError:
         return None
 
 

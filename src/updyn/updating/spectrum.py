@@ -71,8 +71,8 @@ class Spectrum:
         """
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         beta = U.T @ b
-        beyond = max(float(b @ b - beta @ beta), 0.0)
-        return cls(s, beta, Vt.T, rest + beyond, n_values or float(len(b)), fixed)
+        beyond = b - U @ beta  # not |b|^2 - |beta|^2, which is rounding where A reaches nearly all of b
+        return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
     def passed(self, strength: float) -> _Vector:
         """Return the share of each singular component that Tikhonov's method lets pass: s^2 / (s^2 + strength^2)."""

@@ -156,7 +156,12 @@ def judged(
         return Fit.blind(x, "stopped")
     assert local is not None
     sigma = spread_of(local, problem.n_values, problem.n)
-    found = sandwich(problem, residual, local, x, noises) if isinstance(residual, LogError | Each) else None
+    found = None
+    try:
+        if isinstance(residual, LogError | Each):
+            found = sandwich(problem, residual, local, x, noises)
+    except Stopped:
+        reason = "stopped"
     if found is not None:
         return Fit(x, reason, found.R, found.noise, f"{note} {found.note}".strip(), in_units(local, sigma), sigma)
 
