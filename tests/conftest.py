@@ -17,6 +17,7 @@ import updyn
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.updating.parameters import ParameterSet
 
 DATA = Path(__file__).parent / "data"
 CASES = DATA / "cases"
@@ -110,6 +111,19 @@ def chain12_frf(chain12_true: Model, chain12_case: dict[str, Any]) -> FRF:
     lines = np.linspace(0.3 * f[0], 1.05 * f[5], 60)
     at = [f"{i}:X" for i in chain12_case["measured_dofs_1_based"]]
     return updyn.response(chain12_true, lines, at, [f"{i}:X" for i in chain12_case["references_1_based"]])
+
+
+@pytest.fixture(scope="session")
+def chain12_task(chain12: Model, chain12_true: Model, chain12_frf: FRF) -> tuple[Model, FRF, ParameterSet, Any]:
+    """The chain's start, two columns of its FRF without noise, all its unknowns, and their true values."""
+    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+    truth = []
+    for p in unknowns:
+        true, start = chain12_true.group(p.group), chain12.group(p.group)
+        damping = p.quantity == "loss_factor"
+        sums = [abs(getattr(g, "stiffness" if damping else p.quantity)).sum() for g in (true, start)]
+        truth.append(true.loss_factor if damping else sums[0] / sums[1])
+    return chain12, chain12_frf.select(references=["2:X", "12:X"]), unknowns, np.array(truth)
 
 
 @pytest.fixture(scope="session")

@@ -55,28 +55,20 @@ def test_before_a_residual_was_seen_it_is_of_ordinary_size(wide):
     assert model.figures() == {}
 
 
-def test_it_helps_where_one_sensor_is_bad_and_costs_nothing_else(chain12, chain12_true, chain12_frf):
+def test_it_helps_where_one_sensor_is_bad_and_costs_nothing_else(chain12_task):
     """One of five sensors has ten times the noise: errors are at the bound, not four times above it."""
-    clean = chain12_frf.select(references=["2:X", "12:X"])
-    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    truth = np.array([
-        chain12_true.group(p.group).loss_factor
-        if p.quantity == "loss_factor"
-        else abs(getattr(chain12_true.group(p.group), p.quantity)).sum()
-        / abs(getattr(chain12.group(p.group), p.quantity)).sum()
-        for p in unknowns
-    ])  # fmt: skip
+    start, clean, unknowns, truth = chain12_task
     for factor, ratio in ((10.0, (2.5, 8.0)), (1.0, (0.9, 1.1))):
         factors = [1.0, factor, 1.0, 1.0, 1.0]
         variance = (0.01 * np.abs(clean.values) * np.array(factors)[:, None]) ** 2
-        told = updyn.update(chain12, replace(clean, variance=variance), unknowns.with_start(truth), starts=0)
+        told = updyn.update(start, replace(clean, variance=variance), unknowns.with_start(truth), starts=0)
         bound = np.array(list(told.std.values()))
         rms, inside = {}, []
         for noise in (None, BY_CHANNEL):
             off = []
             for seed in range(6):
                 data = noisy(clean, RNG(seed), 0.01, 0.0, factors)
-                result = updyn.update(chain12, data, unknowns, noise=noise, starts=0)
+                result = updyn.update(start, data, unknowns, noise=noise, starts=0)
                 off.append((np.array(list(result.values.values())) - truth) / bound)
                 if noise:
                     inside.append(np.abs(off[-1]) * bound < 1.96 * np.array(list(result.std.values())))

@@ -130,23 +130,15 @@ def test_steady_of_what_is_steady_changes_nothing(deep):
 
 # -- fits ------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("n", [10, 30, 100])
-def test_chi_square_is_one_and_errors_are_at_the_bound(chain12, chain12_true, chain12_frf, n):
+def test_chi_square_is_one_and_errors_are_at_the_bound(chain12_task, n):
     """Noise of the output, 2 % of the rms after averaging: antiresonances drown. At the model's |H|: over 9."""
-    clean = chain12_frf.select(references=["2:X", "12:X"])
-    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    truth = np.array([
-        chain12_true.group(p.group).loss_factor
-        if p.quantity == "loss_factor"
-        else abs(getattr(chain12_true.group(p.group), p.quantity)).sum()
-        / abs(getattr(chain12.group(p.group), p.quantity)).sum()
-        for p in unknowns
-    ])  # fmt: skip
+    start, clean, unknowns, truth = chain12_task
     noise = np.full(clean.values.shape, 4e-4 * np.mean(np.abs(clean.values) ** 2))
     exact = updyn.FRF(clean.freq, clean.values, clean.responses, clean.references, "receptance", variance=noise)
-    bound = np.array(list(updyn.update(chain12, exact, unknowns.with_start(truth), starts=0).std.values()))
+    bound = np.array(list(updyn.update(start, exact, unknowns.with_start(truth), starts=0).std.values()))
     chi, errors, inside = [], [], []
     for seed in range(8):
-        result = updyn.update(chain12, measured(clean, RNG(seed), n, noise), unknowns, starts=0)
+        result = updyn.update(start, measured(clean, RNG(seed), n, noise), unknowns, starts=0)
         chi.append(result.noise["chi_square"])
         error = np.array(list(result.values.values())) - truth
         errors.append(error / bound)

@@ -137,22 +137,8 @@ def test_refusals(H, noise, message):
 
 
 # -- fits ------------------------------------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def case(chain12, chain12_true, chain12_frf):
-    clean = chain12_frf.select(references=["2:X", "12:X"])
-    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    truth = np.array([
-        chain12_true.group(p.group).loss_factor
-        if p.quantity == "loss_factor"
-        else abs(getattr(chain12_true.group(p.group), p.quantity)).sum()
-        / abs(getattr(chain12.group(p.group), p.quantity)).sum()
-        for p in unknowns
-    ])  # fmt: skip
-    return chain12, clean, unknowns, truth
-
-
-def fitted(case, noise, hit, draws):
-    start, clean, unknowns, truth = case
+def fitted(task, noise, hit, draws):
+    start, clean, unknowns, truth = task
     errors, stds, lines = [], [], []
     for seed in range(draws):
         rng = RNG(seed)
@@ -170,12 +156,12 @@ def fitted(case, noise, hit, draws):
 
 
 @pytest.mark.parametrize("noise", [{}, {"relative": 0.02}], ids=["estimated", "stated"])
-def test_outlier_lines_do_not_spoil_the_fit(case, noise):
+def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     """One line in twenty has 30 times the noise."""
     draws = 6
-    clean, clean_std, _ = fitted(case, {**noise, **ROBUST}, False, draws)
-    plain, _, _ = fitted(case, noise or None, True, draws)
-    robust, std, named = fitted(case, {**noise, **ROBUST}, True, draws)
+    clean, clean_std, _ = fitted(chain12_task, {**noise, **ROBUST}, False, draws)
+    plain, _, _ = fitted(chain12_task, noise or None, True, draws)
+    robust, std, named = fitted(chain12_task, {**noise, **ROBUST}, True, draws)
     assert (np.abs(plain) > 10 * std).any()
     assert (np.abs(robust) < 4 * std).all()
     assert (np.abs(clean) < 4 * clean_std).all()
@@ -185,12 +171,12 @@ def test_outlier_lines_do_not_spoil_the_fit(case, noise):
     assert rms[1] < 1.3 * rms[2]
     assert np.median(std / clean_std) == pytest.approx(1.03, abs=0.06)  # a twentieth of the data is gone
     # On clean data at most 10 % of efficiency: standard deviations of the plain fit are at most 5 % smaller.
-    _, plain_std, _ = fitted(case, noise or None, False, 2)
+    _, plain_std, _ = fitted(chain12_task, noise or None, False, 2)
     assert np.median(clean_std[:2] / plain_std) < 1.06
 
 
-def test_the_record_says_what_was_down_weighted(case):
-    start, clean, unknowns, _ = case
+def test_the_record_says_what_was_down_weighted(chain12_task):
+    start, clean, unknowns, _ = chain12_task
     values = clean.values * (1 + 0.02 * circular(RNG(0), clean.values.shape))
     values[17] *= 5.0
     data = updyn.FRF(clean.freq, values, clean.responses, clean.references, "receptance")

@@ -10,29 +10,15 @@ from updyn.updating.residuals import Each, LogError, OutputError
 from updyn.updating.sandwich import sandwich
 
 
-@pytest.fixture(scope="module")
-def case(chain12, chain12_true, chain12_frf):
-    clean = chain12_frf.select(references=["2:X", "12:X"])
-    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    truth = np.array([
-        chain12_true.group(p.group).loss_factor
-        if p.quantity == "loss_factor"
-        else abs(getattr(chain12_true.group(p.group), p.quantity)).sum()
-        / abs(getattr(chain12.group(p.group), p.quantity)).sum()
-        for p in unknowns
-    ])  # fmt: skip
-    return chain12, clean, unknowns, truth
-
-
 def output_error(problem):
     frf = problem.frf
     return Each((OutputError(np.broadcast_to(1.0 / level_by_unit(frf), frf.values.shape)),))
 
 
 @pytest.mark.parametrize("name", ["log", "output-error"])
-def test_it_is_the_formula(case, add_noise, name):
+def test_it_is_the_formula(chain12_task, add_noise, name):
     """A^-1 (J^T S J) A^-1 with J written out."""
-    start, clean, unknowns, truth = case
+    start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.02, 0.01)
     problem = Problem.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
@@ -50,9 +36,9 @@ def test_it_is_the_formula(case, add_noise, name):
     assert found.noise[0]["relative"] == 0.02
 
 
-def test_weights_that_match_give_what_they_gave(case, add_noise):
+def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
     """Output error under noise of one level: the sandwich is the plain inverse."""
-    start, clean, unknowns, truth = case
+    start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.0, 0.01)
     problem = Problem.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
@@ -67,9 +53,9 @@ def test_weights_that_match_give_what_they_gave(case, add_noise):
     ("method", "relative", "floor"),
     [("output-error", 0.05, 0.0), ("output-error", 0.02, 0.002), ("log", 0.05, 0.0), ("log", 0.02, 0.001)],
 )
-def test_intervals_cover(case, add_noise, method, relative, floor):
+def test_intervals_cover(chain12_task, add_noise, method, relative, floor):
     """Intervals of 95 % from the spread of the residual alone hold 37 % of output errors under relative noise."""
-    start, clean, unknowns, truth = case
+    start, clean, unknowns, truth = chain12_task
     options = {"starts": 0} if method == "log" else {}
     off = []
     for seed in range(12):
@@ -81,8 +67,8 @@ def test_intervals_cover(case, add_noise, method, relative, floor):
     assert np.sqrt(np.mean(np.square(off))) > 0.6  # and are not wide for nothing
 
 
-def test_more_misfit_than_the_noise_widens(case, add_noise):
-    start, clean, unknowns, truth = case
+def test_more_misfit_than_the_noise_widens(chain12_task, add_noise):
+    start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.04)
     right, wrong = (
         updyn.update(start, data, unknowns.with_start(truth), method="log", starts=0, noise={"relative": r})
@@ -97,8 +83,8 @@ def test_more_misfit_than_the_noise_widens(case, add_noise):
     assert Robust.name not in robust.noise.values()
 
 
-def test_log_says_where_the_noise_is_too_large_for_it(case, add_noise):
-    start, clean, unknowns, truth = case
+def test_log_says_where_the_noise_is_too_large_for_it(chain12_task, add_noise):
+    start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.01, 0.01)
     result = updyn.update(start, data, unknowns.with_start(truth), method="log", starts=0)
     assert "noise is above half of |H|" in result.remedy

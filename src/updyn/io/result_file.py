@@ -29,6 +29,7 @@ import numpy as np
 from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.dataset import text_of, variable
 from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.values_text import from_text, to_text
@@ -199,10 +200,10 @@ def _put_table(
 
 # -- from xarray -------------------------------------------------------------------------------------------
 def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
-    texts: dict[str, Any] = {name: _attribute(data, name, path) for name in _TEXTS}
+    texts: dict[str, Any] = {name: text_of(data, name, path) for name in _TEXTS}
     if texts["status"] not in STATUSES:
         raise FormatError(f"status {texts['status']!r}; {suggest(texts['status'], STATUSES)}", path)
-    mixed = {name: from_text(str(_variable(data, name, path)[()]), name, path) for name in _JSON}
+    mixed = {name: from_text(str(variable(data, name, path)[()]), name, path) for name in _JSON}
     ident = mixed.pop("identifiability")
     try:
         identifiability = Identifiability(**ident)
@@ -210,15 +211,15 @@ def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
         raise FormatError(f"identifiability: {error}", path) from error
     parameters = _parameters(data, path)
     names = parameters.names
-    covariance = _variable(data, "covariance", path)
+    covariance = variable(data, "covariance", path)
     if covariance.shape != (len(names), len(names)):
         raise FormatError(f"covariance: found shape {covariance.shape}, expected {(len(names), len(names))}", path)
-    bounds = [str(b) for b in _variable(data, "at_bound", path)]
+    bounds = [str(b) for b in variable(data, "at_bound", path)]
     return UpdateResult(
         **texts,
         **mixed,
         **parts,
-        lines=_variable(data, "line", path),
+        lines=variable(data, "line", path),
         parameters=parameters,
         values=_table(data, "value", names, path)[0],
         std=_table(data, "std", names, path)[0],
@@ -234,7 +235,7 @@ def _adequacy(data: xr.Dataset, path: Path) -> Adequacy | None:
     if "adequacy" not in data.variables:  # nothing was tested, or the file is an old one
         return None
     given = from_text(str(data["adequacy"].values[()]), "adequacy", path)
-    arrays = {name: _variable(data, f"residual_{name}", path) for name in _RESIDUAL}
+    arrays = {name: variable(data, f"residual_{name}", path) for name in _RESIDUAL}
     try:
         worst = tuple(Misfit(**place) for place in given.pop("worst"))
         suspects = tuple(Suspect(**suspect) for suspect in given.pop("explained_by"))
@@ -244,7 +245,7 @@ def _adequacy(data: xr.Dataset, path: Path) -> Adequacy | None:
 
 
 def _parameters(data: xr.Dataset, path: Path) -> ParameterSet:
-    columns = [_variable(data, name, path).tolist() for name in ("group", "quantity", "start", "lower", "upper")]
+    columns = [variable(data, name, path).tolist() for name in ("group", "quantity", "start", "lower", "upper")]
     priors = data["prior_std"].values.tolist() if "prior_std" in data.variables else [np.nan] * len(columns[0])
     links: list[dict[str, Any]] = [{} for _ in priors]
     if "link" in data.variables:
@@ -265,7 +266,7 @@ def _read_link(text: str, path: Path) -> dict[str, Any]:
 
 
 def _history(data: xr.Dataset, names: list[str], path: Path) -> tuple[Iteration, ...]:
-    columns = {name: _variable(data, f"history_{name}", path).tolist() for name in (*_STEP, "accepted")}
+    columns = {name: variable(data, f"history_{name}", path).tolist() for name in (*_STEP, "accepted")}
     values = _table(data, "history_value", names, path)
     return tuple(
         Iteration(str(stage), int(number), cost, step, condition, bool(accepted), row)
@@ -274,23 +275,10 @@ def _history(data: xr.Dataset, names: list[str], path: Path) -> tuple[Iteration,
 
 
 def _table(data: xr.Dataset, name: str, names: list[str], path: Path) -> list[dict[str, float]]:
-    table = _variable(data, name, path).reshape(-1, len(names))
+    table = variable(data, name, path).reshape(-1, len(names))
     mask = f"{name}_given"
     given = data[mask].values.reshape(table.shape) if mask in data.variables else np.ones(table.shape, dtype=np.int8)
     return [
         {unknown: float(value) for unknown, value, there in zip(names, row, kept, strict=True) if there}
         for row, kept in zip(table, given, strict=True)
     ]
-
-
-def _variable(data: xr.Dataset, name: str, path: Path) -> Any:
-    if name not in data.variables:
-        raise FormatError(f"no variable {name!r}; {suggest(name, map(str, data.variables))}", path)
-    return data[name].values
-
-
-def _attribute(data: xr.Dataset, name: str, path: Path) -> str:
-    value = data.attrs.get(name)
-    if not isinstance(value, str):
-        raise FormatError(f"attribute {name!r} is {value!r}; expected a text", path)
-    return value

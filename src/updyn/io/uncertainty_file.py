@@ -18,12 +18,13 @@ and of profiles, a row for each unknown that was profiled, padded with nan::
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
+from updyn.io.dataset import text_of, variable
 from updyn.io.guard import library
 from updyn.io.hdf5 import check_kind, put_kind
 from updyn.io.values_text import from_text, to_text
@@ -125,23 +126,23 @@ def _of_draws(found: Draws) -> xr.Dataset:
 
 
 def _to_draws(data: xr.Dataset, path: Path) -> Draws:
-    chains = _variable(data, "draws", path)
-    names = tuple(str(n) for n in _variable(data, "parameter", path))
+    chains = variable(data, "draws", path)
+    names = tuple(str(n) for n in variable(data, "parameter", path))
     if chains.ndim != 3 or chains.shape[2] != len(names):
         raise FormatError(f"draws: found shape {chains.shape}, expected (chain, draw, {len(names)})", path)
     prefix = "diagnostic_"
-    by_unknown = {name: _variable(data, name, path) for name in _BY_UNKNOWN}
+    by_unknown = {name: variable(data, name, path) for name in _BY_UNKNOWN}
     return Draws(
         kind=data.attrs["kind"],
         names=names,
         chains=chains,
         **by_unknown,
-        is_factor=_variable(data, "is_factor", path).astype(np.bool_),
+        is_factor=variable(data, "is_factor", path).astype(np.bool_),
         diagnostics={str(n).removeprefix(prefix): data[n].values for n in data.data_vars if str(n).startswith(prefix)},
-        failed=from_text(_attribute(data, "failed", path), "failed", path),
+        failed=from_text(text_of(data, "failed", path), "failed", path),
         converged=bool(data.attrs.get("converged")),
-        message=_attribute(data, "message", path),
-        options=from_text(_attribute(data, "options", path), "options", path),
+        message=text_of(data, "message", path),
+        options=from_text(text_of(data, "options", path), "options", path),
     )
 
 
@@ -172,11 +173,11 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
 
 
 def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
-    values, drop, others = (_variable(data, name, path) for name in ("value", "drop", "others"))
+    values, drop, others = (variable(data, name, path) for name in ("value", "drop", "others"))
     humps, ends, missing, better = (
-        from_text(_attribute(data, name, path), name, path) for name in ("humps", "ends", "missing", "better")
+        from_text(text_of(data, name, path), name, path) for name in ("humps", "ends", "missing", "better")
     )
-    rows = zip(_variable(data, "profile", path), _variable(data, "estimate", path), humps, ends, strict=True)
+    rows = zip(variable(data, "profile", path), variable(data, "estimate", path), humps, ends, strict=True)
     found = []
     for i, (name, estimate, own, (low, high)) in enumerate(rows):
         there = np.isfinite(values[i])
@@ -184,16 +185,3 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
         one = Profile(str(name), float(estimate), values[i, there], drop[i, there], others[i, there], ranges, low, high)
         found.append(one)
     return Profiles(tuple(found), float(data.attrs["level"]), float(data.attrs["threshold"]), tuple(missing), better)
-
-
-def _variable(data: xr.Dataset, name: str, path: Path) -> Any:
-    if name not in data.variables:
-        raise FormatError(f"no variable {name!r}; {suggest(name, map(str, data.variables))}", path)
-    return data[name].values
-
-
-def _attribute(data: xr.Dataset, name: str, path: Path) -> str:
-    value = data.attrs.get(name)
-    if not isinstance(value, str):
-        raise FormatError(f"attribute {name!r} is {value!r}; expected a text", path)
-    return value

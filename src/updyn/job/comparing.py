@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import JobError
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import _method_errors, _tests, job_selection
+from updyn.job.run import as_tests, check_folder, job_selection, method_errors
 from updyn.job.schema import Job
 from updyn.job.truth import read_truth
 
@@ -62,15 +61,10 @@ def check_comparison_out(job: Job, out: str | Path) -> Path:
     JobError
         If it is a file, or lies in no folder that can be written.
     """
-    out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
+    out = check_folder(job, out)
     for name in COMPARED:
         if (out / name).is_dir():
             raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
-    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
     return out
 
 
@@ -134,7 +128,7 @@ def compare_job(
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)
     Given.checked(ready.parameters, methods, _options(ready), known, **options)  # what is wrong here is not of the job
-    with _method_errors(job):
+    with method_errors(job):
         found = _compared(ready, methods, known, {"callback": callback, "engine": engine, **options})
     out.mkdir(parents=True, exist_ok=True)
     if report is not None:
@@ -155,7 +149,7 @@ def _compared(
     for key in ("tier", "backend", "accuracy", "regularise"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
-    tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters
+    tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
     if isinstance(unknowns, Selection) and truth is not None:
         options["truth"] = {name: value for name, value in truth.items() if name in unknowns.parameters.names}
     if len(tests) > 1:

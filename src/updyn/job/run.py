@@ -29,7 +29,17 @@ if TYPE_CHECKING:
     from updyn.updating.run import Test
     from updyn.updating.selected import Selection
 
-__all__ = ["OUTPUTS", "check_out", "default_out", "job_identifiability", "job_selection", "run_job"]
+__all__ = [
+    "OUTPUTS",
+    "as_tests",
+    "check_folder",
+    "check_out",
+    "default_out",
+    "job_identifiability",
+    "job_selection",
+    "method_errors",
+    "run_job",
+]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
@@ -63,6 +73,35 @@ def default_out(job: Job) -> Path:
     return job.path.with_suffix("")
 
 
+def check_folder(job: Job, out: str | Path) -> Path:
+    """Check that a folder may be written to.
+
+    Parameters
+    ----------
+    job : Job
+        The job, for the message.
+    out : path
+        The folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    JobError
+        If it is a file, or lies in no folder that can be written.
+    """
+    out = Path(out)
+    if out.exists() and not out.is_dir():
+        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
+    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
+    return out
+
+
 def check_out(job: Job, out: str | Path) -> Path:
     """Check that a run may write to a folder.
 
@@ -83,12 +122,7 @@ def check_out(job: Job, out: str | Path) -> Path:
     JobError
         If it is a file, lies in no folder that can be written, or a result would replace an input of the job.
     """
-    out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
-    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
+    out = check_folder(job, out)
     files = [file for part in job.parts for file in (part.test.file, *(part.test.repeats or ()))]
     files += [part.test.modes for part in job.parts if part.test.modes is not None]
     inputs = [("job file", job.path), *(("measurement", job.beside(file)) for file in files)]
@@ -204,8 +238,8 @@ def job_selection(prepared: Prepared) -> Selection | None:
     from updyn.updating.selected import Selection
     from updyn.updating.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
 
-    tests, found = _tests(prepared, held_out=False), Selection(prepared.parameters)
-    with _method_errors(prepared.job):
+    tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
+    with method_errors(prepared.job):
         if wish.cluster is not None:
             found = cluster_jointly(tests, found, wish.cluster)
         if wish.n is not None or wish.max_collinearity is not None:
@@ -237,11 +271,11 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     from updyn.updating.update import joint_identifiability
 
     job = prepared.job
-    with _method_errors(job):
-        return joint_identifiability(_tests(prepared, held_out=False), selection or prepared.parameters)
+    with method_errors(job):
+        return joint_identifiability(as_tests(prepared, held_out=False), selection or prepared.parameters)
 
 
-def _tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
+def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     """Return the tests as the update takes them; without what is held out, or all with the choice."""
     from updyn.updating.run import Test
 
@@ -270,8 +304,8 @@ def _update(
     for key in ("tier", "backend", "accuracy", "regularise"):
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
-    tests, unknowns = _tests(ready), job_selection(ready) or ready.parameters
-    with _method_errors(job):
+    tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
+    with method_errors(job):
         if len(tests) > 1:
             return update_jointly(tests, unknowns, **options)
         (test,) = tests
@@ -299,7 +333,7 @@ def _modes(ready: Prepared) -> dict[str, Any]:
 
 
 @contextmanager
-def _method_errors(job: Job) -> Iterator[None]:
+def method_errors(job: Job) -> Iterator[None]:
     """Give an error of the update the line of [method] or [selection] that it is about: all else has been checked."""
     try:
         yield
