@@ -1,9 +1,10 @@
 """The job file, and the whole way from it to a result: what the command line calls, and what any other front may."""
 
+from updyn.job.folder import check_out, default_out
 from updyn.job.load import load_job
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import OUTPUTS, check_out, default_out, job_identifiability, job_selection, run_job
-from updyn.job.schema import Job
+from updyn.job.run import job_identifiability, job_selection, run_job
+from updyn.job.schema import OUTPUTS, Job
 
 __all__ = [
     "OUTPUTS",

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import JobError
+from updyn.job.folder import check_folder
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import as_tests, check_folder, job_selection, method_errors
+from updyn.job.run import as_tests, job_selection, method_errors
 from updyn.job.schema import Job
 from updyn.job.truth import read_truth
 
