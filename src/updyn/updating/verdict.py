@@ -71,7 +71,7 @@ def _free(found: list[Adequacy]) -> str:
 
 def _ended(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float) -> tuple[str, str, str]:
     if fit.reason == "failed":
-        remedy = "Start closer, or use the default method, which searches and keeps within bounds."
+        remedy = "Start closer; or use the default method, or solver 'trust-region' where this one has it."
         return "failed", f"The fit broke down. {fit.note}".strip(), remedy
     if fit.reason == "stopped":
         message = "Stopped before it had converged and been judged; the values are those of the best step so far."
