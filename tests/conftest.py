@@ -127,6 +127,23 @@ def chain12_task(chain12: Model, chain12_true: Model, chain12_frf: FRF) -> tuple
 
 
 @pytest.fixture(scope="session")
+def make_chain() -> Callable[[int], Model]:
+    """A chain of any length fixed at one end, every mass with its spring a group, stiffer and heavier along it."""
+
+    def chain(n: int) -> Model:
+        groups = {}
+        for e in range(n):
+            K, M = np.zeros((n, n)), np.zeros((n, n))
+            at = [e] if e == 0 else [e - 1, e]
+            K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+            M[e, e] = 1.0 + 0.3 * e
+            groups[f"part{e + 1}"] = Group(K, M, 0.02)
+        return Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+    return chain
+
+
+@pytest.fixture(scope="session")
 def add_noise() -> Callable[..., FRF]:
     """Circular complex Gaussian noise: E|dH|^2 = (relative |H|)^2 + (floor rms)^2, or a given variance."""
 

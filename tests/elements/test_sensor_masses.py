@@ -9,20 +9,9 @@ from updyn.errors import DofError, ModelError, ParameterError
 FREQ = np.linspace(1.0, 40.0, 60)
 
 
-def chain(n=5):
-    groups = {}
-    for e in range(n):
-        K, M = np.zeros((n, n)), np.zeros((n, n))
-        at = [e] if e == 0 else [e - 1, e]
-        K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
-        M[e, e] = 1.0 + 0.3 * e
-        groups[f"part{e + 1}"] = updyn.Group(K, M, 0.02)
-    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
-
-
-def test_the_mass_of_a_sensor_is_found():
+def test_the_mass_of_a_sensor_is_found(make_chain):
     """A sensor 60 % heavier than written down, in 1 % noise."""
-    loaded, masses = updyn.sensor_masses(chain(), {"3:X": 0.2, 5: 0.1})
+    loaded, masses = updyn.sensor_masses(make_chain(5), {"3:X": 0.2, 5: 0.1})
     true = loaded.scaled({"sensor 3": {"mass": 1.6}, "part2": {"stiffness": 1.1}})
     frf = updyn.response(true, FREQ, ["3:X", "5:X"], ["1:X"], "accelerance")
     rng = np.random.default_rng(0)
@@ -64,17 +53,17 @@ def test_a_mass_acts_in_all_translations_of_its_node():
         ({"1X": 0.1}, DofError, "1X"),
     ],
 )
-def test_bad_masses_are_refused(masses, kind, text):
+def test_bad_masses_are_refused(masses, kind, text, make_chain):
     with pytest.raises(kind, match=text):
-        updyn.sensor_masses(chain(), masses)
+        updyn.sensor_masses(make_chain(5), masses)
 
 
-def test_what_cannot_be_loaded_or_named_is_refused():
+def test_what_cannot_be_loaded_or_named_is_refused(make_chain):
     turning = updyn.Model.from_groups({"all": updyn.Group([[1.0]], [[1.0]])}, ["1:RZ"])
     with pytest.raises(ModelError, match="sensor at node 1: the model has no translation there"):
         updyn.sensor_masses(turning, {1: 0.1})
-    loaded, _ = updyn.sensor_masses(chain(), {1: 0.1})
+    loaded, _ = updyn.sensor_masses(make_chain(5), {1: 0.1})
     with pytest.raises(ModelError, match=r"sensor 1: there is a group 'sensor 1' already \(rename it\)"):
         updyn.sensor_masses(loaded, {1: 0.1})
     with pytest.raises(ParameterError, match="prior_std"):
-        updyn.sensor_masses(chain(), {1: 0.1}, prior_std=-1.0)
+        updyn.sensor_masses(make_chain(5), {1: 0.1}, prior_std=-1.0)

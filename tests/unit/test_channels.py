@@ -11,17 +11,6 @@ from updyn.updating.problem import Problem
 FREQ = np.linspace(1.0, 40.0, 60)
 
 
-def chain(n=5):
-    groups = {}
-    for e in range(n):
-        K, M = np.zeros((n, n)), np.zeros((n, n))
-        at = [e] if e == 0 else [e - 1, e]
-        K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
-        M[e, e] = 1.0 + 0.3 * e
-        groups[f"part{e + 1}"] = updyn.Group(K, M, 0.02)
-    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
-
-
 def scaled(frf, rows=(), columns=()):
     values = frf.values.copy()
     for i, factor in rows:
@@ -39,9 +28,9 @@ def noisy(frf, level, seed=0):
 
 
 @pytest.fixture(scope="module")
-def case():
+def case(make_chain):
     """A gain error of 8 % on the third of five sensors, 1 % noise."""
-    model = chain()
+    model = make_chain(5)
     true = {f"part{i + 1}": {"stiffness": 1.0 + 0.1 * (-1) ** i} for i in range(5)}
     frf = updyn.response(model.scaled(true), FREQ, model.dofs, ["1:X"], "accelerance")
     return model, true, noisy(scaled(frf, rows=[(2, 1.08)]), 0.01)

@@ -7,19 +7,7 @@ import updyn
 FREQ = np.linspace(1.0, 40.0, 80)
 
 
-def chain(n=6):
-    groups = {}
-    for e in range(n):
-        K, M = np.zeros((n, n)), np.zeros((n, n))
-        at = [e] if e == 0 else [e - 1, e]
-        K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
-        M[e, e] = 1.0 + 0.3 * e
-        groups[f"part{e + 1}"] = updyn.Group(K, M, 0.02)
-    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
-
-
-def fitted(true, gains):
-    model = chain()
+def fitted(model, true, gains):
     exact = updyn.response(model.scaled(true), FREQ, model.dofs, ["1:X"], "accelerance").values
     rng = np.random.default_rng(4)
     noise = rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
@@ -29,23 +17,23 @@ def fitted(true, gains):
     return updyn.update(model, frf, unknowns, noise={"relative": 0.01})
 
 
-def test_a_sensor_of_wrong_gain_is_named():
-    found = fitted({"part1": {"stiffness": 1.1}}, [1, 1, 1, 1.08, 1, 1])
+def test_a_sensor_of_wrong_gain_is_named(make_chain):
+    found = fitted(make_chain(6), {"part1": {"stiffness": 1.1}}, [1, 1, 1, 1.08, 1, 1])
     best = found.adequacy.explained_by[0]
     assert best.name == "4:X.calibration"
     assert best.explains > 0.9
     assert "4:X.calibration" in found.remedy
 
 
-def test_an_error_of_the_model_is_not_blamed_on_a_sensor():
-    found = fitted({"part1": {"stiffness": 1.1}, "part4": {"stiffness": 0.93}}, np.ones(6))
+def test_an_error_of_the_model_is_not_blamed_on_a_sensor(make_chain):
+    found = fitted(make_chain(6), {"part1": {"stiffness": 1.1}, "part4": {"stiffness": 0.93}}, np.ones(6))
     best = found.adequacy.explained_by[0]
     assert best.name == "part4.stiffness"
     assert all(s.explains < 0.5 * best.explains for s in found.adequacy.explained_by if "calibration" in s.quantity)
 
 
-def test_a_sensor_whose_factor_is_an_unknown_is_no_suspect():
-    model = chain()
+def test_a_sensor_whose_factor_is_an_unknown_is_no_suspect(make_chain):
+    model = make_chain(6)
     true = model.scaled({"part4": {"stiffness": 0.93}})
     frf = updyn.response(true, FREQ, model.dofs, ["1:X"], "accelerance")
     unknowns = updyn.parameters(model, stiffness=["part1", "part2"]) + updyn.calibration(frf)

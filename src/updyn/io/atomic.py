@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from updyn.errors import FormatError
 
-__all__ = ["atomic_path"]
+__all__ = ["atomic_path", "write_json"]
 
 
 @contextmanager
@@ -53,3 +55,18 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_json(content: Any, path: str | Path) -> None:
+    """Write plain values as JSON, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    content : mapping
+        Numbers, texts, lists and mappings; no number may be infinite or nan, which JSON does not have.
+    path : path
+        File to write.
+    """
+    text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from updyn import __version__
 from updyn.comparison import Comparison, Fewest, Row
-from updyn.io.atomic import atomic_path
+from updyn.io.atomic import write_json
 from updyn.io.values_text import plain
 
 __all__ = ["comparison_to_json", "write_comparison_json"]
@@ -83,6 +82,4 @@ def write_comparison_json(comparison: Comparison, path: str | Path) -> None:
     path : path
         File to write, usually ``compare.json``.
     """
-    text = json.dumps(comparison_to_json(comparison), allow_nan=False, ensure_ascii=False, indent=2)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(comparison_to_json(comparison), path)

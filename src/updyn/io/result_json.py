@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from updyn.io.atomic import atomic_path
+from updyn.io.atomic import write_json
 from updyn.io.values_text import plain
 from updyn.updating.adequacy import Adequacy
 from updyn.updating.result import JointResult, UpdateResult
@@ -118,6 +117,4 @@ def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> N
     path : path
         File to write, usually ``result.json``.
     """
-    text = json.dumps(result_to_json(result), allow_nan=False, ensure_ascii=False, indent=2)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(result_to_json(result), path)

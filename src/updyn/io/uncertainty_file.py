@@ -24,7 +24,7 @@ import numpy as np
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
-from updyn.io.dataset import text_of, variable
+from updyn.io.dataset import existing, text_of, variable
 from updyn.io.guard import library
 from updyn.io.hdf5 import check_kind, put_kind
 from updyn.io.values_text import from_text, to_text
@@ -91,10 +91,7 @@ def read_uncertainty(path: str | Path, result: UpdateResult | JointResult | None
     import h5py
     import xarray as xr
 
-    path = Path(path)
-    if not path.is_file():
-        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
+    path = existing(path)
     with library(path, "draws or profiles (NetCDF-4)"):
         with h5py.File(path, "r") as file:
             check_kind(file, path, "uncertainty")

@@ -15,6 +15,7 @@ __all__ = [
     "Figure",
     "categories",
     "colour_bar",
+    "error_bars",
     "label",
     "labels",
     "log_step",
@@ -51,6 +52,19 @@ def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
     if array.ndim > 1:
         out["shape"] = ", ".join(map(str, array.shape))
     return out
+
+
+def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]:
+    """Return error bars along x, of different lengths either way."""
+    return {
+        "type": "data",
+        "symmetric": False,
+        "array": numbers(plus),
+        "arrayminus": numbers(minus),
+        "color": colour,
+        "thickness": 1.6,
+        "width": 4,
+    }
 
 
 def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:

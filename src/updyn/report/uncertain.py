@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import UpdynError
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
-from updyn.report.plots import Figure, labels, log_step, numbers, rows_height
+from updyn.report.plots import Figure, error_bars, labels, log_step, numbers, rows_height
 from updyn.report.words import quantity_words
 from updyn.uncertainty.band import Band
 from updyn.uncertainty.draws import Draws
@@ -101,15 +101,7 @@ def _bars(
         "y": rows.tolist(),
         "text": names,
         "marker": {"symbol": "line-ns-open", "color": colour, "size": 8, "line": {"width": 2, "color": colour}},
-        "error_x": {
-            "type": "data",
-            "symmetric": False,
-            "array": numbers(plus),
-            "arrayminus": numbers(minus),
-            "color": colour,
-            "thickness": 1.6,
-            "width": 4,
-        },
+        "error_x": error_bars(minus, plus, colour),
         "hovertemplate": "%{text}<extra></extra>",
     }
 

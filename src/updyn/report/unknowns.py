@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.report.plots import PRINTED_CELLS, Figure, colour_bar, label, labels, log_step, numbers, rows_height
+from updyn.report.plots import (
+    PRINTED_CELLS,
+    Figure,
+    colour_bar,
+    error_bars,
+    label,
+    labels,
+    log_step,
+    numbers,
+    rows_height,
+)
 from updyn.report.words import axis_title, interval, quantity_words
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -98,15 +108,7 @@ def _estimate_trace(
         "hovertemplate": "%{text}: %{x:.5g}<extra></extra>",
     }
     if np.isfinite(low[at]).all():
-        trace["error_x"] = {
-            "type": "data",
-            "symmetric": False,
-            "array": numbers(high[at] - values[at]),
-            "arrayminus": numbers(values[at] - low[at]),
-            "color": "@after",
-            "thickness": 1.6,
-            "width": 4,
-        }
+        trace["error_x"] = error_bars(values[at] - low[at], high[at] - values[at], "@after")
     return trace
 
 

@@ -18,7 +18,7 @@ from updyn.uncertainty.gaussian import Gaussian
 from updyn.uncertainty.likelihood import Point
 from updyn.uncertainty.setting import Setting
 from updyn.updating.joint import Task, together
-from updyn.updating.problem import Problem
+from updyn.updating.reducing import reduction_of
 
 __all__ = ["Surrogate", "reduced_about"]
 
@@ -45,7 +45,7 @@ class Surrogate:
     _reductions: list[Reduction] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._reductions = [_reduction(part, self.accuracy) for part in self.exact.parts]
+        self._reductions = [reduction_of(part, self.accuracy) for part in self.exact.parts]
 
     @property
     def size(self) -> int:
@@ -128,16 +128,3 @@ def reduced_about(setting: Setting, accuracy: float, seed: int) -> tuple[Surroga
     surrogate = Surrogate(setting.problem, accuracy)
     surrogate.begin([setting.x, *points])
     return surrogate, setting.with_problem(surrogate.task())
-
-
-def _reduction(problem: Problem, accuracy: float) -> Reduction:
-    freq = problem.frf.freq
-    return Reduction(
-        problem.solver.system,
-        problem.rows,
-        problem.columns,
-        (float(freq[0]), float(freq[-1])),
-        problem.solver.backend,
-        accuracy,
-        poll=problem.session.check,
-    )

@@ -193,12 +193,27 @@ def descend(
     return outcome
 
 
-def descend_to_scale(problem: Task, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion) -> Outcome:
+def descend_to_scale(
+    problem: Task,
+    residual: Residual,
+    x: _Vector,
+    monitor: Monitor,
+    settings: TrustRegion,
+    spread: Callable[[Local], float] | None = None,
+) -> Outcome:
     """Minimise a residual whose spread is not known, priors included.
 
     A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
     unknowns, each in turn, until it stays within 1 %, unless it is known beforehand (`Coordinates.unit`). Without
     priors it does not matter.
+
+    Parameters
+    ----------
+    problem, residual, x, monitor, settings
+        As for `descend`.
+    spread : callable, optional
+        Returns the standard deviation of the residual at a local problem, where it is not of measured values
+        (`spread_of`).
 
     Raises
     ------
@@ -218,7 +233,9 @@ def descend_to_scale(problem: Task, residual: Residual, x: _Vector, monitor: Mon
             break
         try:
             local = residual.local(problem, outcome.x)
-            sigma = 0.0 if local is None else spread_of(local, problem.n_values, problem.n)
+            if local is None:
+                break
+            sigma = spread_of(local, problem.n_values, problem.n) if spread is None else spread(local)
             if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
                 break
             unit = sigma

@@ -82,7 +82,7 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     -----
     Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). Up to twice as many lines
     as unknowns are then exchanged, one for one, as long as that raises it (Fedorov's exchange): with so few the first
-    choices, made before the determinant means much, still count. With more it was never seen to gain.
+    choices, made before the determinant means much, still count.
     """
     return _chosen(problem, f"d-optimal {count}", lambda information: _most_telling(information, count))
 

@@ -27,7 +27,7 @@ from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError
 from updyn.updating.session import Stopped
 
-__all__ = ["Reducing", "fallback", "is_reduced"]
+__all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
 
 _Vector = NDArray[np.float64]
 
@@ -80,6 +80,31 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
 
 
+def reduction_of(problem: Problem, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
+    """Return the reduction of a problem's model for its responses, references and band, not made yet.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its whole model.
+    accuracy : float
+        Wanted: the error of a receptance as a share of the largest of its line.
+    others : ndarray of int, optional
+        Further DOFs whose motion counts in its error.
+    """
+    freq = problem.frf.freq
+    return Reduction(
+        problem.solver.system,
+        problem.rows,
+        problem.columns,
+        (float(freq[0]), float(freq[-1])),
+        problem.solver.backend,
+        accuracy,
+        np.zeros(0, dtype=np.intp) if others is None else others,
+        problem.session.check,
+    )
+
+
 @dataclass(slots=True, eq=False)
 class _Part:
     """The reduced models of one test."""
@@ -92,19 +117,8 @@ class _Part:
 
     @classmethod
     def of(cls, problem: Problem, accuracy: float) -> _Part:
-        freq = problem.frf.freq
         others = problem.solver.others(np.union1d(problem.rows, problem.columns))
-        reduction = Reduction(
-            problem.solver.system,
-            problem.rows,
-            problem.columns,
-            (float(freq[0]), float(freq[-1])),
-            problem.solver.backend,
-            accuracy,
-            others[:: max(1, -(-len(others) // _ELSEWHERE))],
-            problem.session.check,
-        )
-        return cls(problem, reduction)
+        return cls(problem, reduction_of(problem, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]))
 
     def build(self, x: _Vector) -> None:
         state = self.exact.state(x)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from updyn.updating.trust_region import Local
 
 __all__ = [
     "Each",
+    "EachOf",
     "EquationError",
     "LogError",
     "OutputError",
@@ -155,17 +156,26 @@ class OutputError:
         return self.weight * (block.H - block.measured), block.dH * self.weight
 
 
+class _Named(Protocol):
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+
+
+E = TypeVar("E", bound=_Named)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Each:
-    """The output errors of several tests, each with weights of its own.
+class EachOf(Generic[E]):
+    """Residuals of several tests, each with what is its own.
 
     Parameters
     ----------
-    errors : tuple of OutputError
-        One for each test.
+    errors : tuple
+        One for each test, each of them evaluated block by block of lines.
     """
 
-    errors: tuple[OutputError, ...]
+    errors: tuple[E, ...]
 
     @property
     def name(self) -> str:
@@ -176,9 +186,15 @@ class Each:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
-    def of(self, part: int) -> OutputError:
+    def of(self, part: int) -> E:
         """Return the residual of one of the tests."""
         return self.errors[part]
+
+
+class Each(EachOf[OutputError]):
+    """The output errors of several tests, each with weights of its own."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,7 +369,7 @@ def _kind(residual: _ByLine) -> str:
     return type(residual).__name__
 
 
-def _local(residual: _ByLine | Each, problem: Task, x: _Vector) -> Local | None:
+def _local(residual: _ByLine | EachOf[Any], problem: Task, x: _Vector) -> Local | None:
     try:
         return joined([solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n)
     except SolverError:

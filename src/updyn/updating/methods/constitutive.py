@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
-from updyn.errors import DataError, OptionError, SolverError
+from updyn.errors import DataError, OptionError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
@@ -22,10 +22,11 @@ from updyn.updating.methods._linear import fit_of, local_of
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
+from updyn.updating.residuals import EachOf
 from updyn.updating.session import Stopped
-from updyn.updating.trust_region import Local, TrustRegion
+from updyn.updating.trust_region import TrustRegion
 
-__all__ = ["ConstitutiveError", "ConstitutiveErrors", "ConstitutiveMethod", "adjoint_fields"]
+__all__ = ["ConstitutiveError", "ConstitutiveMethod", "adjoint_fields"]
 
 _Complex = NDArray[np.complex128]
 _Vector = NDArray[np.float64]
@@ -83,7 +84,7 @@ class ConstitutiveMethod:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         with monitor.stage(_NAME):
             try:
-                residual = ConstitutiveErrors(tuple(_at_start(part, self.weight) for part in problem.parts))
+                residual = EachOf(tuple(_at_start(part, self.weight) for part in problem.parts))
                 local_of(problem, residual, x)  # a start that cannot be solved is said with its line
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
@@ -169,33 +170,6 @@ class ConstitutiveError:
         J -= 0.5 * (change @ np.linalg.solve(C, misfit))
         J *= (problem.coordinates.slope(x) / self.level)[:, None, None, None]
         return np.asarray(r / self.level), np.asarray(np.linalg.solve(L, J))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ConstitutiveErrors:
-    """Those of several tests, each with its own slack.
-
-    Parameters
-    ----------
-    errors : tuple of ConstitutiveError
-        One for each test.
-    name : str
-        How the report calls it.
-    """
-
-    errors: tuple[ConstitutiveError, ...]
-    name: str = _NAME
-
-    def of(self, part: int) -> ConstitutiveError:
-        """Return the residual of one of the tests."""
-        return self.errors[part]
-
-    def local(self, problem: Task, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
-        try:
-            return local_of(problem, self, x)
-        except SolverError:
-            return None
 
 
 def adjoint_fields(

@@ -17,14 +17,15 @@ from updyn.linalg.threads import alone
 from updyn.updating.fit import Fit, descend_to_scale
 from updyn.updating.joint import Task
 from updyn.updating.methods._linear import Amounts, Plain, check_unknowns, fit_of, linear_step, local_of
-from updyn.updating.methods.constitutive import ConstitutiveError, ConstitutiveErrors, adjoint_fields
+from updyn.updating.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
+from updyn.updating.residuals import EachOf
 from updyn.updating.session import Stopped
 from updyn.updating.trust_region import TrustRegion
 
-__all__ = ["ForceResidual", "ForceResidualMethod", "ForceResiduals"]
+__all__ = ["ForceResidual", "ForceResidualMethod"]
 
 _Complex = NDArray[np.complex128]
 _Vector = NDArray[np.float64]
@@ -83,22 +84,23 @@ class ForceResidualMethod:
         check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
         for part in problem.parts:
             _check(part)
-        residuals = ForceResiduals(tuple(ForceResidual(_compliance(part), _level(part)) for part in problem.parts))
+        residual = EachOf(tuple(ForceResidual(_compliance(part), _level(part)) for part in problem.parts))
+        eliminated = EachOf(tuple(part.eliminated for part in residual.errors))
         with monitor.stage(_NAME):
             if plain:
                 step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
                 settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
-                x, reason = settings.run(problem, partial(local_of, problem, residuals), step, x, monitor)
+                x, reason = settings.run(problem, partial(local_of, problem, residual), step, x, monitor)
             else:
                 try:
-                    local_of(problem, residuals.eliminated, x)  # a start that cannot be solved is said with its line
+                    local_of(problem, eliminated, x)  # a start that cannot be solved is said with its line
                     guarded = TrustRegion(self.max_iterations, self.tolerance)
-                    outcome = descend_to_scale(problem, residuals.eliminated, x, monitor, guarded)
+                    outcome = descend_to_scale(problem, eliminated, x, monitor, guarded)
                 except Stopped:
                     return Fit.blind(x, "stopped")
                 x, reason = outcome.x, outcome.reason
             note = _NOTE.format(_UNBOUNDED if plain else "")
-            return fit_of(problem, residuals.eliminated, x, reason, "spread of the force residual", note)
+            return fit_of(problem, eliminated, x, reason, "spread of the force residual", note)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,29 +162,6 @@ class ForceResidual:
         J *= problem.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
         r = np.asarray(force * weight[:, None, None], dtype=np.complex128)
         return r.transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceResiduals:
-    """Those of several tests.
-
-    Parameters
-    ----------
-    parts : tuple of ForceResidual
-        One for each test.
-    """
-
-    parts: tuple[ForceResidual, ...]
-    name: ClassVar[str] = _NAME
-
-    def of(self, part: int) -> ForceResidual:
-        """Return the residual of one of the tests."""
-        return self.parts[part]
-
-    @property
-    def eliminated(self) -> ConstitutiveErrors:
-        """The same with the expanded motion eliminated."""
-        return ConstitutiveErrors(tuple(part.eliminated for part in self.parts), _NAME)
 
 
 def _check(problem: Problem) -> None:

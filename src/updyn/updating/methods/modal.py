@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.errors import DataError, OptionError, ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
-from updyn.updating.fit import Fit, descend
+from updyn.updating.fit import Fit, descend_to_scale
 from updyn.updating.joint import Task
 from updyn.updating.methods._modal import ModalError, Pairs, Target, measured_rms
 from updyn.updating.monitor import Monitor
@@ -28,7 +29,6 @@ _Vector = NDArray[np.float64]
 
 #: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
 _ASSUMED = 0.01
-_SCALES = 8
 _CURE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes, or sensors that tell "
     "their shapes; or fit the FRFs with the default method, whose level shows both."
@@ -175,30 +175,14 @@ class ModalMethod:
             residual = ModalError(targets, self.shape_weight if self.shapes else 0.0)
             residual.solved(problem, x)  # a start without derivatives is said with its frequency
             before = len(monitor.history)
-            outcome = self._descend(problem, residual, x, monitor, left)
+            settings = TrustRegion(max(left, 0), self.tolerance)
+            spread = partial(_spread, count=residual.count, n=problem.n)
+            outcome = descend_to_scale(problem, residual, x, monitor, settings, spread)
             left -= len(monitor.history) - before
             x = outcome.x
             found = outcome, residual
             if outcome.reason in ("stopped", "max-iterations"):
                 return *found, kept
-
-    def _descend(self, problem: Task, residual: ModalError, x: _Vector, monitor: Monitor, steps: int) -> Outcome:
-        """Minimise, with priors against the spread of what is left, each found in turn."""
-        settings = TrustRegion(max(steps, 0), self.tolerance)
-        outcome = descend(problem, residual, x, monitor, settings)
-        unit = 1.0
-        for _ in range(_SCALES if problem.coordinates.prior[1].any() else 0):
-            if outcome.reason == "stopped":
-                break
-            try:
-                sigma = _spread(residual.solved(problem, outcome.x), residual.count, problem.n)
-                if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
-                    break
-                unit = sigma
-                outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
-            except Stopped:
-                return replace(outcome, reason="stopped")
-        return outcome
 
 
 def _check_any(
