@@ -1,0 +1,248 @@
+"""`Plant`: a real state-space model of a structure, for the design of its control. Pure data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.ports import Port
+from updyn.errors import DataError, ModelError, OptionError, suggest
+from updyn.frf import FRF, check_lines
+
+__all__ = ["Plant", "PlantResponse"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlantResponse:
+    """The frequency response of a plant.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n_f, n_outputs, n_inputs)
+        Output over input, in their units.
+    outputs, inputs : tuple of str
+        Names.
+    """
+
+    freq: _Real
+    values: _Complex
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def frf(self, quantity: str = "receptance") -> FRF:
+        """Return it as an `FRF`, where every input and output is one signed DOF.
+
+        Parameters
+        ----------
+        quantity : {"receptance", "mobility", "accelerance"}
+            What the outputs are.
+
+        Raises
+        ------
+        DofError
+            If a name is not the label of a DOF.
+        """
+        return FRF(self.freq, self.values, self.outputs, self.inputs, quantity, source="plant")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plant:
+    """A real, causal, stable state-space model; rigid-body motion (poles at 0) is part of it.
+
+        x' = A x + B u,   y = C x + D u            (with `dt`: x[k+1] = A x[k] + B u[k])
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray of float, shapes (n, n), (n, n_u), (n_y, n), (n_y, n_u)
+        In SI units, time in s.
+    input_ports, output_ports : tuple of Port
+        What u and y are.
+    quantities : tuple of str
+        Of each output: ``"receptance"`` (a displacement), ``"mobility"`` (a velocity) or ``"accelerance"``.
+    band : (float, float)
+        Lowest and highest line in Hz for which it was made.
+    tolerance : float
+        What was asked of `error`.
+    error : float
+        Largest error of a channel in the band, as a share of its peak there, against the model with its structural
+        damping, line by line.
+    peak_error : float
+        Largest error of the height of a resonance in the band, as a share of it.
+    route : str
+        How the damping was converted.
+    rigid : int
+        Number of rigid-body modes.
+    modes : ndarray of float, shape (n_modes,)
+        Natural frequencies of the modes that it holds, in Hz, ascending.
+    dt : float or None
+        Sampling interval in s; None for a continuous one.
+    delay : int
+        Intervals by which the input of a sampled one is late, its states included in A.
+    facts : dict
+        How it was made, for the record.
+    """
+
+    A: _Real
+    B: _Real
+    C: _Real
+    D: _Real
+    input_ports: tuple[Port, ...]
+    output_ports: tuple[Port, ...]
+    quantities: tuple[str, ...]
+    band: tuple[float, float]
+    tolerance: float
+    error: float
+    peak_error: float
+    route: str
+    rigid: int = 0
+    modes: _Real = field(default_factory=lambda: np.zeros(0))
+    dt: float | None = None
+    delay: int = 0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n, n_u, n_y = len(self.A), len(self.input_ports), len(self.output_ports)
+        for name, shape in (("A", (n, n)), ("B", (n, n_u)), ("C", (n_y, n)), ("D", (n_y, n_u)), ("modes", None)):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if shape is not None and array.shape != shape:
+                raise ModelError(f"plant: {name} has shape {array.shape}; expected {shape}")
+            if not np.isfinite(array).all():
+                raise ModelError(f"plant: {name} holds a number that is not finite")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if len(self.quantities) != n_y:
+            raise ModelError(f"plant: {len(self.quantities)} quantities for {n_y} outputs")
+
+    def __repr__(self) -> str:
+        sampled = "" if self.dt is None else f", sampled every {self.dt:g} s"
+        return (
+            f"Plant({self.n_states} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs, "
+            f"error {self.error:.2g} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
+        )
+
+    @property
+    def n_states(self) -> int:
+        """Order n."""
+        return len(self.A)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(p.name for p in self.input_ports)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(p.name for p in self.output_ports)
+
+    @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs."""
+        return tuple(p.force_unit for p in self.input_ports)
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """Units of the outputs."""
+        return tuple(p.motion_unit(q) for p, q in zip(self.output_ports, self.quantities, strict=True))
+
+    @property
+    def poles(self) -> _Complex:
+        """Eigenvalues of A, shape (n,), in rad/s (without unit where sampled); 0 (1) for rigid-body motion."""
+        return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
+
+    def response(self, freq: ArrayLike) -> PlantResponse:
+        """Compute the frequency response.
+
+        Parameters
+        ----------
+        freq : array_like of float, shape (n_f,)
+            Lines in Hz, increasing; of a sampled plant at most half the sampling rate.
+
+        Returns
+        -------
+        PlantResponse
+
+        Raises
+        ------
+        DataError
+            If a line is negative, not finite, out of order, above half the sampling rate, or on a pole: 0 Hz of a
+            plant with rigid-body motion.
+        """
+        lines = check_lines(np.atleast_1d(np.asarray(freq)))
+        if self.dt is not None and lines[-1] > 0.5 / self.dt * (1 + 1e-12):
+            raise DataError(
+                f"line {lines[-1]:g} Hz lies above half the sampling rate of the plant, {0.5 / self.dt:g} Hz"
+            )
+        s = 2j * np.pi * lines
+        return PlantResponse(lines, self.at(s if self.dt is None else np.exp(s * self.dt)), self.outputs, self.inputs)
+
+    def at(self, s: ArrayLike) -> _Complex:
+        """Return C (s I - A)^-1 B + D.
+
+        Parameters
+        ----------
+        s : array_like of complex, shape (n_f,)
+            Where, in rad/s (z, without unit, where sampled).
+
+        Returns
+        -------
+        ndarray of complex, shape (n_f, n_outputs, n_inputs)
+
+        Raises
+        ------
+        DataError
+            If there is a pole at one of them.
+        """
+        points = np.atleast_1d(np.asarray(s, dtype=np.complex128))
+        out = np.empty((len(points), len(self.C), self.B.shape[1]), dtype=np.complex128)
+        eye = np.eye(self.n_states)
+        for i, point in enumerate(points):
+            try:
+                out[i] = self.C @ np.linalg.solve(point * eye - self.A, self.B) + self.D
+            except np.linalg.LinAlgError as error:
+                raise DataError(f"the plant has a pole at s = {point:.6g}: its response there is not finite") from error
+        return out
+
+    def channel(self, output: str, input: str) -> Plant:
+        """Return the plant between one input and one output, all states kept.
+
+        Parameters
+        ----------
+        output, input : str
+            Names.
+
+        Raises
+        ------
+        OptionError
+            If there is none of that name; the nearest is named.
+        """
+        i, j = (
+            _position(n, names, w) for n, names, w in ((output, self.outputs, "output"), (input, self.inputs, "input"))
+        )
+        return replace(
+            self,
+            B=self.B[:, [j]],
+            C=self.C[[i]],
+            D=self.D[[i]][:, [j]],
+            input_ports=(self.input_ports[j],),
+            output_ports=(self.output_ports[i],),
+            quantities=(self.quantities[i],),
+        )
+
+
+def _position(name: str, names: tuple[str, ...], what: str) -> int:
+    if name not in names:
+        raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
+    return names.index(name)
