@@ -18,6 +18,7 @@ from updyn.errors import JobError
 from updyn.io.registry import FORMATS, load
 from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
+from updyn.job.control_tables import PortTable, SamplingTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -27,6 +28,7 @@ from updyn.job.schema import (
     ModelTable,
     OutputTable,
     ParameterTable,
+    PlantTable,
     SelectionTable,
     TestTable,
     UncertaintyTable,
@@ -44,7 +46,7 @@ def tables() -> dict[str, dict[str, list[str]]]:
     for line in TEXT.splitlines():
         if line.startswith("#"):
             title = line.lstrip("# ").replace("`", "")
-        elif line.startswith("`[["):
+        elif line.startswith("`["):
             title = line.split("`")[1]
         elif line.startswith("Further keys"):
             title = "options"
@@ -72,6 +74,9 @@ TABLES = tables()
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
         ("[uncertainty]", UncertaintyTable),
+        ("[plant]", PlantTable),
+        ("[[plant.inputs]]", PortTable),
+        ("[plant.sampling]", SamplingTable),
         ("[output]", OutputTable),
     ],
 )

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from updyn.errors import suggest
+from updyn.job.control_tables import PlantTable, PortTable, SamplingTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -19,6 +20,7 @@ from updyn.job.schema import (
     ParameterTable,
     SelectionTable,
     TestTable,
+    UncertaintyTable,
 )
 from updyn.job.toml_lines import Place, line_of
 
@@ -107,5 +109,10 @@ _TABLES = {
     "calibration": CalibrationTable,
     "selection": SelectionTable,
     "method": MethodTable,
+    "uncertainty": UncertaintyTable,
+    "plant": PlantTable,
+    "inputs": PortTable,
+    "outputs": PortTable,
+    "sampling": SamplingTable,
     "output": OutputTable,
 }

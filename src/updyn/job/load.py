@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from updyn.errors import JobError, OptionError, suggest
 from updyn.job.complaints import complaints
+from updyn.job.control_checks import check_control_tables
 from updyn.job.schema import KINDS, Job, MethodTable
 from updyn.job.toml_lines import Place, read_toml
 
@@ -57,7 +58,9 @@ def load_job(path: str | Path) -> Job:
     _check_model(jobs[0])
     _check_method(jobs[0])
     _check_tests(jobs)
-    return jobs[0].with_others(tuple(jobs[1:]))
+    job = jobs[0].with_others(tuple(jobs[1:]))
+    check_control_tables(job)
+    return job
 
 
 def _text(path: Path) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
+from updyn.job.control_checks import check_control
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
 from updyn.job.schema import KINDS, OUTPUTS, Job
@@ -127,6 +128,7 @@ def prepare(job: Job) -> Prepared:
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
     parameters = unknowns_of(job, model, [test.frf for test in tests])
     check_uncertainty(job, parameters)
+    check_control(job, [test.model for test in tests], [test.frf for test in tests])
     return Prepared(job, tests, parameters)
 
 

@@ -7,16 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    Strict,
-    model_validator,
-)
+from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 
 from updyn.errors import JobError
+from updyn.job.control_tables import PlantTable
+from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
 from updyn.job.tables import (
     CalibrationTable,
     DampingTable,
@@ -38,8 +33,10 @@ __all__ = [
     "ModelTable",
     "OutputTable",
     "ParameterTable",
+    "PlantTable",
     "SelectionTable",
     "TestTable",
+    "UncertaintyTable",
 ]
 
 #: Builders that `[model] kind = "..."` may name: module and function.
@@ -52,29 +49,6 @@ KINDS = {
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = ("model.h5", "run.nc", "uncertainty.nc", "report.html", "job.toml", "result.json")
-
-
-def _lines(given: Any) -> Any:
-    if isinstance(given, str):
-        return given
-    if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
-        return tuple(float(x) for x in given)
-    raise ValueError("expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines")
-
-
-def _validation(given: Any) -> Any:
-    if isinstance(given, list | tuple) and given:
-        if all(isinstance(x, str) for x in given):
-            return tuple(given)
-        if len(given) == 2 and all(is_number(x) for x in given):
-            return float(given[0]), float(given[1])
-    raise ValueError("expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz")
-
-
-def _noise(given: Any) -> Any:
-    if not isinstance(given, str | Mapping):
-        raise ValueError("expected a table with relative and/or floor, such as { relative = 0.02, floor = 0.001 }")  # noqa: TRY004
-    return given
 
 
 def _tolerance(given: Any) -> Any:
@@ -93,26 +67,6 @@ def _alignment(given: Any) -> Any:
         return [[float(x) for x in row] for row in given]
     if given != "fit":
         raise ValueError("expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array")
-    return given
-
-
-def _regularise(given: Any) -> Any:
-    if isinstance(given, str):
-        return given
-    if not is_number(given) or given <= 0:
-        raise ValueError("expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0")
-    return float(given)
-
-
-def _count(given: Any) -> Any:
-    if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
-        raise ValueError("expected a whole number of at least 1, or 'rank'")
-    return given
-
-
-def _cosine(given: Any) -> Any:
-    if not is_number(given) or not 0 < given < 1:
-        raise ValueError("expected a cosine between 0 and 1, such as 0.99")
     return given
 
 
@@ -157,8 +111,8 @@ class TestTable(Table):
     masses: dict[str, float] | None = None
     sensor_masses: dict[str, float] | None = Field(default=None, min_length=1)
     # Instead of those of [method].
-    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None
-    validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
+    noise: Noise = None
+    validation: HeldOut = None
 
     @property
     def reader_options(self) -> dict[str, Any]:
@@ -192,65 +146,11 @@ class MatchTable(Table):
     directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(default_factory=dict)
 
 
-class SelectionTable(Table):
-    """``[selection]``: which of the unknowns are fitted; the others are joined, or stay at their start."""
-
-    cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
-    n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
-    max_collinearity: float | None = Field(default=None, ge=1)
-
-    @model_validator(mode="after")
-    def _something(self) -> SelectionTable:
-        if self.cluster is None and self.n is None and self.max_collinearity is None:
-            raise ValueError("expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns")
-        if self.n is not None and self.max_collinearity is not None:
-            raise ValueError("n says how many to fit, max_collinearity how separable they have to be; give one")
-        return self
-
-
-class MethodTable(Table):
-    """``[method]``: how the unknowns are found; further keys are options of the method."""
-
-    model_config = ConfigDict(extra="allow")
-
-    name: str = "maximum-likelihood"
-    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = None
-    noise: Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)] = None
-    validation: Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)] = None
-    tier: str | None = None
-    backend: str | None = None
-    accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
-    regularise: Annotated[str | float | None, BeforeValidator(_regularise)] = None
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The method's own options."""
-        return dict(self.__pydantic_extra__ or {})
-
-
 class OutputTable(Table):
     """``[output]``: what is written beside the numbers."""
 
     report: bool = True
     properties: str | None = None
-
-
-class UncertaintyTable(Table):
-    """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
-
-    kind: Literal["profile", "bootstrap", "sampling"]
-    names: Texts | None = Field(default=None, min_length=1)  # of a profile; all unknowns where left out
-    n: int | None = Field(default=None, ge=2)
-    seed: int = Field(default=0, ge=0)
-    level: float = Field(default=0.95, gt=0, lt=1)
-
-    @model_validator(mode="after")
-    def _fitting(self) -> UncertaintyTable:
-        if self.kind == "profile" and self.n is not None:
-            raise ValueError("n is the number of draws; a profile makes none")
-        if self.kind != "profile" and self.names is not None:
-            raise ValueError(f"names choose unknowns to profile; kind {self.kind!r} draws all")
-        return self
 
 
 class Job(Table):
@@ -268,6 +168,7 @@ class Job(Table):
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
     uncertainty: UncertaintyTable | None = None
+    plant: PlantTable | None = None
     output: OutputTable = OutputTable()
 
     _path: Path = PrivateAttr(default=Path("job.toml"))

@@ -1,0 +1,128 @@
+"""What can be known about ``[plant]`` before anything runs: by its text, and by the model and the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from updyn.errors import suggest
+from updyn.job.located import located
+from updyn.job.schema import Job
+from updyn.model import Model
+
+if TYPE_CHECKING:
+    from updyn.frf import FRF
+
+__all__ = ["band_of_plant", "beyond_the_data", "check_control", "check_control_tables", "part_of_plant"]
+
+
+def check_control_tables(job: Job) -> None:
+    """Check what the text of a job tells.
+
+    Parameters
+    ----------
+    job : Job
+        All its tests included.
+
+    Raises
+    ------
+    JobError
+        If names, counts or frequencies contradict each other, with the line.
+    """
+    table = job.plant
+    if table is None:
+        return
+    for key in ("inputs", "outputs"):
+        names = [port.name for port in getattr(table, f"{key[:-1]}_ports")]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                text = f"plant: two {key} are called {name!r}; give one of them another name"
+                raise job.error(text, "plant", key, number)
+    if len(table.quantities) != len(table.outputs):
+        text = f"plant.quantity: {len(table.quantities)} given; expected one, or one for each of the outputs, "
+        raise job.error(f"{text}{len(table.outputs)}", "plant", "quantity")
+    if table.band is not None and not 0 <= table.band[0] < table.band[1]:
+        text = f"plant.band = {list(table.band)}: expected two frequencies in Hz, the lower one first"
+        raise job.error(text, "plant", "band")
+    if table.test is not None:
+        names = [part.test.name for part in job.parts]
+        if len(names) == 1 and table.test != names[0]:
+            raise job.error("plant.test chooses one of several tests; this job has one", "plant", "test")
+        if table.test not in names:
+            raise job.error(f"plant.test = {table.test!r}: {suggest(table.test, names)}", "plant", "test")
+
+
+def part_of_plant(job: Job) -> int:
+    """Return the number of the test in whose configuration the plant is made; the first where none is named."""
+    table = job.plant
+    if table is None or table.test is None:
+        return 0
+    return [part.test.name for part in job.parts].index(table.test)
+
+
+def band_of_plant(job: Job, frf: FRF) -> tuple[float, float]:
+    """Return the band of the plant: its own, else that of the test.
+
+    Parameters
+    ----------
+    job : Job
+        With ``[plant]``.
+    frf : FRF
+        The data of the test, in its band.
+    """
+    assert job.plant is not None
+    if job.plant.band is not None:
+        return job.plant.band
+    above = frf.freq[frf.freq > 0]
+    return float(above[0]), float(above[-1])
+
+
+def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
+    """Return a sentence where a band goes beyond lines that were measured, else an empty text.
+
+    Parameters
+    ----------
+    band : (float, float)
+        In Hz.
+    frf : FRF
+        The data.
+    """
+    low, high = float(frf.freq[0]), float(frf.freq[-1])
+    if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
+        return ""
+    return (
+        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, goes beyond the data, {low:.4g} to {high:.4g} Hz: "
+        "out there the model was not compared with a measurement."
+    )
+
+
+def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> None:
+    """Check what the model and the data of a job tell about its ``[plant]``.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    models, data : sequence of Model and of FRF
+        One for each of its tests.
+
+    Raises
+    ------
+    JobError
+        If a DOF is not in the model, or the band does not fit the sampling, with the line.
+    """
+    table = job.plant
+    if table is None:
+        return
+    from updyn.control.ports import port_matrix
+
+    number = part_of_plant(job)
+    for key in ("inputs", "outputs"):
+        for at, port in enumerate(getattr(table, f"{key[:-1]}_ports")):
+            with located(job, "plant", key, at):
+                port_matrix((port,), models[number], key[:-1])
+    high = band_of_plant(job, data[number])[1]
+    if table.sampling is not None and high > 0.5 / table.sampling.dt:
+        half = 0.5 / table.sampling.dt
+        text = f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band, {high:.4g} Hz"
+        raise job.error(text, "plant", "sampling")

@@ -1,0 +1,110 @@
+"""`[plant]` of a job: what it means, and what it refuses, with lines and the nearest valid choice."""
+
+import tomllib
+
+import pytest
+
+from updyn.demos import find_demo
+from updyn.errors import JobError
+from updyn.job import load_job, prepare
+from updyn.job.control_checks import band_of_plant, beyond_the_data
+from updyn.job.resolved import resolved_job
+
+JOB = """[model]
+file = "chain.h5"
+[test]
+file = "chain.uff"
+[[parameter]]
+groups = ["part1"]
+quantity = "stiffness"
+[plant]
+"""
+PORTS = 'inputs = ["12:X"]\noutputs = ["5:X"]\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("control")
+    find_demo("chain").write_inputs(folder)
+    return folder
+
+
+@pytest.fixture
+def job(folder):
+    def make(table):
+        path = folder / "job.toml"
+        path.write_text(JOB + table)
+        return path
+
+    return make
+
+
+def test_labels_and_tables_become_ports(job):
+    text = (
+        'inputs = ["12:-X", { name = "drive", dof = "2:X", ratio = 40 }]\n'
+        'outputs = { name = "twist", weights = { "5:X" = 1, "2:X" = -0.5 } }\nquantity = "mobility"\n'
+    )
+    ready = prepare(load_job(job(text)))
+    table = ready.job.plant
+    assert [p.name for p in table.input_ports] == ["12:-X", "drive"]
+    assert dict(table.input_ports[1].weights) == {"2:X": 1 / 40}
+    assert dict(table.output_ports[0].weights) == {"5:X": 1.0, "2:X": -0.5}
+    assert table.quantities == ("mobility",)
+    assert band_of_plant(ready.job, ready.frf) == pytest.approx((ready.frf.freq[0], ready.frf.freq[-1]))
+
+
+def test_what_is_written_out_says_the_same(job, tmp_path):
+    text = (
+        'inputs = ["12:X"]\noutputs = [{ name = "twist", weights = { "5:X" = 1, "2:X" = -1 } }, "5:X"]\n'
+        'quantity = ["mobility", "receptance"]\nband = [1, 9]\nsampling = { dt = 0.01, delay = 0.015 }\nfamily = 3\n'
+    )
+    loaded = load_job(job(text))
+    written = resolved_job(loaded, tmp_path)
+    assert tomllib.loads(written)["plant"]["band"] == [1.0, 9.0]
+    (tmp_path / "again.toml").write_text(written)
+    again = load_job(tmp_path / "again.toml").plant
+    assert again == loaded.plant
+    assert again.sampled_files == ("plant-sampled.mat", "plant-sampled.json", "plant-sampled.h")
+
+
+def test_a_band_beyond_the_data_is_said(job):
+    ready = prepare(load_job(job(PORTS + "band = [1.0, 90.0]\n")))
+    said = beyond_the_data(band_of_plant(ready.job, ready.frf), ready.frf)
+    assert "1 to 90 Hz, goes beyond the data, 0.63" in said
+    assert beyond_the_data((1.0, 20.0), ready.frf) == ""
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "said"),
+    [
+        ('input = ["12:X"]\noutputs = ["5:X"]\n', 9, "unknown key 'input' in [plant]; did you mean 'inputs'"),
+        ('outputs = ["5:X"]\n', 8, "missing key 'inputs' in [plant]"),
+        ('inputs = ["12:X"]\noutputs = []\n', 10, "expected outputs: labels"),
+        ('inputs = ["12:Q"]\noutputs = ["5:X"]\n', 9, "DOF '12:Q': expected node:direction"),
+        ('inputs = ["12:X"]\noutputs = ["15:X"]\n', 10, "15:X"),
+        ('inputs = [\n"12:X",\n{ dof = "2:X", ration = 4 }]\noutputs = ["5:X"]\n', 11, "did you mean 'ratio'"),
+        ('inputs = [{ dof = "2:X", ratio = 0 }]\noutputs = ["5:X"]\n', 9, "gear ratio 0"),
+        ('inputs = [{ weights = { "2:X" = 1 } }]\noutputs = ["5:X"]\n', 9, "weights without a name"),
+        ('inputs = [{ name = "a" }]\noutputs = ["5:X"]\n', 9, "expected dof, or weights by DOF"),
+        ('inputs = ["12:X"]\noutputs = ["5:X",\n"5:X"]\n', 11, "two outputs are called '5:X'"),
+        (PORTS + 'quantity = "mobilty"\n', 11, "did you mean 'mobility'"),
+        (
+            PORTS + 'quantity = ["mobility", "mobility"]\n',
+            11,
+            "2 given; expected one, or one for each of the outputs, 1",
+        ),
+        (PORTS + "band = [9.0, 1.0]\n", 11, "the lower one first"),
+        (PORTS + "tolerance = 0\n", 11, "expected a number above 0"),
+        (PORTS + 'route = "modl"\n', 11, "did you mean 'modal'"),
+        (PORTS + "sampling = { dt = 0.1 }\n", 11, "half the rate is 5 Hz, below the end of the plant's band, 22.7 Hz"),
+        (PORTS + "sampling = { dt = 0.1, metod = 1 }\n", 11, "unknown key 'metod' in [plant.sampling]"),
+        (PORTS + 'files = ["plant.matt"]\n', 11, "did you mean '.mat'"),
+        (PORTS + 'files = ["result.json"]\n', 11, "expected the name of a file of its own"),
+        (PORTS + 'files = ["a.h", "A.h"]\n', 11, "a file stands twice"),
+        (PORTS + 'test = "first"\n', 11, "this job has one"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(job, table, line, said):
+    with pytest.raises(JobError, match=f"job.toml:{line}: .*") as caught:
+        prepare(load_job(job(table)))
+    assert said in str(caught.value)
