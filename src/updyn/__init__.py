@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from updyn.comparison import Comparison as Comparison
     from updyn.comparison import compare as compare
     from updyn.comparison import compare_jointly as compare_jointly
+    from updyn.control.build import plant as plant
+    from updyn.control.plant import Plant as Plant
+    from updyn.control.ports import Port as Port
+    from updyn.control.python_control import to_control as to_control
+    from updyn.control.python_control import to_frd as to_frd
+    from updyn.control.python_control import to_scipy as to_scipy
+    from updyn.control.sampled import sampled as sampled
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
     from updyn.dofs import DofSet as DofSet
@@ -83,6 +90,8 @@ _WHERE = {
     "LossTable": "updyn.loss_table",
     "ModeSet": "updyn.modal",
     "Model": "updyn.model",
+    "Plant": "updyn.control.plant",
+    "Port": "updyn.control.ports",
     "Selection": "updyn.updating.selected",
     "Test": "updyn.updating.run",
     "UpdateResult": "updyn.updating.result",
@@ -103,6 +112,7 @@ _WHERE = {
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
     "parameters": "updyn.updating.choice",
+    "plant": "updyn.control.build",
     "predict": "updyn.uncertainty.prediction",
     "profile": "updyn.uncertainty.profile",
     "sample": "updyn.uncertainty.sampling",
@@ -113,9 +123,13 @@ _WHERE = {
     "read_result": "updyn.io",
     "read_uncertainty": "updyn.io.uncertainty_file",
     "response": "updyn.dynamics.response",
+    "sampled": "updyn.control.sampled",
     "select": "updyn.updating.selection",
     "select_jointly": "updyn.updating.selection",
     "sensor_masses": "updyn.elements.sensor_masses",
+    "to_control": "updyn.control.python_control",
+    "to_frd": "updyn.control.python_control",
+    "to_scipy": "updyn.control.python_control",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",

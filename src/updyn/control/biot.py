@@ -1,0 +1,219 @@
+"""Internal variables: stiffness K_e (1 + gamma g(s)) with g(s) = sum_k a_k s / (s + b_k), a_k >= 0.
+
+M. A. Biot, Physical Review 97 (1955) 1463-1469 (the form, and why a_k >= 0: hidden coordinates that relax);
+P. C. Hughes & D. F. Golla, J. Applied Mechanics 52 (1985) 897-906, and D. J. McTavish & P. C. Hughes, J. Vibration and
+Acoustics 115 (1993) 103-110 (GHM: hidden coordinates of finite elements). The terms are fitted so that Im g = 1 over the
+band, times the course of a table. Every term is passive, so that the plant is passive and stable however strong and
+local the damping.
+
+Causality has a price: with a constant loss factor the stiffness of a passive material grows with frequency, by
+2 gamma / pi for every e-fold (the Kramers-Kronig relation), while the model's is constant. That part, Re g, is taken
+out of the modal stiffness at each pair of modes, phi_r^T D phi_s Re g(i sqrt(omega_r omega_s)), so that every mode
+keeps its frequency; what remains is the growth between the modes. Where that would leave a negative static stiffness
+the route is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from updyn.control.conversion import Matrices, imaginary, rates
+from updyn.control.second_order import SecondOrder
+from updyn.control.space import Lossy, ModalSpace, nonnegative
+from updyn.errors import ModelError
+
+__all__ = ["Biot", "Relaxation", "biot", "relaxation"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_LINES = 200
+_TWO_PI = 2.0 * np.pi
+#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
+_RANK = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relaxation:
+    """g(s) = sum of a s / (s + b).
+
+    Attributes
+    ----------
+    a : ndarray of float, shape (n,)
+        Not negative.
+    b : ndarray of float, shape (n,)
+        In rad/s.
+    """
+
+    a: _Real
+    b: _Real
+
+    def at(self, omega: _Real) -> _Complex:
+        """Return g(i omega), of the shape of `omega`, in rad/s."""
+        s = 1j * np.asarray(omega)[..., None]
+        return np.asarray((self.a * (s / (s + self.b))).sum(axis=-1))
+
+
+def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
+    """Fit terms to the loss factor of a group, relative to what it is without a table, over a band in Hz.
+
+    Parameters
+    ----------
+    part : Lossy
+        The group.
+    band : (float, float)
+        Lowest and highest line in Hz.
+    n : int
+        Number of terms.
+
+    Returns
+    -------
+    Relaxation
+
+    Notes
+    -----
+    Rates b_k stand geometrically over the band and a little beyond; their weights by non-negative least squares.
+    """
+    low, high = max(band[0], 1e-4 * band[1]), band[1]
+    freq = np.geomspace(low, high, _LINES)
+    omega = _TWO_PI * freq
+    wanted = part.relative(freq)
+    best, least = None, np.inf
+    for beyond in (1.0, 1.5, 2.0, 3.0, 5.0):
+        b = np.geomspace(omega[0] / beyond, omega[-1] * beyond, n) if n > 1 else np.sqrt(omega[[0]] * omega[[-1]])
+        shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
+        a, left = nnls(shares, wanted)
+        if left < least:
+            best, least = Relaxation(a, b), left
+    assert best is not None
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Biot:
+    """Modes with internal variables.
+
+    Attributes
+    ----------
+    base : SecondOrder
+        The modes with viscous damping only; the choice of modes is by their cost with all damping.
+    ranking : SecondOrder
+        The modes with the full modal damping matrix.
+    terms : tuple of Relaxation
+        One for each lossy group, all with the same rates.
+    """
+
+    base: SecondOrder
+    ranking: SecondOrder
+    terms: tuple[Relaxation, ...]
+    name: str = "biot"
+
+    @property
+    def frequency(self) -> _Real:
+        """Natural frequency of each mode in Hz."""
+        return self.base.frequency
+
+    @property
+    def always(self) -> NDArray[np.bool_]:
+        """Rigid-body modes."""
+        return self.base.always
+
+    def costs(self, freq: _Real) -> _Real:
+        """Return what leaving each mode out changes."""
+        return self.ranking.costs(freq)
+
+    def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
+        """Return the static stiffness of the kept modes: without what relaxes at their own frequencies."""
+        space = self.base.space
+        omega = space.omega[kept]
+        K = np.diag(omega**2)
+        pair = np.sqrt(np.outer(omega, omega))
+        for part, term in zip(space.lossy, self.terms, strict=True):
+            K -= part.matrix[np.ix_(kept, kept)] * term.at(pair).real
+        first = int(self.always[kept].sum())
+        flexible = K[first:, first:]
+        scale = omega[first:]
+        if len(scale) and np.linalg.eigvalsh(flexible / np.outer(scale, scale))[0] <= 0.0:
+            raise ModelError(
+                "plant: route 'biot': the damping is so strong that a passive stiffness which has it over the whole "
+                "band would be negative at rest; narrow the band, or use route='complex'"
+            )
+        return K
+
+    def _relaxing(self, kept: NDArray[np.bool_]) -> list[tuple[float, _Real]]:
+        """Return rate and factor L of each term, its stiffness being L L^T."""
+        out = []
+        lossy = self.base.space.lossy
+        for k in range(len(self.terms[0].b) if self.terms else 0):
+            W = sum((t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(()))
+            values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
+            use = values > _RANK * max(values[-1], 1e-300)
+            if use.any() and values[-1] > 0:
+                out.append((float(self.terms[0].b[k]), vectors[:, use] * np.sqrt(values[use])))
+        return out
+
+    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+        """Return the response with some modes kept."""
+        space, s = self.base.space, imaginary(freq)
+        Z = s[:, None, None] * self.base.damping[np.ix_(kept, kept)] + self._stiffness(kept)
+        at = np.arange(int(kept.sum()))
+        Z[:, at, at] += s[:, None] ** 2
+        for rate, L in self._relaxing(kept):
+            Z += (s / (s + rate))[:, None, None] * (L @ L.T)
+        q = np.linalg.solve(Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs))))
+        return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
+
+    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+        """Return A, B, C, D; after the states of the modes those of the internal variables, z' = -b z + L^T q'."""
+        A0, B0, C0, D = self.base.matrices(kept)
+        n = int(kept.sum())
+        omega = self.base.space.omega[kept]
+        scale = np.where(omega > 0, omega, 1.0)
+        A0[n:, :n] = -self._stiffness(kept) / scale
+        relaxing = self._relaxing(kept)
+        more = sum(L.shape[1] for _, L in relaxing)
+        A = np.zeros((2 * n + more,) * 2)
+        A[: 2 * n, : 2 * n] = A0
+        first = 2 * n
+        for rate, L in relaxing:
+            own = slice(first, first + L.shape[1])
+            A[own, own] = -rate * np.eye(L.shape[1])
+            A[own, n : 2 * n], A[n : 2 * n, own] = L.T, -L
+            first = own.stop
+        C = np.hstack([C0, np.zeros((len(C0), more))])
+        if (self.base.powers == 2).any():
+            C[self.base.powers == 2] = (self.base.space.outputs[:, kept] @ A[n : 2 * n])[self.base.powers == 2]
+        return A, np.vstack([B0, np.zeros((more, B0.shape[1]))]), C, D
+
+
+def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: int) -> Biot:
+    """Return the modes with n internal variables a lossy motion.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    ranking : SecondOrder
+        The same with the full modal damping matrix.
+    band : (float, float)
+        Over which the terms are fitted, in Hz.
+    n : int
+        Number of terms.
+    """
+    plain = replace(ranking, name="viscous", damping=space.viscous)
+    return Biot(plain, ranking, _with_same_rates(space, band, n))
+
+
+def _with_same_rates(space: ModalSpace, band: tuple[float, float], n: int) -> tuple[Relaxation, ...]:
+    """Fit the groups; where tables make their rates differ, all take those of the first and fit again."""
+    found = [relaxation(part, band, n) for part in space.lossy]
+    if not found or all(np.array_equal(f.b, found[0].b) for f in found):
+        return tuple(found)
+    b = found[0].b
+    omega = _TWO_PI * np.geomspace(max(band[0], 1e-4 * band[1]), band[1], _LINES)
+    shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
+    return tuple(Relaxation(nnls(shares, p.relative(omega / _TWO_PI))[0], b) for p in space.lossy)

@@ -1,0 +1,335 @@
+"""`plant`: the state-space model of a structure, by the smallest order that answers as the structure does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.biot import biot
+from updyn.control.complex_modes import complex_modes
+from updyn.control.conversion import Conversion
+from updyn.control.order import Kept, fewest
+from updyn.control.plant import Plant
+from updyn.control.ports import Port, as_ports
+from updyn.control.second_order import diagonal, full, single_frequency
+from updyn.control.space import ModalSpace, modal_space
+from updyn.control.target import Target, target_lines
+from updyn.dofs import Dof
+from updyn.errors import ModelError, OptionError, SolverError, suggest
+from updyn.frf import QUANTITIES, check_quantity
+from updyn.group import is_number
+from updyn.model import Model
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["ROUTES", "ConversionError", "conversions", "plant"]
+
+#: How structural damping becomes poles.
+ROUTES = ("auto", "modal", "complex", "biot")
+_REFUSED = {
+    "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
+    "single-frequency": "structural damping converted at one frequency is right at that frequency only",
+}
+_TERMS = (2, 3, 4, 6, 8)
+
+Ports = Iterable[str | Dof | Port] | str | Dof | Port
+
+
+@dataclass(frozen=True, slots=True)
+class ConversionError:
+    """How well a conversion of the damping answers, all modes kept.
+
+    Attributes
+    ----------
+    name : str
+        ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``, ``"single-frequency"``.
+    error, peak_error : float
+        As those of a `Plant`; nan where it is not possible.
+    note : str
+        Why not, or where it was made.
+    """
+
+    name: str
+    error: float
+    peak_error: float
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What is to be realised, and against what it is checked."""
+
+    space: ModalSpace
+    target: Target
+    powers: NDArray[np.intp]
+    band: tuple[float, float]
+
+    def conversion(self, route: str, terms: int = 4) -> Conversion:
+        if route == "modal":
+            return full(self.space, self.powers)
+        if route == "complex":
+            return complex_modes(self.space, self.powers)
+        if route == "biot":
+            return biot(self.space, full(self.space, self.powers), self.band, terms)
+        if route == "diagonal":
+            return diagonal(self.space, self.powers)
+        return single_frequency(self.space, self.powers, float(np.sqrt(self._low * self.band[1])))
+
+    @property
+    def _low(self) -> float:
+        return max(self.band[0], 1e-3 * self.band[1])
+
+    def tried(self, route: str) -> Iterator[Conversion]:
+        """Yield conversions of a route, the cheapest first."""
+        for terms in _TERMS if route == "biot" else (0,):
+            yield self.conversion(route, terms)
+
+
+def plant(
+    model: Model | UpdateResult,
+    inputs: Ports,
+    outputs: Ports,
+    band: Sequence[float],
+    tolerance: float = 0.02,
+    *,
+    quantity: str | Sequence[str] = "receptance",
+    route: str = "auto",
+    tier: str | None = None,
+    backend: str | None = None,
+) -> Plant:
+    """Make a real, causal, stable state-space model of a structure.
+
+    Rigid-body motion is kept as it is. What lies above the band is there as residual flexibility: as feed-through of
+    displacements, as modes above the band of velocities and accelerations.
+
+    Parameters
+    ----------
+    model : Model or UpdateResult
+        The structure, or the update that found it: its updated model.
+    inputs, outputs : iterable of str, Dof or Port
+        Forces and motions: signed DOFs, or ports (several DOFs, gear ratio, names).
+    band : (float, float)
+        Lowest and highest line in Hz between which it has to answer as the structure does.
+    tolerance : float
+        On the largest error of a channel as a share of its peak in the band, and on the height of its resonances.
+    quantity : str or sequence of str
+        What the outputs are, one for all or one each: ``"receptance"`` (displacements), ``"mobility"`` (velocities),
+        ``"accelerance"`` (accelerations).
+    route : {"auto", "modal", "complex", "biot"}
+        How structural damping becomes poles. ``"modal"``: real modes with the full modal damping matrix, passive.
+        ``"complex"``: the poles and residues of the damped structure, closest where damping is strong and local.
+        ``"biot"``: internal variables, passive, static stiffness differs slightly. ``"auto"``: modal, or complex where
+        that does not hold the tolerance.
+    tier, backend : str, optional
+        How the structure's own answer is computed, as for `updyn.response`.
+
+    Returns
+    -------
+    Plant
+        With `error` and `peak_error` within the tolerance, computed from its own matrices.
+
+    Raises
+    ------
+    OptionError
+        If an option is not valid; a route that converts the damping at one frequency or by modal damping ratios is
+        refused, with the error that it would have.
+    ModelError
+        If the structure is not statically stable, or no order holds the tolerance; the message says what was reached.
+    DofError
+        If the model has not the DOFs of a port.
+    SolverError
+        If the structure has no answer at a line: undamped, at a resonance.
+
+    Notes
+    -----
+    Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see `updyn.control.second_order`,
+    `complex_modes` and `biot` for the routes.
+    """
+    own = _model(model)
+    ports = as_ports(inputs, "input"), as_ports(outputs, "output")
+    task, quantities = _task(own, *ports, band, quantity, tier, backend)
+    if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
+        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share of the peak between 1e-9 and 0.5")
+    found = _chosen(task, _check_route(route, task), tolerance)
+    A, B, C, D = found.conversion.matrices(found.mask)
+    facts: dict[str, Any] = {
+        "title": own.title,
+        "motions": task.space.source,
+        "lines": len(task.target.freq),
+        "candidates": len(found.mask),
+    }
+    made = Plant(
+        A,
+        B,
+        C,
+        D,
+        *ports,
+        quantities,
+        task.band,
+        float(tolerance),
+        found.error,
+        found.peak_error,
+        found.conversion.name,
+        task.space.rigid,
+        np.concatenate(
+            [np.zeros(task.space.rigid), np.sort(found.conversion.frequency[found.mask & _flexible(found)])]
+        ),
+        facts=facts,
+    )
+    return _checked(made, task.target)
+
+
+def _flexible(found: Kept) -> NDArray[np.bool_]:
+    return ~found.conversion.always
+
+
+def _checked(made: Plant, target: Target) -> Plant:
+    """Put the errors of the matrices themselves into a plant, and look at its poles."""
+    G = made.at(2j * np.pi * target.freq)
+    scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
+    if (made.poles.real > 1e-9 * scale).any():
+        raise ModelError(
+            f"plant: route {made.route!r} gave an unstable pole, {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; "
+            "use another route"
+        )
+    return replace(made, error=target.error(G), peak_error=target.peak_error(G))
+
+
+def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
+    best: Kept | None = None
+    said = []
+    for route in routes:
+        try:
+            for conversion in task.tried(route):
+                found = fewest(conversion, task.target, tolerance)
+                if found.meets(tolerance):
+                    return found
+                said.append(f"{route} {max(found.error, found.peak_error):.2g}")
+                if best is None or max(found.error, found.peak_error) < max(best.error, best.peak_error):
+                    best = found
+        except ModelError as error:
+            if len(routes) == 1 and best is None:
+                raise
+            said.append(str(error))
+    reached = f" (error {best.error:.3g}, of resonances {best.peak_error:.3g})" if best is not None else ""
+    raise ModelError(
+        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to {task.band[1]:g} Hz{reached}: "
+        f"{', '.join(dict.fromkeys(said))}; allow a larger tolerance, narrow the band, or try another route "
+        f"({', '.join(r for r in ROUTES if r not in routes)})"
+    )
+
+
+def conversions(
+    model: Model | UpdateResult,
+    inputs: Ports,
+    outputs: Ports,
+    band: Sequence[float],
+    *,
+    quantity: str | Sequence[str] = "receptance",
+    tier: str | None = None,
+    backend: str | None = None,
+) -> tuple[ConversionError, ...]:
+    """Tell how well each conversion of structural damping answers, side by side, all modes kept.
+
+    Parameters
+    ----------
+    model, inputs, outputs, band, quantity, tier, backend
+        As for `plant`.
+
+    Returns
+    -------
+    tuple of ConversionError
+        Routes of `plant` first, then those that it refuses. The single frequency is the middle of the band on a
+        logarithmic scale.
+
+    Raises
+    ------
+    OptionError, ModelError, DofError, SolverError
+        As `plant`.
+    """
+    own = _model(model)
+    task, _ = _task(own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend)
+    return tuple(_error_of(task, name) for name in (*ROUTES[1:], *_REFUSED))
+
+
+def _error_of(task: _Task, name: str) -> ConversionError:
+    best = ConversionError(name, float("nan"), float("nan"))
+    try:
+        for conversion in task.tried(name):
+            G = conversion.response(np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq)
+            found = ConversionError(name, task.target.error(G), task.target.peak_error(G))
+            if not best.error <= found.error:
+                best = found
+    except ModelError as error:
+        return best if np.isfinite(best.error) else ConversionError(name, best.error, best.peak_error, str(error))
+    return best
+
+
+def _model(given: object) -> Model:
+    if isinstance(given, Model):
+        return given
+    if isinstance(given, JointResult):
+        names = ", ".join(repr(n) for n in given.results)
+        raise OptionError(
+            f"plant: the update has several tests ({names}), each with its own model; pass the result of the one whose "
+            f"boundary conditions are those of the plant, such as result[{next(iter(given.results))!r}]"
+        )
+    if not isinstance(given, UpdateResult):
+        raise OptionError(f"plant: expected a model or the result of an update, found {type(given).__name__}")
+    return given.model
+
+
+def _task(
+    model: Model,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    band: Sequence[float],
+    quantity: str | Sequence[str],
+    tier: str | None,
+    backend: str | None,
+) -> tuple[_Task, tuple[str, ...]]:
+    low, high = _check_band(band)
+    named = [quantity] * len(outputs) if isinstance(quantity, str) else list(quantity)
+    quantities = tuple(check_quantity(q) for q in named)
+    if len(quantities) != len(outputs):
+        raise OptionError(f"plant: {len(quantities)} quantities for {len(outputs)} outputs; expected one, or one each")
+    space = modal_space(model, inputs, outputs, (low, high), backend=backend)
+    if space.rigid and low == 0.0:
+        raise OptionError(
+            f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the structure have no "
+            "finite answer; begin it above"
+        )
+    target = Target.of(
+        model, inputs, outputs, quantities, target_lines(space, (low, high)), rigid=space.rigid > 0, tier=tier,
+        backend=backend,
+    )  # fmt: skip
+    powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
+    if not np.isfinite(target.values).all():
+        raise SolverError("plant: the structure has no finite answer at a line of the band: it is not damped")
+    return _Task(space, target, powers, (low, high)), quantities
+
+
+def _check_band(band: Sequence[float]) -> tuple[float, float]:
+    try:
+        low, high = (float(f) for f in band)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"plant: band {band!r}; expected two lines in Hz") from error
+    if not (np.isfinite(high) and 0.0 <= low < high):
+        raise OptionError(f"plant: band from {low:g} to {high:g} Hz; expected the lower line first, not negative")
+    return low, high
+
+
+def _check_route(route: str, task: _Task) -> tuple[str, ...]:
+    if route in _REFUSED:
+        found = _error_of(task, route)
+        raise OptionError(
+            f"plant: route {route!r} is refused: {_REFUSED[route]}. From {task.band[0]:g} to {task.band[1]:g} Hz it is "
+            f"wrong by {100 * found.error:.3g} % of a peak, and by {100 * found.peak_error:.3g} % in the height of a "
+            f"resonance; use route='modal' or 'complex'"
+        )
+    if route not in ROUTES:
+        raise OptionError(f"plant: no route {route!r}; {suggest(str(route), ROUTES)}")
+    return ("modal", "complex") if route == "auto" else (route,)

@@ -1,0 +1,237 @@
+"""Complex modes of the damped structure, those that feed energy in turned over: real, causal and stable.
+
+With structural damping the model has the receptance (M = I in modal coordinates)
+
+    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C) u_j = 1
+
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, section 3.5, of a symmetric pencil), with 2r poles that come in no
+conjugate pairs: r of them above the real axis, stable, which make the resonances, and r below it, of which the
+structural damping makes unstable ones. At positive frequencies those below are far away. They are replaced by the
+conjugates of those above:
+
+    G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
+
+Of one mode with the loss factor eta this changes about eta^2 / 8 of its peak, and the poles and residues that make the
+resonances not at all: closer than any real damping matrix where damping is strong and local. It is stable, and passive
+only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
+with a viscous damper, are those of the structure without D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.control.conversion import Matrices, imaginary, rates
+from updyn.control.space import ModalSpace
+from updyn.errors import ModelError
+
+__all__ = ["ComplexModes", "complex_modes"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Share of its size below which a pole of the structure without D is real.
+_ON_AXIS = 1e-7
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComplexModes:
+    """Poles above the real axis with their vectors, and the real part of the system.
+
+    Attributes
+    ----------
+    poles : ndarray of complex, shape (m,)
+        In rad/s, by ascending frequency.
+    at_outputs, at_inputs : ndarray of complex, shapes (n_y, m), (n_u, m)
+        u_j at the ports.
+    slow : tuple of ndarray
+        A, B and C of the motion with real poles; C gives displacements.
+    powers : ndarray of int, shape (n_y,)
+        0, 1 or 2: displacement, velocity or acceleration.
+    """
+
+    poles: _Complex
+    at_outputs: _Complex
+    at_inputs: _Complex
+    slow: tuple[_Real, _Real, _Real]
+    powers: NDArray[np.intp]
+    name: str = "complex"
+
+    @property
+    def frequency(self) -> _Real:
+        """Natural frequency of each mode in Hz."""
+        return np.abs(self.poles) / _TWO_PI
+
+    @property
+    def always(self) -> NDArray[np.bool_]:
+        """None: what is rigid is not among the candidates."""
+        return np.zeros(len(self.poles), dtype=np.bool_)
+
+    def costs(self, freq: _Real) -> _Real:
+        """Return what leaving each mode out changes."""
+        s = imaginary(freq)
+        out = np.empty((len(self.poles), len(self.powers), len(self.at_inputs)))
+        for j, pole in enumerate(self.poles):
+            R = np.outer(self.at_outputs[:, j], self.at_inputs[:, j])
+            own = (R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]) * rates(self.powers, s)
+            static = np.where((self.powers == 0)[:, None], -2.0 * (R / pole).real, 0.0)
+            out[j] = np.abs(own - static).max(axis=0)
+        return out
+
+    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+        """Return the response with some modes kept."""
+        s = imaginary(freq)
+        A, B, C = self.slow
+        out = np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
+        if len(A):
+            shift = s[:, None, None] * np.eye(len(A)) - A
+            out += (C @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))) * rates(self.powers, s)
+        poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
+        growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
+        for p, U, W in ((poles, left * growth, right), (poles.conj(), (left * growth).conj(), right.conj())):
+            out += (U[None] / (s[:, None] - p)[:, None, :]) @ W.T
+        return out + self._through(kept)
+
+    def _through(self, kept: NDArray[np.bool_]) -> _Real:
+        """Return the feed-through: static flexibility of what is left out, or the jump of an acceleration."""
+        R = np.einsum("im,jm->mij", self.at_outputs, self.at_inputs)
+        static = -2.0 * (R / self.poles[:, None, None])[~kept].real.sum(axis=0)
+        speed = 2.0 * R[kept].real.sum(axis=0)
+        jump = 2.0 * (R * self.poles[:, None, None])[kept].real.sum(axis=0)
+        A, B, C = self.slow
+        if len(A):
+            jump = jump + C @ A @ B
+            speed = speed + C @ B
+        return np.asarray(np.choose(self.powers[:, None], [static, speed, jump]))
+
+    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+        """Return A, B, C, D in real blocks [[a, b], [-b, a]] of the poles a + ib."""
+        A0, B0, C0 = self.slow
+        poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
+        n, m = len(A0), len(poles)
+        # Each side of a residue takes the same share of it.
+        balance = np.sqrt(np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300))
+        left, right = left / np.where(balance > 0, balance, 1.0), right * np.where(balance > 0, balance, 1.0)
+        A, B, C = np.zeros((n + 2 * m,) * 2), np.zeros((n + 2 * m, len(right))), np.zeros((len(left), n + 2 * m))
+        A[:n, :n], B[:n] = A0, B0
+        C[:, :n] = np.stack([C0, C0 @ A0, C0 @ A0 @ A0])[self.powers, np.arange(len(left))]
+        first = n + 2 * np.arange(m)
+        second = first + 1
+        A[first, first] = A[second, second] = poles.real
+        A[first, second], A[second, first] = poles.imag, -poles.imag
+        B[first], B[second] = right.real.T, -right.imag.T
+        grown = 2.0 * left * poles[None, :] ** self.powers[:, None]
+        C[:, first], C[:, second] = grown.real, grown.imag
+        return A, B, C, self._through(kept)
+
+
+def complex_modes(space: ModalSpace, powers: NDArray[np.intp]) -> ComplexModes:
+    """Return the complex modes of a structure.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    powers : ndarray of int, shape (n_y,)
+        Of each output.
+
+    Returns
+    -------
+    ComplexModes
+
+    Raises
+    ------
+    ModelError
+        If a mode has no two sides: its pole is a double one.
+    """
+    slow_A, slow_B, slow_C, n_slow = _slow(space)
+    r = len(space)
+    wanted = (2 * r - n_slow) // 2
+    poles, vectors = _above(space, space.structural(0.0), wanted)
+    if space.tabled:  # each pole at its own frequency
+        poles, vectors = _followed(space, poles, vectors, wanted)
+    poles = np.where(poles.real > 0.0, 1j * poles.imag, poles)
+    poles = np.minimum(poles.real, -1e-12 * np.abs(poles)) + 1j * poles.imag
+    order = np.argsort(np.abs(poles), kind="stable")
+    poles, vectors = poles[order], vectors[:, order]
+    slow = slow_A, slow_B @ space.inputs.T, space.outputs @ slow_C
+    return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers)
+
+
+def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
+    r = len(space)
+    out: NDArray[Any] = np.zeros((2 * r, 2 * r), dtype=stiffness.dtype)
+    out[:r, r:], out[r:, :r], out[r:, r:] = np.eye(r), -stiffness, -space.viscous
+    return out
+
+
+def _above(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex]:
+    """Return the poles that lie highest above the real axis, and their vectors."""
+    values, vectors = np.linalg.eig(_first_order(space, np.diag(space.omega**2) + 1j * D))
+    top = np.argsort(-values.imag, kind="stable")[:wanted]
+    values, U = values[top], vectors[: len(space), top]
+    norm = np.einsum("im,im->m", U, 2.0 * values * U + space.viscous @ U)
+    if (np.abs(norm) <= 1e-12 * np.abs(values) * np.einsum("im,im->m", np.abs(U), np.abs(U))).any():
+        raise ModelError("plant: two modes of the damped structure have become one; use route='modal'")
+    return values, U / np.sqrt(norm)
+
+
+def _followed(space: ModalSpace, poles: _Complex, vectors: _Complex, wanted: int) -> tuple[_Complex, _Complex]:
+    """Return each pole as the loss factors at its own frequency make it."""
+    poles, vectors = poles.copy(), vectors.copy()
+    for j in range(len(poles)):
+        for _ in range(3):
+            found, U = _above(space, space.structural(abs(poles[j]) / _TWO_PI), wanted)
+            overlap = np.abs(vectors[:, j].conj() @ U) / np.linalg.norm(U, axis=0)
+            near = int(np.argmax(overlap / (1.0 + np.abs(found - poles[j]) / np.abs(poles[j]))))
+            poles[j], vectors[:, j] = found[near], U[:, near]
+    return poles, vectors
+
+
+def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
+    """Return the part of the structure without D that has real poles: A, B (of modal forces), C (modal motion)."""
+    r, still = len(space), _undamped_rigid(space)
+    A = np.zeros((0, 0))
+    B, C = np.zeros((0, r)), np.zeros((r, 0))
+    rest = np.setdiff1d(np.arange(r), still)
+    if space.viscous.any():
+        part = ModalSpace(space.omega[rest], 0, np.eye(len(rest)), np.eye(len(rest)),
+                          space.viscous[np.ix_(rest, rest)], (), "")  # fmt: skip
+        A, B_part, C_part = _real_poles(part)
+        B, C = np.zeros((len(A), r)), np.zeros((r, len(A)))
+        B[:, rest], C[rest] = B_part, C_part
+    n, k = len(A), len(still)
+    whole = np.zeros((n + 2 * k,) * 2)
+    whole[:n, :n] = A
+    whole[n : n + k, n + k :] = np.eye(k)
+    forces, motion = np.zeros((n + 2 * k, r)), np.zeros((r, n + 2 * k))
+    forces[:n], motion[:, :n] = B, C
+    forces[n + k + np.arange(k), still] = 1.0
+    motion[still, n + np.arange(k)] = 1.0
+    return whole, forces, motion, len(whole)
+
+
+def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
+    """Return rigid-body modes that no damper acts on: double poles at 0."""
+    own = np.abs(space.viscous[: space.rigid]).max(axis=1, initial=0.0)
+    return np.flatnonzero(own <= 1e-12 * max(float(np.abs(space.viscous).max(initial=0.0)), 1e-300))
+
+
+def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
+    """Split off the part with real poles: an ordered Schur form, decoupled by a Sylvester equation."""
+    A = _first_order(space, np.diag(space.omega**2))
+    r = len(space)
+    floor = _ON_AXIS * float(space.omega[space.omega > 0].min(initial=np.inf)) if (space.omega > 0).any() else 0.0
+    on_axis = lambda a, b: abs(b) <= max(_ON_AXIS * np.hypot(a, b), floor)  # noqa: E731
+    T, Q, n = scipy.linalg.schur(A, sort=on_axis)
+    if n == 0:
+        return np.zeros((0, 0)), np.zeros((0, r)), np.zeros((r, 0))
+    X = scipy.linalg.solve_sylvester(T[:n, :n], -T[n:, n:], -T[:n, n:])
+    into = Q.T[:n, r:] - X @ Q.T[n:, r:]
+    return T[:n, :n], into, Q[:r, :n]

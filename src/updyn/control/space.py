@@ -1,0 +1,255 @@
+"""`ModalSpace`: a structure in its real modes, small enough for control: frequencies, shapes at the ports, damping.
+
+Small models are taken as they are. Of large ones the motions are those of a reduced model that is proved to its
+accuracy over the band (`updyn.dynamics.reduced`), so that what lies above the band, residual flexibility, is in it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.control.ports import Port, port_matrix
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.modes import modes
+from updyn.dynamics.reduced.reduction import Reduction
+from updyn.errors import ModelError, SolverError
+from updyn.linalg.factorise import check_backend
+from updyn.loss_table import LossTable
+from updyn.model import Model
+
+__all__ = ["Lossy", "ModalSpace", "modal_space"]
+
+_Real = NDArray[np.float64]
+
+#: Models up to this many DOFs are taken as they are.
+_WHOLE = 300
+#: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
+_STIFF = 30.0
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lossy:
+    """The structural damping of one group in real modes.
+
+    Attributes
+    ----------
+    name : str
+        The group's.
+    matrix : ndarray of float, shape (r, r)
+        phi^T (gamma K_e) phi, in 1/s2.
+    table : LossTable or None
+        Factors on it over frequency.
+    """
+
+    name: str
+    matrix: _Real
+    table: LossTable | None
+
+    def relative(self, freq: _Real) -> _Real:
+        """Return the factor at some lines in Hz, shape (n_f,); outside a table that at its nearest end."""
+        if self.table is None:
+            return np.ones(len(freq))
+        return self.table.at(np.clip(freq, self.table.freq[0], self.table.freq[-1]), self.name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalSpace:
+    """A structure in r real modes with phi^T M phi = 1.
+
+    Attributes
+    ----------
+    omega : ndarray of float, shape (r,)
+        Natural frequencies in rad/s, ascending; 0 for the first `rigid` of them.
+    rigid : int
+        Number of rigid-body modes.
+    outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
+        Shapes at the ports.
+    viscous : ndarray of float, shape (r, r)
+        phi^T C phi in 1/s, positive semidefinite.
+    lossy : tuple of Lossy
+        Structural damping by group; it does not act on rigid-body modes.
+    source : str
+        What the motions are, in words.
+    """
+
+    omega: _Real
+    rigid: int
+    outputs: _Real
+    inputs: _Real
+    viscous: _Real
+    lossy: tuple[Lossy, ...]
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.omega)
+
+    @property
+    def tabled(self) -> bool:
+        """Whether a loss factor depends on frequency."""
+        return any(part.table is not None for part in self.lossy)
+
+    def structural(self, freq: float) -> _Real:
+        """Return phi^T D phi at a line in Hz, shape (r, r), in 1/s2, positive semidefinite."""
+        return self.weighted(lambda part: float(part.relative(np.array([freq]))[0]))
+
+    def weighted(self, weight: Callable[[Lossy], Any]) -> _Real:
+        """Return the sum of weight times matrix over the groups, shape (r, r), without negative eigenvalues."""
+        total = np.zeros((len(self), len(self)))
+        for part in self.lossy:
+            total += weight(part) * part.matrix
+        return nonnegative(total)
+
+    def loss_factors(self) -> _Real:
+        """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid-body modes."""
+        out = np.zeros(len(self))
+        for i in range(self.rigid, len(self)):
+            own = sum(float(p.relative(self.omega[[i]] / _TWO_PI)[0]) * p.matrix[i, i] for p in self.lossy)
+            out[i] = own / self.omega[i] ** 2 + self.viscous[i, i] / self.omega[i]
+        return out
+
+
+def nonnegative(A: _Real) -> _Real:
+    """Return the nearest positive semidefinite matrix (Higham 1988): rounded tables make damping slightly negative."""
+    A = 0.5 * (A + A.T)
+    values, vectors = np.linalg.eigh(A)
+    if not len(values) or values[0] >= 0.0:
+        return A
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def modal_space(
+    model: Model,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    band: tuple[float, float],
+    *,
+    backend: str | None = None,
+    accuracy: float = ACCURACY,
+) -> ModalSpace:
+    """Return the modes of a model that matter between some ports in a band.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    inputs, outputs : tuple of Port
+        Where it is driven and read.
+    band : (float, float)
+        Lowest and highest line in Hz.
+    backend : str, optional
+        Sparse factorisation.
+    accuracy : float
+        Of the reduced model that takes the place of a large one.
+
+    Returns
+    -------
+    ModalSpace
+
+    Raises
+    ------
+    ModelError
+        If the stiffness is indefinite: the structure is not stable.
+    SolverError
+        If a motion has neither stiffness nor mass, or no reduced model of that accuracy was found.
+    DofError
+        If the model has not the DOFs of a port.
+    """
+    at_inputs, weights_in = port_matrix(inputs, model, "input")
+    at_outputs, weights_out = port_matrix(outputs, model, "output")
+    system = AffineSystem.compile(model)
+    matrices, at, source = _projected(system, at_inputs, at_outputs, band, backend, accuracy)
+    totals = {q: np.zeros_like(matrices[0]) for q in ("stiffness", "mass", "viscous")}
+    for term, matrix, factor, rate in zip(system.terms, matrices, system.start.factor, system.start.rate, strict=True):
+        totals[term.quantity] += factor * matrix
+        if term.quantity != "viscous" and rate:
+            totals["viscous"] += factor * rate * matrix
+    rigid = _rigid_count(model)
+    omega, shapes = _modes(totals["stiffness"], totals["mass"], rigid, band)
+    lossy = []
+    for term, matrix, factor, loss in zip(system.terms, matrices, system.start.factor, system.start.loss, strict=True):
+        if loss:
+            own = shapes.T @ (factor * loss * matrix) @ shapes
+            own[:rigid] = own[:, :rigid] = 0.0  # a rigid-body motion strains nothing; what stands there is rounding
+            lossy.append(Lossy(term.group, own, term.table))
+    viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
+    return ModalSpace(
+        omega, rigid, weights_out @ at(at_outputs) @ shapes, weights_in @ at(at_inputs) @ shapes, viscous,
+        tuple(lossy), source,
+    )  # fmt: skip
+
+
+def _projected(
+    system: AffineSystem,
+    at_inputs: NDArray[np.intp],
+    at_outputs: NDArray[np.intp],
+    band: tuple[float, float],
+    backend: str | None,
+    accuracy: float,
+) -> tuple[list[_Real], Callable[[NDArray[np.intp]], _Real], str]:
+    """Return the terms' matrices on a basis, the basis at some DOFs, and what it is."""
+    if system.n <= _WHOLE:
+        matrices = []
+        for term in system.terms:
+            whole = np.zeros((system.n, system.n))
+            local = term.local
+            whole[np.ix_(term.rows, term.rows)] = local if isinstance(local, np.ndarray) else local.toarray()
+            matrices.append(whole)
+        return matrices, lambda dofs: np.eye(system.n)[dofs], f"all {system.n} motions of the model"
+    reduction = Reduction(system, at_outputs, at_inputs, band, check_backend(backend), accuracy)
+    reduction.build(system.start)
+    found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
+    if found.error > accuracy:
+        raise SolverError(
+            f"plant: {found.size} motions reach an error of {found.error:.1g} of the largest receptance of a line, not "
+            f"{accuracy:g}; narrow the band, or allow a larger accuracy="
+        )
+    basis = reduction.basis
+    return basis.terms, basis.at, f"{found.size} motions of a reduced model, error at most {found.error:.1g}"
+
+
+def _rigid_count(model: Model) -> int:
+    """Return how many motions strain nothing."""
+    n = 8
+    while True:
+        try:
+            found = modes(model, n)
+        except ModelError:  # fewer modes than that; the message says how many, and halving finds them
+            n -= 1
+            if n == 0:
+                raise
+            continue
+        rigid = int((found.frequency == 0.0).sum())
+        if rigid < n or n == model.n_dofs:
+            return rigid
+        n = min(2 * n, model.n_dofs)
+
+
+def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_Real, _Real]:
+    """Return frequencies in rad/s and shapes, of which the first `rigid` are at rest."""
+    top = (_TWO_PI * band[1]) ** 2
+    P = K + top * M
+    try:
+        share, shapes = scipy.linalg.eigh(top * M, P)  # share = top / (lambda + top): 1 at rest, 0 without mass
+    except scipy.linalg.LinAlgError as error:
+        raise ModelError("plant: a motion has neither stiffness nor mass, or a negative one") from error
+    share, shapes = share[::-1], shapes[:, ::-1]
+    if len(share) and share[min(rigid, len(share) - 1)] > 1.0 + 1e-9:
+        low = -top * (1.0 - 1.0 / share[rigid])
+        raise ModelError(
+            f"plant: the stiffness is indefinite (omega^2 = {low:.3g} 1/s2 of a mode), so that the structure does not "
+            "stand by itself and no stable plant can be had of it"
+        )
+    least = 1.0 / (1.0 + _STIFF**2)
+    share = np.clip(share, least, 1.0)
+    square = top * (1.0 / share - 1.0)
+    square[:rigid] = 0.0
+    shapes = shapes * np.sqrt(top / share)  # phi^T (K + top M) phi = lambda + top
+    return np.sqrt(square), shapes

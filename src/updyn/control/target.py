@@ -1,0 +1,166 @@
+"""`Target`: what a plant has to answer like, the model with its structural damping, and how far off an answer is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.ports import Port, port_matrix
+from updyn.control.space import ModalSpace
+from updyn.dynamics.response import response
+from updyn.frf import QUANTITIES
+from updyn.model import Model
+
+__all__ = ["Target", "target_lines"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_BETWEEN = 200
+#: Lines around each resonance, in half-power widths.
+_AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0])
+#: A resonance counts down to this share of the highest one of its channel.
+_COUNTS = 0.1
+#: Above this size a proved reduced model answers for the whole one.
+_LARGE = 20_000
+_ACCURACY = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """The response of the model at some lines.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n_f, n_y, n_u)
+        Output over input, by one factorisation of the whole model a line.
+    level : ndarray of float, shape (n_y, n_u)
+        Peak of each channel; 1 where there is no coupling at all.
+    seen : ndarray of float, shape (n_f, n_y, n_u)
+        Size of the response as resonances are told by: with rigid-body motion that of the accelerations, in which
+        what is low in frequency does not hide the rest.
+    """
+
+    freq: _Real
+    values: _Complex
+    level: _Real
+    seen: _Real
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        inputs: tuple[Port, ...],
+        outputs: tuple[Port, ...],
+        quantities: tuple[str, ...],
+        freq: _Real,
+        *,
+        rigid: bool,
+        tier: str | None = None,
+        backend: str | None = None,
+    ) -> Target:
+        """Compute it.
+
+        Parameters
+        ----------
+        model : Model
+            The structure.
+        inputs, outputs : tuple of Port
+            Where it is driven and read.
+        quantities : tuple of str
+            Of each output.
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+        rigid : bool
+            Whether there is rigid-body motion.
+        tier, backend : str, optional
+            As for `updyn.response`; by default exactly up to 20,000 DOFs, by a reduced model proved to 1e-6 above.
+        """
+        (columns, into), (rows, out) = port_matrix(inputs, model, "input"), port_matrix(outputs, model, "output")
+        if tier is None and model.n_dofs > _LARGE:
+            tier = "reduced"
+        found = response(
+            model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend, accuracy=_ACCURACY
+        )
+        power = np.array([QUANTITIES[q] for q in quantities])
+        s = 2j * np.pi * freq
+        values = (out @ found.values @ into.T) * (s[:, None] ** power)[:, :, None]
+        size = np.abs(values)
+        level = size.max(axis=0)
+        seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if rigid else size
+        return cls(freq, values, np.where(level > 0, level, 1.0), seen)
+
+    def error(self, G: _Complex) -> float:
+        """Return the largest error of a channel as a share of its peak.
+
+        Parameters
+        ----------
+        G : ndarray of complex, shape (n_f, n_y, n_u)
+            An answer at the same lines.
+        """
+        return float((np.abs(G - self.values) / self.level).max())
+
+    def errors(self, G: _Complex) -> _Real:
+        """Return the error of the worst channel at each line, shape (n_f,), as a share of the channel's peak."""
+        return np.asarray((np.abs(G - self.values) / self.level).max(axis=(1, 2)))
+
+    def peak_error(self, G: _Complex) -> float:
+        """Return the largest error of the height of a resonance, as a share of it; 0 where there is none.
+
+        Heights are compared between the minima beside a resonance, so that a slight shift does not count.
+
+        Parameters
+        ----------
+        G : ndarray of complex, shape (n_f, n_y, n_u)
+            An answer at the same lines.
+        """
+        size = np.abs(G)
+        own = np.abs(self.values)
+        worst = 0.0
+        for i, j in np.ndindex(*self.level.shape):
+            for first, last in self.resonances(i, j):
+                height = own[first:last, i, j].max()
+                worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
+        return float(worst)
+
+    def resonances(self, output: int, input: int) -> list[tuple[int, int]]:
+        """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
+        seen = self.seen[:, output, input]
+        rises = np.diff(seen) > 0
+        tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
+        lows = np.concatenate([[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(seen) - 1]])
+        out = []
+        for top in tops[seen[tops] >= _COUNTS * seen.max()] if len(tops) else []:
+            out.append((int(lows[lows < top][-1]), int(lows[lows > top][0]) + 1))
+        return out
+
+
+def target_lines(space: ModalSpace, band: tuple[float, float]) -> _Real:
+    """Return lines that show every resonance of a band: even and geometric spacing, and close around each mode.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    band : (float, float)
+        Lowest and highest line in Hz.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f,)
+        In Hz, ascending, both ends included.
+    """
+    low, high = band
+    own = space.omega / (2.0 * np.pi)
+    inside = (own > low) & (own < high)
+    loss = np.maximum(space.loss_factors()[inside], 1e-5)
+    around = (own[inside][:, None] * (1.0 + 0.5 * loss[:, None] * _AROUND)).ravel()
+    spread = np.geomspace(max(low, 1e-4 * high), high, _BETWEEN)
+    lines = np.concatenate([np.linspace(low, high, _BETWEEN), spread, around, [low, high]])
+    lines = np.unique(np.clip(lines, low, high))
+    keep = np.concatenate([[True], np.diff(lines) > 1e-12 * high])
+    return np.asarray(lines[keep])
