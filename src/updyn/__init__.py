@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from updyn.control.python_control import to_frd as to_frd
     from updyn.control.python_control import to_scipy as to_scipy
     from updyn.control.sampled import sampled as sampled
+    from updyn.control.servo.controller import Controller as Controller
+    from updyn.control.servo.controller import Notch as Notch
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
     from updyn.dofs import DofSet as DofSet
@@ -81,6 +83,7 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "Comparison": "updyn.comparison",
+    "Controller": "updyn.control.servo.controller",
     "Dof": "updyn.dofs",
     "DofSet": "updyn.dofs",
     "FRF": "updyn.frf",
@@ -92,6 +95,7 @@ _WHERE = {
     "Model": "updyn.model",
     "Plant": "updyn.control.plant",
     "Port": "updyn.control.ports",
+    "Notch": "updyn.control.servo.controller",
     "Selection": "updyn.updating.selected",
     "Test": "updyn.updating.run",
     "UpdateResult": "updyn.updating.result",

@@ -1,0 +1,1 @@
+"""The servo loop on a plant: controller, loop functions, margins, time responses, drive figures."""

@@ -1,0 +1,289 @@
+"""`Controller`: the cascade of a drive: P position loop over a PI velocity loop, with filters and dead time.
+
+Negative feedback throughout; a positive torque turns the motor the positive way:
+
+    v_ref  = kv (x_ref - x) + feed_forward x_ref'
+    torque = exp(-s dead_time) F(s) kp (1 + 1 / (s ti)) (v_ref - v)
+
+F(s) is the product of the notches and the low-pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.servo.state_space import StateSpace, delay_approximation
+from updyn.errors import OptionError
+from updyn.group import is_number
+
+__all__ = ["Controller", "Notch"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Notch:
+    """A notch filter of second order, of gain 1 far from its frequency.
+
+        N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2),   w = 2 pi frequency
+
+    Parameters
+    ----------
+    frequency : float
+        In Hz.
+    zero_damping : float
+        Damping ratio of the zeros, 0 or above; the gain at `frequency` is zero_damping / pole_damping.
+    pole_damping : float
+        Damping ratio of the poles, above 0; it makes the width.
+
+    Raises
+    ------
+    OptionError
+        If a number is out of its range.
+    """
+
+    frequency: float
+    zero_damping: float = 0.05
+    pole_damping: float = 0.5
+
+    def __post_init__(self) -> None:
+        _positive("notch: frequency", self.frequency, "Hz")
+        _positive(f"notch at {self.frequency:g} Hz: pole_damping", self.pole_damping, "a damping ratio")
+        if not is_number(self.zero_damping) or not np.isfinite(self.zero_damping) or self.zero_damping < 0:
+            raise OptionError(
+                f"notch at {self.frequency:g} Hz: zero_damping is {self.zero_damping!r}; expected 0 or above"
+            )
+
+    @classmethod
+    def of_width(cls, frequency: float, width: float, depth: float = 0.0) -> Notch:
+        """Return a notch as drives are often set.
+
+        Parameters
+        ----------
+        frequency : float
+            In Hz.
+        width : float
+            In Hz, between the points where a notch of depth 0 has gain 1 / sqrt(2): 2 pole_damping frequency.
+        depth : float
+            Gain at `frequency`; 0 takes it out altogether.
+
+        Raises
+        ------
+        OptionError
+            If a number is out of its range.
+        """
+        _positive("notch: frequency", frequency, "Hz")
+        _positive("notch: width", width, "Hz")
+        if not is_number(depth) or not np.isfinite(depth) or depth < 0:
+            raise OptionError(f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above")
+        pole = 0.5 * width / frequency
+        return cls(frequency, depth * pole, pole)
+
+    @property
+    def width(self) -> float:
+        """In Hz: 2 pole_damping frequency."""
+        return 2.0 * self.pole_damping * self.frequency
+
+    @property
+    def depth(self) -> float:
+        """Gain at `frequency`."""
+        return self.zero_damping / self.pole_damping
+
+    def at(self, s: ArrayLike) -> _Complex:
+        """Return N(s), of the shape of `s` (in rad/s)."""
+        s = np.asarray(s, dtype=np.complex128)
+        w = _TWO_PI * self.frequency
+        both = s**2 + w**2
+        return np.asarray((both + 2.0 * self.zero_damping * w * s) / (both + 2.0 * self.pole_damping * w * s))
+
+    def state_space(self) -> StateSpace:
+        """Return N as a state-space system of two states."""
+        w = _TWO_PI * self.frequency
+        return StateSpace(
+            np.array([[0.0, w], [-w, -2.0 * self.pole_damping * w]]),
+            np.array([[0.0], [1.0]]),
+            np.array([[0.0, 2.0 * (self.zero_damping - self.pole_damping) * w]]),
+            np.ones((1, 1)),
+        )
+
+    @property
+    def zeros(self) -> _Complex:
+        """Both zeros in rad/s."""
+        return _pair(self.frequency, self.zero_damping)
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """The P-PI cascade of a drive.
+
+    Parameters
+    ----------
+    kp : float
+        Gain of the velocity loop, above 0, in N m per rad/s (N per m/s).
+    ti : float or None
+        Integral time of the velocity loop in s; None: P alone.
+    kv : float or None
+        Gain of the position loop in 1/s; None: the velocity loop alone.
+    notches : tuple of Notch
+        In the torque command.
+    low_pass : float or None
+        Corner of a low-pass in the torque command in Hz.
+    low_pass_damping : float or None
+        Damping ratio of a low-pass of second order; None: it is of first order.
+    feed_forward : float
+        Share of the reference's velocity that is added to the velocity command, 0 to 1.
+    dead_time : float
+        Time in s by which the torque is late: computation, sampling (half an interval for the hold), current loop.
+
+    Raises
+    ------
+    OptionError
+        If a number is out of its range.
+    """
+
+    kp: float
+    ti: float | None = None
+    kv: float | None = None
+    notches: tuple[Notch, ...] = ()
+    low_pass: float | None = None
+    low_pass_damping: float | None = None
+    feed_forward: float = 0.0
+    dead_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        _positive("controller: kp", self.kp, "N m per rad/s", "turn the port round where torque and velocity oppose")
+        for name, unit in (("ti", "s"), ("kv", "1/s"), ("low_pass", "Hz"), ("low_pass_damping", "a damping ratio")):
+            if getattr(self, name) is not None:
+                _positive(f"controller: {name}", getattr(self, name), unit, "None for none")
+        if self.low_pass_damping is not None and self.low_pass is None:
+            raise OptionError("controller: low_pass_damping without low_pass; give its corner in Hz")
+        for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
+                above = "0 or above, in s" if name == "dead_time" else "a share from 0 to 1"
+                raise OptionError(f"controller: {name} is {value!r}; expected {above}")
+        if self.feed_forward and self.kv is None:
+            raise OptionError("controller: feed_forward without kv; it belongs to the position loop")
+        notches = (self.notches,) if isinstance(self.notches, Notch) else self.notches
+        wrong = OptionError(f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each")
+        if not isinstance(notches, Iterable):
+            raise wrong
+        object.__setattr__(self, "notches", tuple(notches))
+        if not all(isinstance(n, Notch) for n in self.notches):
+            raise wrong
+
+    def torque(self, s: ArrayLike) -> _Complex:
+        """Return torque over velocity error, the dead time exact.
+
+        Parameters
+        ----------
+        s : array_like of complex
+            In rad/s, not 0 where there is an integral part.
+
+        Returns
+        -------
+        ndarray of complex
+            Of the shape of `s`, in N m per rad/s.
+        """
+        s = np.asarray(s, dtype=np.complex128)
+        out: _Complex = np.asarray(self.kp * np.exp(-self.dead_time * s), dtype=np.complex128)
+        if self.ti is not None:
+            out = out * (1.0 + 1.0 / (self.ti * s))
+        for notch in self.notches:
+            out = out * notch.at(s)
+        if self.low_pass is not None:
+            w = _TWO_PI * self.low_pass
+            if self.low_pass_damping is None:
+                out = out * w / (s + w)
+            else:
+                out = out * w**2 / (s**2 + 2.0 * self.low_pass_damping * w * s + w**2)
+        return out
+
+    def state_space(self, pade: int = 0) -> StateSpace:
+        """Return torque over velocity error as a state-space system.
+
+        Parameters
+        ----------
+        pade : int
+            Order of the Pade approximation of the dead time; 0 leaves it out.
+        """
+        out = StateSpace.gain(self.kp)
+        if self.ti is not None:
+            integral = StateSpace(np.zeros((1, 1)), np.ones((1, 1)), np.array([[1.0 / self.ti]]), np.ones((1, 1)))
+            out = integral * out
+        for notch in self.notches:
+            out = notch.state_space() * out
+        if self.low_pass is not None:
+            out = _low_pass(self.low_pass, self.low_pass_damping) * out
+        if pade and self.dead_time:
+            out = delay_approximation(self.dead_time, pade) * out
+        return out
+
+    @property
+    def poles(self) -> _Complex:
+        """Poles of torque over velocity error, in rad/s, the dead time left out."""
+        out = [np.zeros(int(self.ti is not None), dtype=np.complex128)]
+        out += [_pair(n.frequency, n.pole_damping) for n in self.notches]
+        if self.low_pass is not None:
+            damping = self.low_pass_damping
+            one = np.array([-_TWO_PI * self.low_pass + 0j])
+            out.append(one if damping is None else _pair(self.low_pass, damping))
+        return np.concatenate(out)
+
+    @property
+    def zeros(self) -> _Complex:
+        """Zeros of torque over velocity error, in rad/s."""
+        own = np.array([] if self.ti is None else [-1.0 / self.ti], dtype=np.complex128)
+        return np.concatenate([own, *(n.zeros for n in self.notches)])
+
+    @property
+    def rolls_off(self) -> bool:
+        """Whether the torque command has a low-pass."""
+        return self.low_pass is not None
+
+    def summary(self) -> str:
+        """Return the settings, one a line."""
+        lines = [f"velocity loop  kp {self.kp:.6g} N m/(rad/s)"]
+        lines[0] += ", no integral part" if self.ti is None else f", ti {self.ti:.6g} s"
+        if self.kv is not None:
+            forward = f", {100 * self.feed_forward:g} % velocity feed-forward" if self.feed_forward else ""
+            lines.append(f"position loop  kv {self.kv:.6g} 1/s{forward}")
+        lines += [
+            f"notch          {n.frequency:g} Hz, width {n.width:.4g} Hz, depth {n.depth:.3g}" for n in self.notches
+        ]
+        if self.low_pass is not None:
+            order = "first order" if self.low_pass_damping is None else f"damping {self.low_pass_damping:g}"
+            lines.append(f"low-pass       {self.low_pass:g} Hz, {order}")
+        if self.dead_time:
+            lines.append(f"dead time      {1e3 * self.dead_time:g} ms")
+        return "\n".join(lines)
+
+
+def _low_pass(corner: float, damping: float | None) -> StateSpace:
+    w = _TWO_PI * corner
+    if damping is None:
+        return StateSpace(np.array([[-w]]), np.ones((1, 1)), np.array([[w]]), np.zeros((1, 1)))
+    return StateSpace(
+        np.array([[0.0, w], [-w, -2.0 * damping * w]]),
+        np.array([[0.0], [1.0]]),
+        np.array([[w, 0.0]]),
+        np.zeros((1, 1)),
+    )
+
+
+def _pair(frequency: float, damping: float) -> _Complex:
+    w = _TWO_PI * frequency
+    root = np.sqrt(complex(damping**2 - 1.0))
+    return np.array([w * (-damping + root), w * (-damping - root)], dtype=np.complex128)
+
+
+def _positive(what: str, value: object, unit: str, remedy: str = "") -> None:
+    if not is_number(value) or not np.isfinite(value) or value <= 0:  # type: ignore[call-overload, operator]
+        more = f" ({remedy})" if remedy else ""
+        raise OptionError(f"{what} is {value!r}; expected a number above 0, in {unit}{more}")

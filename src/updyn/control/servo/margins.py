@@ -1,0 +1,185 @@
+"""`Margins`: how far a loop is from instability, with every crossing; and their range over a family. Pure data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FIGURES", "Margins", "Range", "ranges"]
+
+_Real = NDArray[np.float64]
+
+#: Figures of `Margins` that a family spreads, with their units.
+FIGURES: Mapping[str, str] = MappingProxyType(
+    {
+        "gain_margin": "",
+        "gain_reduction": "",
+        "phase_margin": "deg",
+        "delay_margin": "s",
+        "modulus_margin": "",
+        "crossover": "Hz",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Margins:
+    """What the loop function L of a negative feedback loop says about it.
+
+    The single figures are None where the closed loop is unstable: distances from an instability that is there already
+    are no margins. The crossings are given all the same.
+
+    Attributes
+    ----------
+    stable : bool
+        Whether the closed loop has no pole to the right of, or on, the imaginary axis; those of `drifting` aside.
+    unstable_poles : int
+        Poles of the closed loop to the right of the imaginary axis.
+    drifting : int
+        Poles of the closed loop at 0: motion that this loop does not hold, as the angle of a velocity loop.
+    judged_by : str
+        How stability was found: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
+    phase_crossings : ndarray of float, shape (n,)
+        Lines in Hz, ascending, at which L is real and negative.
+    gain_margins : ndarray of float, shape (n,)
+        1 / |L| there: the factor on the gain that brings L to -1.
+    gain_crossings : ndarray of float, shape (m,)
+        Lines in Hz, ascending, at which |L| = 1.
+    phase_margins : ndarray of float, shape (m,)
+        180 degrees plus the phase of L there, in degrees, above -180 and up to 180.
+    delay_margins : ndarray of float, shape (m,)
+        Further dead time in s that brings L to -1 there.
+    gain_margin : float or None
+        The smallest factor above 1 that makes the loop unstable; inf where none does.
+    gain_reduction : float or None
+        The largest factor below 1 that makes it unstable; 0 where none does.
+    phase_margin : float or None
+        The smallest of `phase_margins` in size, in degrees, sign kept; inf where there is no crossing.
+    delay_margin : float or None
+        The smallest of `delay_margins`, in s; inf where there is no crossing.
+    modulus_margin : float or None
+        Smallest |1 + L|: 1 / (largest sensitivity).
+    crossover : float or None
+        First line in Hz at which |L| falls through 1; None where it does not. Given for unstable loops too.
+    gain_margin_at, gain_reduction_at, phase_margin_at, delay_margin_at, modulus_margin_at : float or None
+        Lines in Hz of these figures; None where there is none.
+    """
+
+    stable: bool
+    unstable_poles: int
+    drifting: int
+    judged_by: str
+    phase_crossings: _Real
+    gain_margins: _Real
+    gain_crossings: _Real
+    phase_margins: _Real
+    delay_margins: _Real
+    gain_margin: float | None
+    gain_reduction: float | None
+    phase_margin: float | None
+    delay_margin: float | None
+    modulus_margin: float | None
+    crossover: float | None
+    gain_margin_at: float | None = None
+    gain_reduction_at: float | None = None
+    phase_margin_at: float | None = None
+    delay_margin_at: float | None = None
+    modulus_margin_at: float | None = None
+
+    @property
+    def gain_margin_db(self) -> float | None:
+        """`gain_margin` in dB; inf where no gain makes the loop unstable."""
+        return None if self.gain_margin is None else float(20.0 * np.log10(self.gain_margin))
+
+    @property
+    def gain_reduction_db(self) -> float | None:
+        """`gain_reduction` in dB, negative; -inf where none makes the loop unstable."""
+        if self.gain_reduction is None:
+            return None
+        return float(20.0 * np.log10(self.gain_reduction)) if self.gain_reduction > 0 else -np.inf
+
+    @property
+    def peak_sensitivity(self) -> float | None:
+        """Largest |1 / (1 + L)|, M_s."""
+        return None if self.modulus_margin is None else 1.0 / self.modulus_margin
+
+    def summary(self) -> str:
+        """Return the figures, one a line."""
+        if not self.stable:
+            poles = f"{self.unstable_poles} pole{'s' if self.unstable_poles != 1 else ''}"
+            return (
+                f"UNSTABLE: the closed loop has {poles} that grow{'s' if self.unstable_poles == 1 else ''}; no margins"
+            )
+        lines = [
+            f"crossover       {_at(self.crossover, 'Hz')}",
+            f"phase margin    {_figure(self.phase_margin, 'deg', self.phase_margin_at)}",
+            f"gain margin     {_figure(self.gain_margin_db, 'dB', self.gain_margin_at)}",
+        ]
+        if self.gain_reduction:
+            lines.append(f"gain reduction  {_figure(self.gain_reduction_db, 'dB', self.gain_reduction_at)}")
+        delay = self.delay_margin
+        lines += [
+            f"delay margin    {_figure(None if delay is None else 1e3 * delay, 'ms', self.delay_margin_at)}",
+            f"modulus margin  {_figure(self.modulus_margin, '', self.modulus_margin_at)}",
+        ]
+        crossings = len(self.gain_crossings), len(self.phase_crossings)
+        lines.append(f"crossings       {crossings[0]} of gain 1, {crossings[1]} of -180 deg")
+        if self.drifting:
+            lines.append(
+                f"drifting        {self.drifting} pole{'s' if self.drifting > 1 else ''} at 0, not held by this loop"
+            )
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """A figure over a family.
+
+    Attributes
+    ----------
+    smallest, largest : float
+        Of the stable members; nan where there is none.
+    smallest_member, largest_member : int or None
+        Which member has it, counted from 0.
+    """
+
+    smallest: float
+    smallest_member: int | None
+    largest: float
+    largest_member: int | None
+
+
+def ranges(members: Sequence[Margins]) -> dict[str, Range]:
+    """Return the range of each figure over a family, by name; unstable members have none.
+
+    Parameters
+    ----------
+    members : sequence of Margins
+        One a member.
+    """
+    out = {}
+    for name in FIGURES:
+        given = [getattr(m, name) if m.stable else None for m in members]
+        known = [(abs(v) if name == "phase_margin" else v, v, i) for i, v in enumerate(given) if v is not None]
+        if not known:
+            out[name] = Range(np.nan, None, np.nan, None)
+            continue
+        (_, least, least_at), (_, most, most_at) = min(known), max(known)
+        out[name] = Range(float(least), least_at, float(most), most_at)
+    return out
+
+
+def _figure(value: float | None, unit: str, at: float | None) -> str:
+    if value is None:
+        return "none"
+    if np.isinf(value):
+        return "unlimited"
+    return f"{value:.4g}{' ' + unit if unit else ''}" + ("" if at is None else f" at {at:.6g} Hz")
+
+
+def _at(value: float | None, unit: str) -> str:
+    return "none: the gain does not fall through 1" if value is None else f"{value:.6g} {unit}"

@@ -1,0 +1,234 @@
+"""`Servo`: what a controller makes of a plant, ready to be drawn. Pure data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.servo.controller import Controller
+from updyn.control.servo.margins import Margins, Range
+
+__all__ = ["Loop", "Servo", "StepResponse", "WindResponse"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """A loop function, broken at one place, and what follows from it.
+
+    Attributes
+    ----------
+    name : {"velocity", "position"}
+        The velocity loop with the position loop open; the position loop with the velocity loop closed.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz, dense around resonances and antiresonances.
+    L : ndarray of complex, shape (n_f,)
+        The loop function, without the minus of the negative feedback: the closed loop is L / (1 + L).
+    phase : ndarray of float, shape (n_f,)
+        Of L in degrees, continuous in frequency; it starts at -90 times the number of integrations.
+    margins : Margins
+        Of the nominal plant.
+    family : ndarray of complex, shape (n_members, n_f)
+        The loop function of each member of a family; no rows without one.
+    members : tuple of Margins
+        One a member.
+    worst : mapping of str to Range
+        Smallest and largest of each figure over the nominal plant's family, by the name in `Margins`; empty without a
+        family.
+    """
+
+    name: str
+    freq: _Real
+    L: _Complex
+    phase: _Real
+    margins: Margins
+    family: _Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
+    members: tuple[Margins, ...] = ()
+    worst: Mapping[str, Range] = field(default_factory=dict)
+
+    @property
+    def magnitude_db(self) -> _Real:
+        """|L| in dB, shape (n_f,); beside `phase` it makes the Bode and the Nichols plot."""
+        return np.asarray(20.0 * np.log10(np.abs(self.L)))
+
+    @property
+    def S(self) -> _Complex:  # noqa: N802
+        """Sensitivity 1 / (1 + L), shape (n_f,)."""
+        return np.asarray(1.0 / (1.0 + self.L))
+
+    @property
+    def T(self) -> _Complex:  # noqa: N802
+        """Closed loop L / (1 + L), shape (n_f,)."""
+        return np.asarray(self.L / (1.0 + self.L))
+
+    @property
+    def unstable_members(self) -> tuple[int, ...]:
+        """Members of the family, counted from 0, whose closed loop is unstable."""
+        return tuple(i for i, m in enumerate(self.members) if not m.stable)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResponse:
+    """The answer to a step at time 0, of the closed loop at rest.
+
+    Attributes
+    ----------
+    of : {"reference", "disturbance"}
+        What steps.
+    size : float
+        Height of the step in `input_unit`.
+    input, input_unit, output, output_unit : str
+        What steps and what is read.
+    time : ndarray of float, shape (n,)
+        In s.
+    value : ndarray of float, shape (n,)
+        In `output_unit`.
+    torque : ndarray of float, shape (n,)
+        What the controller asks for, after its dead time, in N m (N).
+    final : float
+        Where `value` goes to, in `output_unit`; nan where it goes nowhere.
+    rise_time : float or None
+        From 10 to 90 % of `final`, in s; of a step of the reference.
+    overshoot : float or None
+        Largest excess over `final`, as a share of it; of a step of the reference.
+    settling_time : float or None
+        After which `value` stays within 2 % of `final` (of a disturbance: of `peak`), in s; None where the record
+        ends before.
+    peak, peak_time : float
+        Value of largest size in `output_unit`, and its time in s.
+    """
+
+    of: str
+    size: float
+    input: str
+    input_unit: str
+    output: str
+    output_unit: str
+    time: _Real
+    value: _Real
+    torque: _Real
+    final: float
+    rise_time: float | None
+    overshoot: float | None
+    settling_time: float | None
+    peak: float
+    peak_time: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindResponse:
+    """The answer to a disturbance over time, wind for one.
+
+    Attributes
+    ----------
+    input, input_unit, output, output_unit : str
+        Where the disturbance acts and what is read.
+    time : ndarray of float, shape (n,)
+        In s.
+    disturbance : ndarray of float, shape (n,)
+        In `input_unit`.
+    error : ndarray of float, shape (n,)
+        The output's deviation from where it should be, 0, in `output_unit`.
+    rms, peak, mean : float
+        Of `error`: root mean square about 0, largest size, mean.
+    rms_expected : float or None
+        Root mean square that the spectrum of the wind gives with the mean left out, without drawing; None for a given
+        series.
+    facts : dict
+        How the disturbance was made: mean speed, turbulence, seed.
+    """
+
+    input: str
+    input_unit: str
+    output: str
+    output_unit: str
+    time: _Real
+    disturbance: _Real
+    error: _Real
+    rms: float
+    peak: float
+    mean: float
+    rms_expected: float | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Servo:
+    """A plant under a controller: loops, margins, time responses.
+
+    Attributes
+    ----------
+    controller : Controller
+        Its settings.
+    torque, velocity, position, disturbance, pointing : str or None
+        Names of the plant's input and outputs that were used; `position` is None where the velocity loop stands alone,
+        and equals `velocity` where one of them is derived from the other.
+    plant : dict
+        Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``, ``route``,
+        ``inertia`` (rigid-body inertia from torque to velocity, kg m2 or kg; None without rigid-body motion),
+        ``members`` (number of a family's members).
+    velocity_loop : Loop
+        Broken at the velocity, the position loop open.
+    position_loop : Loop or None
+        Broken at the position, the velocity loop closed; None without a position loop.
+    freq : ndarray of float, shape (n_f,)
+        Lines of `reference` in Hz, those of the outermost loop.
+    reference : ndarray of complex, shape (n_f,)
+        Closed loop from reference to position (velocity, without a position loop), feed-forward included.
+    bandwidth : float or None
+        First line in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest; None where it is
+        unstable or does not fall.
+    compliance : ndarray of complex, shape (n_f,) or None
+        Closed loop from `disturbance` to position (velocity); None without a disturbance.
+    poles : ndarray of complex, shape (n,)
+        Of the closed loop in rad/s; of a dead time those of its Pade approximation.
+    step : StepResponse or None
+        Of the reference; None where unstable or not asked for.
+    disturbance_step : StepResponse or None
+        Of the disturbance.
+    wind : WindResponse or None
+        Under wind or a given disturbance.
+    notes : tuple of str
+        What the reader should know.
+    """
+
+    controller: Controller
+    torque: str
+    velocity: str
+    position: str | None
+    disturbance: str | None
+    pointing: str | None
+    plant: Mapping[str, Any]
+    velocity_loop: Loop
+    position_loop: Loop | None
+    freq: _Real
+    reference: _Complex
+    bandwidth: float | None
+    compliance: _Complex | None
+    poles: _Complex
+    step: StepResponse | None = None
+    disturbance_step: StepResponse | None = None
+    wind: WindResponse | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether every loop is stable, of all members of a family too."""
+        return all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loops that there are, the inner one first."""
+        return (self.velocity_loop,) if self.position_loop is None else (self.velocity_loop, self.position_loop)
+
+    def summary(self) -> str:
+        """Return what an engineer wants to know, as text."""
+        from updyn.control.servo.words import servo_text
+
+        return servo_text(self)
