@@ -1,0 +1,122 @@
+"""A plant as an object of python-control or of scipy.signal, where a controller is designed with these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from updyn.control.plant import Plant
+from updyn.errors import OptionError
+
+if TYPE_CHECKING:
+    import control
+    import scipy.signal
+
+__all__ = ["to_control", "to_frd", "to_scipy"]
+
+
+def to_control(plant: Plant) -> control.StateSpace:
+    """Return a plant as a ``StateSpace`` of python-control, with the names of its inputs and outputs.
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous or sampled one.
+
+    Returns
+    -------
+    control.StateSpace
+        ``dt`` is 0 for a continuous plant and the sampling interval in s for a sampled one, whatever the default of
+        python-control is set to; no state is removed. python-control has no dots in names: each becomes ``_``.
+
+    Raises
+    ------
+    OptionError
+        If python-control is not installed, or two names differ by such a dot only.
+    """
+    library = _library()
+    return library.StateSpace(
+        *(np.array(m) for m in (plant.A, plant.B, plant.C, plant.D)),
+        remove_useless_states=False,
+        **_signals(plant),
+    )
+
+
+def to_frd(plant: Plant, freq: ArrayLike) -> control.FrequencyResponseData:
+    """Return the frequency response of a plant as ``FrequencyResponseData`` (``FRD``) of python-control.
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous or sampled one.
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz, increasing; python-control has them in rad/s.
+
+    Returns
+    -------
+    control.FrequencyResponseData
+        Of shape (n_outputs, n_inputs, n_f), names and ``dt`` as `to_control` gives them.
+
+    Raises
+    ------
+    OptionError
+        If python-control is not installed, or two names differ by a dot only.
+    DataError
+        If a line cannot be had, see `Plant.response`.
+    """
+    library = _library()
+    found = plant.response(freq)
+    return library.FrequencyResponseData(
+        np.moveaxis(found.values, 0, -1).copy(), 2 * np.pi * found.freq, **_signals(plant)
+    )
+
+
+def to_scipy(plant: Plant) -> scipy.signal.StateSpace:
+    """Return a plant as a ``StateSpace`` of scipy.signal, which has no names.
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous or sampled one.
+
+    Returns
+    -------
+    scipy.signal.StateSpace
+        An ``lti`` of a continuous plant, a ``dlti`` with ``dt`` in s of a sampled one.
+    """
+    from scipy.signal import StateSpace
+
+    timing = {} if plant.dt is None else {"dt": plant.dt}
+    return StateSpace(*(np.array(m) for m in (plant.A, plant.B, plant.C, plant.D)), **timing)
+
+
+def _library() -> ModuleType:
+    try:
+        import control
+    except ImportError as error:
+        raise OptionError('this needs python-control: pip install "updyn[control]"') from error
+    module: ModuleType = control
+    return module
+
+
+def _signals(plant: Plant) -> dict[str, Any]:
+    return {
+        "inputs": _names(plant.inputs, "inputs"),
+        "outputs": _names(plant.outputs, "outputs"),
+        "dt": 0 if plant.dt is None else plant.dt,
+    }
+
+
+def _names(names: Sequence[str], what: str) -> list[str]:
+    out = [name.replace(".", "_") for name in names]
+    for i, name in enumerate(out):
+        if name in out[:i]:
+            raise OptionError(
+                f"{what} {names[out.index(name)]!r} and {names[i]!r} are one name to python-control, which has no dots "
+                "in names; give one of the ports another name"
+            )
+    return out

@@ -1,0 +1,241 @@
+"""A plant as a digital controller sees it: sampled, its input held between the samples, late by a stated time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, matrix_balance
+
+from updyn.control.plant import Plant
+from updyn.errors import DataError, OptionError, suggest
+from updyn.group import is_number
+
+__all__ = ["sampled"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_Matrices = tuple[_Real, _Real, _Real, _Real]
+
+_METHODS = ("zoh", "tustin")
+#: A delay so close to a whole number of intervals, in intervals, is meant to be whole (0.003 / 0.001 is not 3).
+_WHOLE = 1e-9
+#: Dense matrices of more states than this do not fit.
+_MOST_STATES = 5000
+#: Lines in the band at which the deviation is measured, beside the peaks.
+_LINES = 400
+#: A pole at the singularity of the bilinear substitution, as a share of it.
+_SINGULAR = 1e-9
+
+
+def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *, prewarp: float | None = None) -> Plant:
+    """Return a plant that is sampled: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous one; rigid-body motion may be part of it.
+    dt : float
+        Sampling interval in s.
+    method : {"zoh", "tustin"}
+        ``"zoh"``: the input is held over each interval, as the converter of a drive does; exact at the samples.
+        ``"tustin"``: s = 2 (z - 1) / (dt (z + 1)), without a hold: for a plant that is to be compared with a
+        continuous one, or is not driven by a converter.
+    delay : float
+        Time in s by which the input acts late (computation, transport, current loop), of any length. Each interval
+        begun adds one state for each input. Of ``"tustin"`` a whole number of intervals.
+    prewarp : float, optional
+        Frequency in Hz at which ``"tustin"`` has the response of the continuous plant exactly.
+
+    Returns
+    -------
+    Plant
+        With `Plant.dt`, and with `Plant.delay` the intervals of delay, a begun one counted as whole. What `Plant.error`
+        says stays that of the continuous one. ``facts["sampling"]`` holds ``method``, ``dt``, ``delay`` (in s),
+        ``prewarp`` (in Hz or None), ``deviation`` and ``deviation_without_hold``: the largest difference of a channel
+        in the band from hold x continuous plant x exp(-s delay), and from the same without the hold, both measured line
+        by line, as shares of the channel's peak there; and ``above_nyquist``: natural frequencies in Hz that lie above
+        half the sampling rate and appear in the band as others.
+
+    Raises
+    ------
+    OptionError
+        If the plant is sampled already, `dt` is not above 0, the band reaches above half the sampling rate, the method
+        is unknown, the delay is negative or cannot be had, `prewarp` is not within the band of the sampler, or the
+        plant has a pole where the substitution of ``"tustin"`` is singular (s = 2 / dt).
+
+    Notes
+    -----
+    Hold: exponential of the matrix augmented with the input (Van Loan 1978, IEEE Trans. Autom. Control 23, p. 395), no
+    inverse of A. Delay by a part of an interval: the input changes once within each interval (Franklin, Powell &
+    Workman, Digital Control of Dynamic Systems, 3rd ed., section 4.3.3). Bilinear substitution and prewarping: ibid.,
+    section 6.1.
+
+    Examples
+    --------
+    >>> digital = updyn.sampled(plant, 1e-3, delay=1.5e-3)  # doctest: +SKIP
+    """
+    interval = _interval(plant, dt)
+    if method not in _METHODS:
+        raise OptionError(f"method {method!r} of sampling; {suggest(str(method), _METHODS)}")
+    whole, part = _intervals(delay, interval, len(plant.inputs), plant.n_states)
+    if method == "zoh":
+        if prewarp is not None:
+            raise OptionError("prewarp is of method 'tustin'; a held input is exact at every frequency")
+        matrices = _held(plant, interval, whole, part)
+    else:
+        if part:
+            raise OptionError(
+                f"delay {delay:g} s is {delay / interval:g} intervals of {interval:g} s; method 'tustin' takes a whole "
+                f"number of them, nearest {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
+            )
+        matrices = _late(*_tustin(plant, interval, prewarp), whole)
+    A, B, C, D = matrices
+    late = whole + bool(part)
+    out = replace(plant, A=A, B=B, C=C, D=D, dt=interval, delay=late)
+    facts = {"method": method, "dt": interval, "delay": float(delay), "prewarp": prewarp}
+    return replace(out, facts={**plant.facts, "sampling": {**facts, **_deviations(plant, out, float(delay))}})
+
+
+# -- what is asked for -------------------------------------------------------------------------------------
+def _interval(plant: Plant, dt: float) -> float:
+    if plant.dt is not None:
+        raise OptionError(f"the plant is sampled already, every {plant.dt:g} s; sample the continuous one")
+    if not is_number(dt) or not np.isfinite(dt) or dt <= 0:
+        raise OptionError(f"dt is {dt!r}; expected a sampling interval in s, above 0")
+    if plant.band[1] > 0.5 / dt:
+        raise OptionError(
+            f"the band of the plant reaches to {plant.band[1]:g} Hz, but half the sampling rate is {0.5 / dt:g} Hz; "
+            f"sample every {0.5 / plant.band[1]:.4g} s or faster, or make the plant for a narrower band"
+        )
+    return float(dt)
+
+
+def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[int, float]:
+    """Return how many whole intervals a delay has, and which part of the next, from 0 to below 1."""
+    if not is_number(delay) or not np.isfinite(delay) or delay < 0:
+        raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
+    count = float(delay) / dt
+    near = round(count)
+    whole, part = (near, 0.0) if abs(count - near) <= _WHOLE else (math.floor(count), count - math.floor(count))
+    if n_states + (whole + 1) * n_inputs > _MOST_STATES:
+        raise OptionError(
+            f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input and interval the "
+            f"plant would have more than {_MOST_STATES} states; is the delay in s?"
+        )
+    return whole, part
+
+
+# -- zero-order hold ---------------------------------------------------------------------------------------
+def _held(plant: Plant, dt: float, whole: int, part: float) -> _Matrices:
+    """Return the matrices of a held input that acts `whole + part` intervals late."""
+    transition, forced = _over(plant.A, plant.B, (1.0 - part) * dt)
+    if not part:
+        return _late(transition, forced, plant.C, plant.D, whole)
+    # From k dt the input of interval k - whole - 1 goes on acting for part dt, then that of interval k - whole.
+    first, before = _over(plant.A, plant.B, part * dt)
+    states, inputs = plant.B.shape
+    A = np.block([[transition @ first, transition @ before], [np.zeros((inputs, states + inputs))]])
+    B = np.vstack([forced, np.eye(inputs)])
+    # At the sample itself the earlier input still acts.
+    return _late(A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D), whole)
+
+
+def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
+    """Return exp(A t) and the integral of exp(A s) B ds from 0 to t."""
+    n, m = B.shape
+    if n == 0:
+        return A, B
+    # Powers of 2, so that nothing is rounded: of the states, which are lengths beside speeds, and of the inputs.
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    scaled = B / scale[:, None]
+    size, wanted = np.abs(scaled).max(axis=0), max(float(np.abs(balanced).max()), 1.0)
+    unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
+    both = expm(t * np.block([[balanced, scaled / unit], [np.zeros((m, n + m))]]))
+    return scale[:, None] * both[:n, :n] / scale, scale[:, None] * both[:n, n:] * unit
+
+
+# -- bilinear substitution ---------------------------------------------------------------------------------
+def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
+    """Return the matrices of G(2 (z - 1) / (step (z + 1)))."""
+    step = dt
+    if prewarp is not None:
+        if not is_number(prewarp) or not 0 < prewarp < 0.5 / dt:
+            raise OptionError(
+                f"prewarp is {prewarp!r}; expected a frequency in Hz above 0 and below half the sampling rate, "
+                f"{0.5 / dt:g} Hz"
+            )
+        omega = 2 * np.pi * prewarp
+        step = 2 * math.tan(omega * dt / 2) / omega
+    poles = plant.poles
+    singular = np.abs(poles * step / 2 - 1) < _SINGULAR
+    if singular.any():
+        pole = poles[singular][0].real
+        raise OptionError(
+            f"the plant has a pole at s = {pole:g} rad/s, where the substitution of method 'tustin' is singular "
+            f"(2 / dt{', prewarped' if prewarp is not None else ''}); choose another dt, or method 'zoh'"
+        )
+    eye = np.eye(plant.n_states)
+    left = eye - 0.5 * step * plant.A
+    A = np.asarray(np.linalg.solve(left, eye + 0.5 * step * plant.A), dtype=np.float64)
+    B = np.asarray(np.linalg.solve(left, step * plant.B), dtype=np.float64)
+    C = np.asarray(np.linalg.solve(left.T, plant.C.T).T, dtype=np.float64)
+    return A, B, C, plant.D + 0.5 * plant.C @ B
+
+
+# -- delay -------------------------------------------------------------------------------------------------
+def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
+    """Return the matrices with the input `whole` intervals late: x, then u[k-1], ..., u[k-whole] are the states."""
+    if not whole:
+        return A, B, C, D
+    (n, m), held = B.shape, whole * B.shape[1]
+    late_A = np.zeros((n + held, n + held))
+    late_A[:n, :n] = A
+    late_A[:n, n + held - m :] = B
+    late_A[n + m :, n : n + held - m] = np.eye(held - m)
+    late_B = np.zeros((n + held, m))
+    late_B[n : n + m] = np.eye(m)
+    late_C = np.zeros((len(C), n + held))
+    late_C[:, :n], late_C[:, n + held - m :] = C, D
+    return late_A, late_B, late_C, np.zeros_like(D)
+
+
+# -- what it costs -----------------------------------------------------------------------------------------
+def _deviations(plant: Plant, out: Plant, delay: float) -> Mapping[str, Any]:
+    """Measure how far the sampled response is from that of the continuous plant, as shares of the channels' peaks."""
+    assert out.dt is not None
+    lines = _lines(plant)
+    s = 2j * np.pi * lines
+    try:
+        exact = plant.at(s) * np.exp(-s * delay)[:, None, None]
+        found = out.at(np.exp(s * out.dt))
+    except DataError:  # a pole without damping in the band: no line of it has a peak to compare with
+        figures = {"deviation": math.nan, "deviation_without_hold": math.nan}
+    else:
+        hold = (-np.expm1(-s * out.dt) / (s * out.dt))[:, None, None]
+        figures = {
+            "deviation": _share(found, hold * exact),
+            "deviation_without_hold": _share(found, exact),
+        }
+    above = plant.modes[plant.modes > 0.5 / out.dt]
+    return {**figures, "above_nyquist": [float(f) for f in above]}
+
+
+def _lines(plant: Plant) -> _Real:
+    """Return lines that cover the band, among them each damped pole in it and its half-power points; none is 0."""
+    low, high = plant.band
+    start = max(low, 1e-3 * high)
+    poles = plant.poles[(plant.poles.imag > 0) & (plant.poles.real < 0)]
+    peaks = np.concatenate([poles.imag, poles.imag + poles.real, poles.imag - poles.real]) / (2 * np.pi)
+    lines = np.concatenate([np.linspace(start, high, _LINES // 2), np.geomspace(start, high, _LINES // 2), peaks])
+    return np.unique(lines[(lines >= start) & (lines <= high)])
+
+
+def _share(found: _Complex, exact: _Complex) -> float:
+    """Return the largest difference of a channel, as a share of its peak; channels that are 0 throughout are whole."""
+    off, peak = np.abs(found - exact).max(axis=0), np.abs(exact).max(axis=0)
+    return float(np.max(off / np.where(peak > 0, peak, 1.0), initial=0.0))
