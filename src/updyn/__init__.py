@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from updyn.control.sampled import sampled as sampled
     from updyn.control.servo.controller import Controller as Controller
     from updyn.control.servo.controller import Notch as Notch
+    from updyn.control.servo.drive import drive_figures as drive_figures
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
     from updyn.dofs import DofSet as DofSet
@@ -111,6 +112,7 @@ _WHERE = {
     "complete_parts": "updyn.updating.gaps",
     "condense": "updyn.dynamics.condensation",
     "correlate": "updyn.correlation",
+    "drive_figures": "updyn.control.servo.drive",
     "identify_modes": "updyn.modal",
     "link": "updyn.updating.choice",
     "match": "updyn.matching",
