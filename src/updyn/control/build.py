@@ -171,7 +171,7 @@ def plant(
         task.band,
         float(tolerance),
         found.error,
-        found.peak_error,
+        found.error,
         found.conversion.name,
         task.space.rigid,
         np.concatenate(
@@ -199,26 +199,27 @@ def _checked(made: Plant, target: Target) -> Plant:
 
 
 def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
-    best: Kept | None = None
-    said = []
-    for route in routes:
-        try:
-            for conversion in task.tried(route):
-                found = fewest(conversion, task.target, tolerance)
-                if found.meets(tolerance):
-                    return found
-                said.append(f"{route} {max(found.error, found.peak_error):.2g}")
-                if best is None or max(found.error, found.peak_error) < max(best.error, best.peak_error):
-                    best = found
-        except ModelError as error:
-            if len(routes) == 1 and best is None:
-                raise
-            said.append(str(error))
-    reached = f" (error {best.error:.3g}, of resonances {best.peak_error:.3g})" if best is not None else ""
+    """Return the first route that holds the tolerance, away from sharp peaks too; else one that holds it at all."""
+    reached: dict[str, float] = {}
+    refused: dict[str, ModelError] = {}
+    for strict in (True, False):
+        for route in (r for r in routes if r not in refused):
+            try:
+                for conversion in task.tried(route):
+                    found = fewest(conversion, task.target, tolerance, strict=strict)
+                    if found.error <= tolerance:
+                        return found
+                    reached[route] = min(found.error, reached.get(route, np.inf))
+            except ModelError as error:
+                refused[route] = error
+    if not reached:
+        raise next(iter(refused.values()))
+    others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
+    best = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
     raise ModelError(
-        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to {task.band[1]:g} Hz{reached}: "
-        f"{', '.join(dict.fromkeys(said))}; allow a larger tolerance, narrow the band, or try another route "
-        f"({', '.join(r for r in ROUTES if r not in routes)})"
+        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to {task.band[1]:g} Hz; reached: "
+        f"{best}. Allow a larger tolerance, "
+        f"narrow the band{f', or try route {others}' if others else ''}"
     )
 
 
@@ -303,13 +304,21 @@ def _task(
             "finite answer; begin it above"
         )
     target = Target.of(
-        model, inputs, outputs, quantities, target_lines(space, (low, high)), rigid=space.rigid > 0, tier=tier,
+        model, inputs, outputs, quantities, target_lines(_poles(space), (low, high)), rigid=space.rigid > 0, tier=tier,
         backend=backend,
     )  # fmt: skip
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     if not np.isfinite(target.values).all():
         raise SolverError("plant: the structure has no finite answer at a line of the band: it is not damped")
     return _Task(space, target, powers, (low, high)), quantities
+
+
+def _poles(space: ModalSpace) -> NDArray[np.complex128]:
+    """Return the poles of the damped structure, or those of its modes one by one where two have become one."""
+    try:
+        return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp)).poles
+    except ModelError:
+        return np.asarray(space.omega * (1j - 0.5 * space.loss_factors()))
 
 
 def _check_band(band: Sequence[float]) -> tuple[float, float]:

@@ -11,8 +11,9 @@ conjugates of those above:
 
     G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
 
-Of one mode with the loss factor eta this changes about eta^2 / 8 of its peak, and the poles and residues that make the
-resonances not at all: closer than any real damping matrix where damping is strong and local. It is stable, and passive
+Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at most eta^2 at rest,
+where nothing causal has losses; the poles and residues that make the resonances it does not change at all. That is
+closer than any real damping matrix where damping is strong and local. It is stable, and passive
 only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
 with a viscous damper, are those of the structure without D.
 """
@@ -87,16 +88,21 @@ class ComplexModes:
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""
         s = imaginary(freq)
-        A, B, C = self.slow
+        A, B, _ = self.slow
         out = np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
         if len(A):
             shift = s[:, None, None] * np.eye(len(A)) - A
-            out += (C @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))) * rates(self.powers, s)
+            out += self._slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
         for p, U, W in ((poles, left * growth, right), (poles.conj(), (left * growth).conj(), right.conj())):
             out += (U[None] / (s[:, None] - p)[:, None, :]) @ W.T
         return out + self._through(kept)
+
+    def _slow_rows(self) -> _Real:
+        """Return what the outputs read of the slow states."""
+        A, _, C = self.slow
+        return np.stack([C, C @ A, C @ A @ A])[self.powers, np.arange(len(C))]
 
     def _through(self, kept: NDArray[np.bool_]) -> _Real:
         """Return the feed-through: static flexibility of what is left out, or the jump of an acceleration."""
@@ -112,7 +118,7 @@ class ComplexModes:
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
         """Return A, B, C, D in real blocks [[a, b], [-b, a]] of the poles a + ib."""
-        A0, B0, C0 = self.slow
+        A0, B0, _ = self.slow
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         n, m = len(A0), len(poles)
         # Each side of a residue takes the same share of it.
@@ -120,7 +126,7 @@ class ComplexModes:
         left, right = left / np.where(balance > 0, balance, 1.0), right * np.where(balance > 0, balance, 1.0)
         A, B, C = np.zeros((n + 2 * m,) * 2), np.zeros((n + 2 * m, len(right))), np.zeros((len(left), n + 2 * m))
         A[:n, :n], B[:n] = A0, B0
-        C[:, :n] = np.stack([C0, C0 @ A0, C0 @ A0 @ A0])[self.powers, np.arange(len(left))]
+        C[:, :n] = self._slow_rows()
         first = n + 2 * np.arange(m)
         second = first + 1
         A[first, first] = A[second, second] = poles.real

@@ -23,21 +23,16 @@ class Kept:
         What was chosen from.
     mask : ndarray of bool, shape (n,)
         Which are kept.
-    error, peak_error : float
-        Against the model, see `updyn.control.target.Target`.
+    error : float
+        Against the model, that of resonances included: what has to be within the tolerance.
     """
 
     conversion: Conversion
     mask: NDArray[np.bool_]
     error: float
-    peak_error: float
-
-    def meets(self, tolerance: float) -> bool:
-        """Return whether both errors are within a tolerance."""
-        return max(self.error, self.peak_error) <= tolerance
 
 
-def fewest(conversion: Conversion, target: Target, tolerance: float) -> Kept:
+def fewest(conversion: Conversion, target: Target, tolerance: float, *, strict: bool = True) -> Kept:
     """Find the fewest candidates that answer within a tolerance. What lies below the band is always kept.
 
     Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a share of the peak of
@@ -52,26 +47,28 @@ def fewest(conversion: Conversion, target: Target, tolerance: float) -> Kept:
     target : Target
         What to answer like.
     tolerance : float
-        On both errors.
+        On the error and on the height of resonances.
+    strict : bool
+        Whether the error is that of `Target.worst`, or of `Target.error`.
 
     Returns
     -------
     Kept
         All candidates, where not even these hold the tolerance.
     """
-    costs = (conversion.costs(target.freq) / target.level).max(axis=(1, 2))
+    costs = (conversion.costs(target.freq) / target.broad).max(axis=(1, 2))
     # A servo closes its loop through what is slow: it is not for a tolerance to leave that out.
     always = conversion.always | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
-    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_))
-    if not whole.meets(tolerance):
+    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), strict)
+    if whole.error > tolerance:
         return whole
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = _judged(conversion, target, _first(order, middle))
-        if tried.meets(tolerance):
+        tried = _judged(conversion, target, _first(order, middle), strict)
+        if tried.error <= tolerance:
             high, best = middle, tried
         else:
             low = middle + 1
@@ -80,8 +77,8 @@ def fewest(conversion: Conversion, target: Target, tolerance: float) -> Kept:
             continue
         mask = best.mask.copy()
         mask[i] = False
-        tried = _judged(conversion, target, mask)
-        if tried.meets(tolerance):
+        tried = _judged(conversion, target, mask, strict)
+        if tried.error <= tolerance:
             best = tried
     return best
 
@@ -92,6 +89,7 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_]) -> Kept:
+def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], strict: bool) -> Kept:
     G = conversion.response(mask, target.freq)
-    return Kept(conversion, mask, target.error(G), target.peak_error(G))
+    error = target.worst(G) if strict else target.error(G)
+    return Kept(conversion, mask, max(error, target.peak_error(G)))

@@ -32,6 +32,8 @@ _Real = NDArray[np.float64]
 _WHOLE = 300
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
+#: A negative omega^2 down to this share of that of the band's upper end is rounding.
+_UNSTABLE = 1e-6
 _TWO_PI = 2.0 * np.pi
 
 
@@ -241,11 +243,10 @@ def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_
     except scipy.linalg.LinAlgError as error:
         raise ModelError("plant: a motion has neither stiffness nor mass, or a negative one") from error
     share, shapes = share[::-1], shapes[:, ::-1]
-    if len(share) and share[min(rigid, len(share) - 1)] > 1.0 + 1e-9:
-        low = -top * (1.0 - 1.0 / share[rigid])
+    if share[0] > 1.0 + _UNSTABLE:
         raise ModelError(
-            f"plant: the stiffness is indefinite (omega^2 = {low:.3g} 1/s2 of a mode), so that the structure does not "
-            "stand by itself and no stable plant can be had of it"
+            f"plant: the stiffness is indefinite (omega^2 = {top * (1.0 / share[0] - 1.0):.3g} 1/s2 of a mode), so "
+            "that the structure does not stand by itself and no stable plant can be had of it"
         )
     least = 1.0 / (1.0 + _STIFF**2)
     share = np.clip(share, least, 1.0)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
-from updyn.control.space import ModalSpace
 from updyn.dynamics.response import response
 from updyn.frf import QUANTITIES
 from updyn.model import Model
@@ -40,6 +39,8 @@ class Target:
         Output over input, by one factorisation of the whole model a line.
     level : ndarray of float, shape (n_y, n_u)
         Peak of each channel; 1 where there is no coupling at all.
+    broad : ndarray of float, shape (n_y, n_u)
+        The same on evenly spaced lines, as a measurement would have it: lower where a resonance is very sharp.
     seen : ndarray of float, shape (n_f, n_y, n_u)
         Size of the response as resonances are told by: with rigid-body motion that of the accelerations, in which
         what is low in frequency does not hide the rest.
@@ -48,6 +49,7 @@ class Target:
     freq: _Real
     values: _Complex
     level: _Real
+    broad: _Real
     seen: _Real
 
     @classmethod
@@ -91,8 +93,10 @@ class Target:
         values = (out @ found.values @ into.T) * (s[:, None] ** power)[:, :, None]
         size = np.abs(values)
         level = size.max(axis=0)
+        even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
+        broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
         seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if rigid else size
-        return cls(freq, values, np.where(level > 0, level, 1.0), seen)
+        return cls(freq, values, *(np.where(a > 0, a, 1.0) for a in (level, broad)), seen)
 
     def error(self, G: _Complex) -> float:
         """Return the largest error of a channel as a share of its peak.
@@ -103,6 +107,18 @@ class Target:
             An answer at the same lines.
         """
         return float((np.abs(G - self.values) / self.level).max())
+
+    def worst(self, G: _Complex) -> float:
+        """Return the largest error as a share of the `broad` peak of its channel, or of the response where that is more.
+
+        One very sharp resonance does not excuse what is wrong elsewhere.
+
+        Parameters
+        ----------
+        G : ndarray of complex, shape (n_f, n_y, n_u)
+            An answer at the same lines.
+        """
+        return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
     def errors(self, G: _Complex) -> _Real:
         """Return the error of the worst channel at each line, shape (n_f,), as a share of the channel's peak."""
@@ -139,13 +155,14 @@ class Target:
         return out
 
 
-def target_lines(space: ModalSpace, band: tuple[float, float]) -> _Real:
-    """Return lines that show every resonance of a band: even and geometric spacing, and close around each mode.
+def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
+    """Return lines that show every resonance of a band: even and geometric spacing, and close around each pole.
 
     Parameters
     ----------
-    space : ModalSpace
-        The modes.
+    poles : ndarray of complex, shape (n,)
+        Of the structure, in rad/s. Undamped ones are not enough: strong damping in one part moves the sharp resonances
+        of the others by more than their width.
     band : (float, float)
         Lowest and highest line in Hz.
 
@@ -155,10 +172,9 @@ def target_lines(space: ModalSpace, band: tuple[float, float]) -> _Real:
         In Hz, ascending, both ends included.
     """
     low, high = band
-    own = space.omega / (2.0 * np.pi)
-    inside = (own > low) & (own < high)
-    loss = np.maximum(space.loss_factors()[inside], 1e-5)
-    around = (own[inside][:, None] * (1.0 + 0.5 * loss[:, None] * _AROUND)).ravel()
+    width = np.maximum(np.abs(poles.real), 1e-7 * np.abs(poles))
+    around = ((np.abs(poles.imag)[:, None] + width[:, None] * _AROUND) / (2.0 * np.pi)).ravel()
+    around = around[(around > low) & (around < high)]
     spread = np.geomspace(max(low, 1e-4 * high), high, _BETWEEN)
     lines = np.concatenate([np.linspace(low, high, _BETWEEN), spread, around, [low, high]])
     lines = np.unique(np.clip(lines, low, high))
