@@ -109,7 +109,7 @@ class Target:
         return float((np.abs(G - self.values) / self.level).max())
 
     def worst(self, G: _Complex) -> float:
-        """Return the largest error as a share of the `broad` peak of its channel, or of the response where that is more.
+        """Return the largest error as a share of the `broad` peak of its channel, or of a response above it.
 
         One very sharp resonance does not excuse what is wrong elsewhere.
 
