@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from updyn.control.servo.controller import Controller as Controller
     from updyn.control.servo.controller import Notch as Notch
     from updyn.control.servo.drive import drive_figures as drive_figures
+    from updyn.control.weight import uncertainty_weight as uncertainty_weight
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
     from updyn.dofs import DofSet as DofSet
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
+    from updyn.io.plant_file import read_plant as read_plant
+    from updyn.io.plant_file import write_plant as write_plant
     from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
     from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
     from updyn.loss_table import LossTable as LossTable
@@ -126,6 +129,7 @@ _WHERE = {
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",
     "read_modes": "updyn.io",
+    "read_plant": "updyn.io.plant_file",
     "read_result": "updyn.io",
     "read_uncertainty": "updyn.io.uncertainty_file",
     "response": "updyn.dynamics.response",
@@ -136,11 +140,13 @@ _WHERE = {
     "to_control": "updyn.control.python_control",
     "to_frd": "updyn.control.python_control",
     "to_scipy": "updyn.control.python_control",
+    "uncertainty_weight": "updyn.control.weight",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",
     "write_model": "updyn.io",
     "write_modes": "updyn.io",
+    "write_plant": "updyn.io.plant_file",
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
     "write_result": "updyn.io",

@@ -18,6 +18,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from updyn import __version__
 from updyn.cli.comparing import compare
+from updyn.cli.planting import describe_planted, plant
 from updyn.errors import InputError, UpdynError, UpdynWarning
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.job import Job, Prepared
+    from updyn.job.planted import Planted
+    from updyn.uncertainty.draws import Draws
+    from updyn.uncertainty.profiles import Profiles
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["BAD_INPUT", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
@@ -241,7 +245,7 @@ def convert(
 
 @app.command
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
-    """Say what is in a file: a measurement, a model, the record of a run, modes, or a geometry.
+    """Say what is in a file: a measurement, a model, the record of a run, modes, a geometry or a plant.
 
     Parameters
     ----------
@@ -292,6 +296,7 @@ def correlate(job: Path, /) -> int:
 
 
 app.command(compare)
+app.command(plant)
 
 
 # -- what they share ---------------------------------------------------------------------------------------
@@ -304,15 +309,36 @@ def _run(
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
+    more: list[str] = []
     with watch(_stderr()) as watching:
-        result = run_job(job, folder, watching, report=write_report, prepared=ready, engine=engine, resume=resume)
-    _say(result.summary())
+        result = run_job(
+            job,
+            folder,
+            watching,
+            report=write_report,
+            prepared=ready,
+            engine=engine,
+            resume=resume,
+            further=lambda found, planted: more.extend(_further(found, planted)),
+        )
+    _say("\n\n".join([result.summary(), *more]))
     first = "report.html" if job.output.report else "result.json"
     _say(f"\nResults in {folder}: {folder / first}")
     if result.status in ("stopped", "max-iterations"):
         more = "" if result.status == "stopped" else ", with more max_iterations"
         _say(f"To go on from here{more}: updyn run JOB.toml --resume (with the same --out)")
     return result
+
+
+def _further(found: Draws | Profiles | None, planted: Planted | None) -> Iterator[str]:
+    """Yield what a run found beside its result, as text."""
+    if found is not None:
+        from updyn.report.uncertain import level_of
+        from updyn.uncertainty.draws import Draws
+
+        yield found.summary(level_of(found)) if isinstance(found, Draws) else found.summary()
+    if planted is not None:
+        yield describe_planted(planted)
 
 
 def _exit_code(result: UpdateResult | JointResult) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from updyn.control.plant import Plant
 from updyn.dofs import DofSet
 from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
@@ -23,6 +24,7 @@ __all__ = [
     "describe_model",
     "describe_modes",
     "describe_parameters",
+    "describe_plant",
     "table",
 ]
 
@@ -41,7 +43,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult) -> str:
+def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult | Plant) -> str:
     """Return what a file holds, as text."""
     if isinstance(content, Model):
         return describe_model(content)
@@ -49,6 +51,8 @@ def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult) -> str:
         return describe_frf(content)
     if isinstance(content, ModeSet):
         return describe_modes(content)
+    if isinstance(content, Plant):
+        return describe_plant(content)
     return content.summary() if isinstance(content, UpdateResult) else describe_geometry(content)
 
 
@@ -137,6 +141,33 @@ def describe_geometry(geometry: Geometry) -> str:
     low, high = geometry.xyz.min(axis=0), geometry.xyz.max(axis=0)
     box = ", ".join(f"{a} {p:g} to {q:g}" for a, p, q in zip("XYZ", low, high, strict=True))
     return f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
+
+
+def describe_plant(plant: Plant) -> str:
+    """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
+    late = f", input {plant.delay} intervals late" if plant.delay else ""
+    sampled = "continuous" if plant.dt is None else f"sampled every {plant.dt:g} s{late}"
+    inputs = zip(plant.input_ports, plant.input_units, strict=True)
+    outputs = zip(plant.output_ports, plant.output_units, strict=True)
+    rows = [
+        [port.name, what, unit, ", ".join(f"{w:+.4g} {label}" for label, w in port.weights.items())]
+        for what, ports in (("input", inputs), ("output", outputs))
+        for port, unit in ports
+    ]
+    rigid = f", {plant.rigid} of them rigid-body motion" if plant.rigid else ""
+    return "\n".join(
+        [
+            f"Plant: {plant.n_states} states, {len(plant.inputs)} inputs, {len(plant.outputs)} outputs, {sampled}",
+            f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}: largest error of a channel "
+            f"{plant.error:.3g} of its peak (asked for {plant.tolerance:g}), of a resonance's height "
+            f"{plant.peak_error:.3g}",
+            f"{len(plant.modes)} modes{rigid}, natural frequencies (Hz): "
+            + (", ".join(f"{f:.5g}" for f in plant.modes[:_LABELS]) or "none")
+            + (", ..." if len(plant.modes) > _LABELS else ""),
+            "",
+            table(("port", "is", "unit", "weights"), rows),
+        ]
+    )
 
 
 def describe_parameters(parameters: ParameterSet) -> str:

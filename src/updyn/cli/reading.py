@@ -1,4 +1,4 @@
-"""Reading a file without being told what it holds: a measurement, a model, a record of a run, modes, or a geometry."""
+"""Reading a file without being told what it holds: a measurement, a model, a record of a run, modes, a plant ..."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from updyn.errors import FormatError, InputError
 from updyn.io import read_frf, read_geometry, read_model, read_modes, read_result
+from updyn.io.plant_file import read_plant
 from updyn.io.registry import find_format
 
 __all__ = ["KINDS", "read_anything"]
@@ -19,6 +20,7 @@ KINDS: Mapping[str, Callable[..., Any]] = {
     "result": read_result,
     "modes": read_modes,
     "geometry": read_geometry,
+    "plant": read_plant,
 }
 _WORDS = {
     "frf": "a measurement",
@@ -26,6 +28,7 @@ _WORDS = {
     "result": "the record of a run",
     "modes": "modes",
     "geometry": "a geometry",
+    "plant": "a plant",
 }
 
 
@@ -47,7 +50,7 @@ def read_anything(
     -------
     kind : str
         What it holds.
-    content : FRF, Model, UpdateResult, ModeSet or Geometry
+    content : FRF, Model, UpdateResult, ModeSet, Geometry or Plant
         What was read.
 
     Raises

@@ -1,0 +1,164 @@
+"""A plant as a C99 header for the code of a controller: matrices, names, and the function that steps or derives.
+
+Every name begins with the stem of the file, so that a program can include several plants. Of ``mount.h``::
+
+    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS      sizes
+    MOUNT_DT, MOUNT_DELAY                                sampling interval in s (0.0: continuous), intervals of delay
+    MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR         Hz, and the error in between
+    mount_A, mount_B, mount_C, mount_D                   double, row after row, in SI units
+    mount_input_names, mount_input_units, mount_output_names, mount_output_units
+    mount_output(x, u, y)                                y = C x + D u
+    mount_derivative(x, u, dx)                           of a continuous plant: dx = A x + B u
+    mount_step(x, u, y)                                  of a sampled one: y = C x + D u, then x = A x + B u
+
+Numbers have the digits that give them back exactly. Nothing is allocated and nothing else is included.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from updyn import __version__
+from updyn.control.plant import Plant
+from updyn.errors import FormatError
+from updyn.io.atomic import atomic_path
+
+__all__ = ["write_plant"]
+
+_A_LINE = 4  # numbers
+_PLAIN = re.compile(r"[A-Za-z0-9 _.,:;+()/='-]")
+
+
+def write_plant(plant: Plant, path: str | Path) -> None:
+    """Write a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    path : path
+        File to write; its stem is the start of every name in it.
+
+    Raises
+    ------
+    FormatError
+        If the plant has no state: C has no arrays without elements.
+    """
+    if not plant.n_states:
+        raise FormatError("the plant has no state; a header holds one with at least one", path)
+    stem = re.sub(r"[^A-Za-z0-9]", "_", Path(path).stem)
+    name = stem.lower() if stem[:1].isalpha() else f"plant_{stem.lower().lstrip('_')}".rstrip("_")
+    text = "\n".join(_lines(plant, name)) + "\n"
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="ascii")
+
+
+def _lines(plant: Plant, name: str) -> list[str]:
+    upper = name.upper()
+    kind = "x' = A x + B u" if plant.dt is None else f"x[k+1] = A x[k] + B u[k], a sample every {plant.dt!r} s"
+    sizes = {"STATES": plant.n_states, "INPUTS": len(plant.inputs), "OUTPUTS": len(plant.outputs)}
+    by_size = {"n": f"{upper}_N_STATES", "u": f"{upper}_N_INPUTS", "y": f"{upper}_N_OUTPUTS"}
+    matrices = (("A", "nn", plant.A), ("B", "nu", plant.B), ("C", "yn", plant.C), ("D", "yu", plant.D))
+    out = [
+        f"/* Plant {name}, written by updyn {__version__}: {kind}, y = C x + D u; SI units, time in s.",
+        f" * Made for {plant.band[0]!r} to {plant.band[1]!r} Hz; largest error there {plant.error:.3g} of the peak.",
+    ]
+    for what, names, units in (
+        ("u", plant.inputs, plant.input_units),
+        ("y", plant.outputs, plant.output_units),
+    ):
+        said = [f"{_comment(text)} ({unit})" for text, unit in zip(names, units, strict=True)]
+        out += [f" *   {what}[{i}] {text}" for i, text in enumerate(said)]
+    out += [" */", f"#ifndef {upper}_H", f"#define {upper}_H", ""]
+    out += [f"#define {upper}_N_{what} {size}" for what, size in sizes.items()]
+    out += [f"#define {upper}_DT {plant.dt or 0.0!r}", f"#define {upper}_DELAY {plant.delay}"]
+    out += [f"#define {upper}_BAND_LOW {plant.band[0]!r}", f"#define {upper}_BAND_HIGH {plant.band[1]!r}"]
+    if math.isfinite(plant.error):
+        out += [f"#define {upper}_ERROR {float(plant.error)!r}"]
+    for letter, size, matrix in matrices:
+        out += ["", f"static const double {name}_{letter}[{' * '.join(by_size[s] for s in size)}] = {{"]
+        out += [*_rows(matrix), "};"]
+    for what, texts in (
+        ("input_names", plant.inputs),
+        ("input_units", plant.input_units),
+        ("output_names", plant.outputs),
+        ("output_units", plant.output_units),
+    ):
+        out += ["", f"static const char *const {name}_{what}[{by_size['u' if what[0] == 'i' else 'y']}] = {{"]
+        out += [*_listed([_string(text) for text in texts], 1), "};"]
+    return [*out, "", *_functions(name, by_size, sampled=plant.dt is not None), "", f"#endif /* {upper}_H */"]
+
+
+def _functions(name: str, size: dict[str, str], *, sampled: bool) -> list[str]:
+    n, u, y = size["n"], size["u"], size["y"]
+    space = f"const double x[{n}], const double u[{u}]"
+    output = [
+        "/* y = C x + D u */",
+        f"static inline void {name}_output({space}, double y[{y}])",
+        "{",
+        *_product(name, "y", ("C", n, "x"), ("D", u, "u"), y),
+        "}",
+        "",
+    ]
+    if not sampled:
+        return [
+            *output,
+            "/* dx = A x + B u */",
+            f"static inline void {name}_derivative({space}, double dx[{n}])",
+            "{",
+            *_product(name, "dx", ("A", n, "x"), ("B", u, "u"), n),
+            "}",
+        ]
+    return [
+        *output,
+        "/* y = C x + D u, then x = A x + B u: once a sample, from x = 0. */",
+        f"static inline void {name}_step(double x[{n}], const double u[{u}], double y[{y}])",
+        "{",
+        f"    double next[{n}];",
+        f"    {name}_output(x, u, y);",
+        *_product(name, "next", ("A", n, "x"), ("B", u, "u"), n),
+        f"    for (int i = 0; i < {n}; i++) {{",
+        "        x[i] = next[i];",
+        "    }",
+        "}",
+    ]
+
+
+def _product(name: str, into: str, first: tuple[str, str, str], second: tuple[str, str, str], rows: str) -> list[str]:
+    out = [f"    for (int i = 0; i < {rows}; i++) {{", "        double sum = 0.0;"]
+    for matrix, columns, vector in (first, second):
+        out += [
+            f"        for (int j = 0; j < {columns}; j++) {{",
+            f"            sum += {name}_{matrix}[i * {columns} + j] * {vector}[j];",
+            "        }",
+        ]
+    return [*out, f"        {into}[i] = sum;", "    }"]
+
+
+def _rows(matrix: NDArray[Any]) -> list[str]:
+    """Return the lines of an initialiser, row after row, each from a line of its own."""
+    out: list[str] = []
+    for row in matrix.tolist():
+        out += _listed([repr(value) for value in row], _A_LINE)
+    return out
+
+
+def _listed(items: Sequence[str], a_line: int) -> list[str]:
+    groups = [items[i : i + a_line] for i in range(0, len(items), a_line)]
+    return ["    " + " ".join(f"{item}," for item in group) for group in groups]
+
+
+def _comment(text: str) -> str:
+    """Return a text that neither ends a comment nor begins another."""
+    return "".join(letter if _PLAIN.match(letter) else "_" for letter in text.replace("*/", "__").replace("/*", "__"))
+
+
+def _string(text: str) -> str:
+    """Return a C string; what is not plain is written octal, byte by byte of UTF-8: no trigraph, quote or newline."""
+    return '"' + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text) + '"'
