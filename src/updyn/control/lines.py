@@ -1,0 +1,131 @@
+"""Lines of plants: where their responses bend, from their poles and zeros; and responses on many lines at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.control.plant import Plant
+
+__all__ = ["channel_zeros", "dense_lines", "sweep"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Lines about a resonance, in units of its half width; a coarse set for what bends less.
+_FINE = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0])
+_COARSE = np.array([0.5, 1.0, 2.0, 5.0])
+#: Lines nearer to each other than this share of their frequency are one.
+_MERGED = 2e-5
+#: Poles and zeros damped more are not resonances: the lines of every decade see them.
+_DAMPED = 0.3
+_PER_DECADE = 60
+
+
+def sweep(plant: Plant, freq: _Real) -> _Complex:
+    """Return the response of a plant on many lines: one Schur form, and a substitution for all lines together.
+
+    Parameters
+    ----------
+    plant : Plant
+        Continuous or sampled.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz, none of them on a pole.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_f, n_outputs, n_inputs)
+
+    Notes
+    -----
+    Laub, IEEE Trans. Autom. Control 26 (1981) 407, with a Schur instead of a Hessenberg form. The states are balanced
+    first, as omega^2 beside 1 would cost half of the digits.
+    """
+    s = 2j * np.pi * freq
+    points = s if plant.dt is None else np.exp(s * plant.dt)
+    if plant.n_states == 0:
+        return np.broadcast_to(plant.D.astype(np.complex128), (len(freq), *plant.D.shape)).copy()
+    A, (scale, _) = scipy.linalg.matrix_balance(plant.A, permute=False, separate=True)
+    T, Q = scipy.linalg.schur(A, output="complex")
+    B = Q.conj().T @ (plant.B / scale[:, None])
+    x = np.empty((plant.n_states, len(points), B.shape[1]), dtype=np.complex128)
+    for i in range(plant.n_states - 1, -1, -1):
+        above = np.tensordot(T[i, i + 1 :], x[i + 1 :], axes=1)
+        x[i] = (B[i] + above) / (points - T[i, i])[:, None]
+    return np.asarray(np.einsum("yn,nfu->fyu", (plant.C * scale) @ Q, x) + plant.D)
+
+
+def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
+    """Return the finite zeros of one channel, in rad/s.
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous plant.
+    output, input : int
+        Positions.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_zeros,)
+        Generalised eigenvalues of [[A, b], [c, d]] (Emami-Naeini & Van Dooren, Automatica 18 (1982) 415). Infinite ones
+        that rounding has made finite lie far above the poles and are left out.
+    """
+    A, (scale, _) = scipy.linalg.matrix_balance(plant.A, permute=False, separate=True)
+    b, c = plant.B[:, input] / scale, plant.C[output] * scale
+    d = plant.D[output, input]
+    size_b, size_c = float(np.abs(b).max(initial=0.0)), float(np.abs(c).max(initial=0.0))
+    if size_b == 0.0 or size_c == 0.0:
+        return np.zeros(0, dtype=np.complex128)
+    rate = max(float(np.abs(A).max(initial=0.0)), np.finfo(float).tiny)
+    b, c, d = b / size_b * rate, c / size_c * rate, d / (size_b * size_c) * rate**2
+    n = plant.n_states
+    pencil = np.block([[A, b[:, None]], [c[None], np.array([[d]])]])
+    found = scipy.linalg.eigvals(pencil, np.diag([1.0] * n + [0.0]), homogeneous_eigvals=True)
+    alpha, beta = found
+    finite = np.abs(beta) * 1e3 * rate > np.abs(alpha)
+    return np.asarray(alpha[finite] / beta[finite], dtype=np.complex128)
+
+
+def dense_lines(
+    sharp: Iterable[_Complex], others: Iterable[_Complex], low: float, high: float, per_decade: int = _PER_DECADE
+) -> _Real:
+    """Return lines that follow every resonance and antiresonance.
+
+    Parameters
+    ----------
+    sharp, others : iterable of ndarray of complex
+        Poles and zeros in rad/s: those about which a response peaks, and those that it merely passes.
+    low, high : float
+        First and last line in Hz.
+    per_decade : int
+        Lines of a decade where there is nothing.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f,)
+        In Hz, ascending.
+    """
+    count = int(np.ceil(np.log10(high / low) * per_decade)) + 1
+    lines = [np.geomspace(low, high, max(count, 2))]
+    for roots, offsets in ((sharp, _FINE), (others, _COARSE)):
+        for some in roots:
+            lines.append(_about(some, offsets))
+    every = np.sort(np.concatenate(lines))
+    every = every[(every >= low) & (every <= high)]
+    kept = np.concatenate([[True], np.diff(np.log(every)) > _MERGED])
+    return np.asarray(every[kept])
+
+
+def _about(roots: _Complex, offsets: _Real) -> _Real:
+    size = np.abs(roots)
+    there = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
+    size, damping = size[there], np.maximum(np.abs(roots.real[there]) / size[there], _MERGED)
+    steps = np.concatenate([-offsets[::-1], [0.0], offsets])
+    lines = size[:, None] * (1.0 + damping[:, None] * steps) / (2 * np.pi)
+    # The peak of a damped resonance lies a little below |s|.
+    top = np.sqrt(np.maximum(size**2 - 2 * roots.real[there] ** 2, 0.0)) / (2 * np.pi)
+    return np.asarray(np.concatenate([lines.ravel(), top, np.abs(roots.imag[there]) / (2 * np.pi)]))

@@ -1,0 +1,277 @@
+"""How far a family of plants lies from its nominal one, line by line, and a weight above it for robust design."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.family import PlantFamily
+from updyn.control.lines import channel_zeros
+from updyn.control.radius import (
+    channels_of,
+    closest,
+    family_lines,
+    floors_of,
+    radius_of,
+    refuse_unbounded,
+    refuse_undamped,
+)
+from updyn.control.transfer import Weight, roots_of
+from updyn.control.weight_fit import Bound, fit_above
+from updyn.errors import ModelError, OptionError, suggest
+from updyn.frf import check_lines
+
+__all__ = ["KINDS", "UncertaintyWeight", "Weight", "uncertainty_weight"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+KINDS = ("multiplicative", "additive")
+#: What rounding may take from a bound.
+_ROUNDING = 1e-9
+#: Times that lines are added where the weight comes closest.
+_ROUNDS = 3
+_NONE = np.zeros(0, dtype=np.complex128)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertaintyWeight:
+    """How far the members lie from the nominal plant, and weights above it, one a channel.
+
+    Attributes
+    ----------
+    kind : {"multiplicative", "additive"}
+        Of what: |G_k - G_0| / |G_0|, or |G_k - G_0| in the unit of the channel.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    radius : ndarray of float, shape (n_f, n_outputs, n_inputs)
+        l(f), the largest over the members.
+    floor : ndarray of float, shape (n_outputs, n_inputs)
+        Below this l is not followed: the weight lies above it everywhere.
+    weights : tuple of tuple of Weight
+        By output and input.
+    outputs, inputs : tuple of str
+        Names.
+    """
+
+    kind: str
+    freq: _Real
+    radius: _Real
+    floor: _Real
+    weights: tuple[tuple[Weight, ...], ...]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        orders = sorted({w.order for row in self.weights for w in row})
+        return f"UncertaintyWeight({self.kind}, {len(self.outputs)} x {len(self.inputs)} channels, orders {orders})"
+
+    def at(self, freq: ArrayLike) -> _Complex:
+        """Return the weights at lines.
+
+        Parameters
+        ----------
+        freq : array_like of float, shape (n_f,)
+            In Hz.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_f, n_outputs, n_inputs)
+        """
+        return np.stack([np.stack([w.at(freq) for w in row], axis=1) for row in self.weights], axis=1)
+
+    def channel(self, output: str, input: str) -> Weight:
+        """Return the weight between one input and one output.
+
+        Raises
+        ------
+        OptionError
+            If there is none of that name; the nearest is named.
+        """
+        for name, names, what in ((output, self.outputs, "output"), (input, self.inputs, "input")):
+            if name not in names:
+                raise OptionError(f"the weight has no {what} {name!r}; {suggest(str(name), names)}")
+        return self.weights[self.outputs.index(output)][self.inputs.index(input)]
+
+    def summary(self) -> str:
+        """Return the weights as text: order, how closely they lie above, and what to know of each channel."""
+        lines = [f"Uncertainty, {self.kind}: {len(self.freq)} lines from {self.freq[0]:.3g} to {self.freq[-1]:.3g} Hz"]
+        for output, row in zip(self.outputs, self.weights, strict=True):
+            for input_, w in zip(self.inputs, row, strict=True):
+                close = f"order {w.order}, at most {w.largest:.3g} times the radius, {w.mean:.3g} in the mean"
+                most = f"largest radius {w.peak:.3g} at {w.peak_at:.4g} Hz"
+                lines.append(f"{output} / {input_}: {close}; {most}. {w.note}".rstrip())
+        return "\n".join(lines)
+
+
+def uncertainty_weight(
+    family: PlantFamily,
+    freq: ArrayLike | None = None,
+    *,
+    order: int | None = None,
+    kind: str = "multiplicative",
+    tolerance: float = 0.25,
+    largest_order: int = 8,
+    floor: float | None = None,
+) -> UncertaintyWeight:
+    """Bound how far the members of a family lie from its nominal plant.
+
+    Parameters
+    ----------
+    family : PlantFamily
+        Continuous plants without poles in the right half plane.
+    freq : array_like of float, shape (n_f,), optional
+        Lines in Hz, above 0; the weight then bounds the radius there, and nothing is said in between. By default lines
+        dense about the poles and zeros of all plants, over all frequencies at which they move, the plants taken as they
+        are beyond their band too; lines are added until the weight lies above in between as well.
+    order : int, optional
+        Of each weight; by default the lowest that meets `tolerance`.
+    kind : {"multiplicative", "additive"}
+        G_k = G_0 (1 + W Delta), or G_k = G_0 + W Delta, |Delta| <= 1, by channel.
+    tolerance : float
+        Of the mean of |W| / l over log frequency, above 1.
+    largest_order : int
+        Where the search for an order ends; the best is then returned, and its note says so.
+    floor : float, optional
+        A radius below it counts as it: of the multiplicative by default the error that is allowed to a plant (2 %, as a
+        rule), of the additive a thousandth of its largest value in the channel.
+
+    Returns
+    -------
+    UncertaintyWeight
+
+    Raises
+    ------
+    OptionError
+        If an option is not understood.
+    DataError
+        If the lines are not increasing and above 0.
+    ModelError
+        If the plants are sampled, one has a pole in the right half plane or an undamped one, or the radius has no bound
+        as the nominal plant has an undamped antiresonance.
+
+    Notes
+    -----
+    Radius and weight: Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 7.4. All plants
+    have as many poles in the right half plane (none). So a controller K that is stable with G_0 is so with each member
+    if |W T| < 1 at all lines, T = G_0 K / (1 + G_0 K); of the additive, |W K / (1 + G_0 K)| < 1 (Doyle, Francis &
+    Tannenbaum, Feedback Control Theory, 1992, section 4.2). That is so for one channel under control, or for each of
+    several while the others stay as they are. The members are draws: the bound holds for them, and for what they were
+    drawn from as far as they stand for it.
+
+    A small shift of a sharp antiresonance of G_0 makes the multiplicative radius large there, however surely the plant
+    is known otherwise: the disc of the theory knows no phase. The note of the channel says where.
+    """
+    _check(family, order, kind, tolerance, largest_order, floor)
+    roots = [p.poles for p in (family.nominal, *family.members)]
+    refuse_undamped(roots)
+    given = None if freq is None else _given(freq)
+    lines = family_lines(family, roots) if given is None else given
+    channels = channels_of(family)
+    radius = radius_of(family, lines, kind)
+    refuse_unbounded(family, lines, radius, kind)
+    floors = floors_of(family, radius, kind, floor)
+    bounds: dict[tuple[int, int], Bound] = {}
+    for i, j in channels:
+        level = np.maximum(radius[:, i, j], floors[i, j])
+        if floors[i, j] > 0.0:
+            bounds[i, j] = fit_above(2 * np.pi * lines, level, order, tolerance, largest_order)
+    for _ in range(_ROUNDS if given is None else 0):
+        more = closest(lines, radius, floors, bounds)
+        if not more.size:
+            break
+        merged = np.concatenate([lines, more])
+        radius = np.concatenate([radius, radius_of(family, more, kind)])
+        ascending = np.argsort(merged, kind="stable")
+        lines, radius = merged[ascending], radius[ascending]
+    made = {}
+    for i, j in channels:
+        own, floor = radius[:, i, j], float(floors[i, j])
+        if (i, j) not in bounds:
+            made[i, j] = Weight(_NONE, _NONE, 0.0, note="All members are the nominal plant here.")
+            continue
+        bound = bounds[i, j]
+        notes = [_about_peak(family, lines, own, (i, j))] if kind == "multiplicative" else []
+        if given is None:
+            notes.append(_ends(lines, own, floor))
+        if order is None and bound.mean > 1.0 + tolerance:
+            notes.append(f"Order {bound.order} does not bring the mean excess to {1.0 + tolerance:g}.")
+        made[i, j] = _weight(lines, own, floor, bound, " ".join(filter(None, notes)))
+    weights = tuple(tuple(made[i, j] for j in range(len(family.inputs))) for i in range(len(family.outputs)))
+    for array in (lines, radius, floors):
+        array.flags.writeable = False
+    return UncertaintyWeight(kind, lines, radius, floors, weights, family.outputs, family.inputs)
+
+
+# -- what is asked -----------------------------------------------------------------------------------------
+def _check(
+    family: PlantFamily, order: int | None, kind: str, tolerance: float, largest_order: int, floor: float | None
+) -> None:
+    if not isinstance(family, PlantFamily):
+        raise OptionError(f"expected a PlantFamily, found {type(family).__name__}")
+    if kind not in KINDS:
+        raise OptionError(f"kind {kind!r}: {suggest(str(kind), KINDS)}")
+    for what, number in (("order", order), ("largest_order", largest_order)):
+        if number is not None and (isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0):
+            raise OptionError(f"{what} = {number!r}: expected a whole number from 0 up")
+    if not tolerance > 0.0:
+        raise OptionError(f"tolerance = {tolerance!r}: expected a share above 0, such as 0.25")
+    if floor is not None and not 0.0 < floor < np.inf:
+        raise OptionError(f"floor = {floor!r}: expected a radius above 0")
+    if family.nominal.dt is not None:
+        raise ModelError(
+            "the plants are sampled; a weight in s is made of the continuous family, and sampled with it afterwards"
+        )
+
+
+def _given(freq: ArrayLike) -> _Real:
+    lines = check_lines(np.atleast_1d(np.asarray(freq)))
+    if lines[0] <= 0.0:
+        raise OptionError("freq: a weight is made for lines above 0 Hz; leave 0 out")
+    return np.array(lines)
+
+
+# -- numbers and words of a channel ------------------------------------------------------------------------
+def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
+    excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
+    # Between the lines of the fit it may have come to lie below; the gain makes up for it.
+    lift = max(-float(excess.min()), 0.0) + _ROUNDING
+    spacing = np.gradient(np.log(lines)) if len(lines) > 1 else np.ones(1)
+    mean = float(np.exp(spacing @ excess / spacing.sum() + lift))
+    top = int(np.argmax(radius))
+    largest = float(np.exp(excess.max() + lift))
+    return Weight(*roots_of(bound, lift), largest, mean, float(radius[top]), float(lines[top]), note)
+
+
+def _ends(lines: _Real, radius: _Real, floor: float) -> str:
+    """Say where the radius goes on to grow beyond the lines."""
+    said = []
+    for here, inside, what in ((0, 1, "below"), (-1, -2, "above")):
+        if radius[here] > floor and len(lines) > 1:
+            rise = np.log(radius[here] / radius[inside]) / abs(np.log(lines[here] / lines[inside]))
+            if rise > 0.5:
+                said.append(f"The radius grows on {what} {lines[here]:.3g} Hz, where the weight does not bound it.")
+    return " ".join(said)
+
+
+def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
+    """Say where the radius passes 1, and whether an antiresonance of the nominal plant has made it large."""
+    over = np.flatnonzero(radius >= 1.0)
+    if not over.size:
+        return ""
+    said = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| has to be below 1 / radius there."
+    top = lines[int(np.argmax(radius))]
+    zeros = channel_zeros(family.nominal, *at)
+    zeros = zeros[(zeros.imag > 0) & (np.abs(zeros.real) < 0.3 * np.abs(zeros))]
+    if zeros.size:
+        nearest = zeros[np.argmin(np.abs(zeros - 2j * np.pi * top))]
+        width = max(10.0 * abs(nearest.real), 0.02 * abs(nearest))
+        if abs(nearest - 2j * np.pi * top) < width:
+            said += (
+                f" It is as large as {radius.max():.3g} because of the antiresonance of the nominal plant at "
+                f"{abs(nearest) / (2 * np.pi):.4g} Hz (damping {-nearest.real / abs(nearest):.2g}), which moves from "
+                "member to member; kind='additive' is not affected."
+            )
+    return said
