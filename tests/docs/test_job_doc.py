@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
 import shutil
 import tomllib
@@ -174,7 +175,7 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     assert stated == set(Job.model_fields) - {"title"}
-    result = run_job(loaded, folder / "out", report=lambda result, path, found: path.write_text("report"))
+    result = run_job(loaded, folder / "out", report=lambda result, path, found, planted: path.write_text("report"))
     assert result.status == "converged"
     assert set(TABLES["What a run writes"]) == set(OUTPUTS) == {p.name for p in (folder / "out").iterdir()}
     assert prepare(load_job(folder / "out" / "job.toml")).parameters.names == result.parameters.names
@@ -187,6 +188,8 @@ def test_the_example_runs(folder: Path) -> None:
     assert set(TABLES["result.json"]) == keys
     for key, inside in (("noise", found["noise"]), ("history", found["history"][0]), ("versions", found["versions"])):
         assert all(name in TABLES["result.json"][key][1] for name in inside), key
+    record = json.loads((folder / "out" / "control.json").read_text(encoding="utf-8"))
+    assert set(TABLES["control.json"]) == set(record) | {f"plant.{key}" for key in record["plant"]}
     assert all(f"`{name}`" in TABLES["result.json"]["correlation.before"][1] for name in found["correlation"]["before"])
 
 

@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from updyn.errors import JobError
+from updyn.job.control_tables import PLANT_FILES
 from updyn.job.resolved import MARK
 from updyn.job.schema import OUTPUTS, Job
 
-__all__ = ["check_folder", "check_out", "default_out", "outputs"]
+__all__ = [
+    "CONTROL",
+    "PLANT_PAGE",
+    "check_folder",
+    "check_inputs",
+    "check_out",
+    "default_out",
+    "made_folder",
+    "outputs",
+    "plant_outputs",
+    "put_in_place",
+    "unfinished",
+]
 
+#: The page and the record of a plant.
+PLANT_PAGE, CONTROL = "plant.html", "control.json"
 #: Of what a run writes, what each of several tests has in a folder of its own.
 OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
@@ -28,11 +47,25 @@ def outputs(job: Job) -> tuple[str, ...]:
     tuple of str
         Paths, those in folders of tests included.
     """
-    more = () if job.output.properties is None else (job.output.properties,)
+    more: tuple[str, ...] = () if job.output.properties is None else (job.output.properties,)
+    more += tuple(name for name in plant_outputs(job) if name not in OUTPUTS)
     if len(job.parts) == 1:
         return (*more, *OUTPUTS)
     own = tuple(f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST)
     return (*more, *own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
+
+
+def plant_outputs(job: Job) -> tuple[str, ...]:
+    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    """
+    table = job.plant
+    files = PLANT_FILES if table is None else (*table.files, *table.sampled_files)
+    return (*files, PLANT_PAGE, CONTROL)
 
 
 def default_out(job: Job) -> Path:
@@ -101,17 +134,81 @@ def check_out(job: Job, out: str | Path) -> Path:
         If it is a file, lies in no folder that can be written, or a result would replace an input of the job.
     """
     out = check_folder(job, out)
+    check_inputs(job, out, outputs(job))
+    there = out / "job.toml"
+    if there.is_file() and not there.read_bytes().startswith(f"# {MARK}".encode()):
+        text = f"the run would write over {str(there)!r}, a job that updyn did not write; choose another --out"
+        raise JobError(text, job.path)
+    return out
+
+
+def check_inputs(job: Job, out: Path, names: Iterable[str]) -> None:
+    """Check that no file of a folder is one that the job reads.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : Path
+        The folder.
+    names : iterable of str
+        What is to be written into it.
+
+    Raises
+    ------
+    JobError
+        If one is.
+    """
+    names = list(names)
     files = [file for part in job.parts for file in (part.test.file, *(part.test.repeats or ()))]
     files += [part.test.modes for part in job.parts if part.test.modes is not None]
     inputs = [("job file", job.path), *(("measurement", job.beside(file)) for file in files)]
     if job.model.file is not None:
         inputs.append(("model", job.beside(job.model.file)))
     for what, path in inputs:
-        for name in outputs(job):
+        for name in names:
             if path.resolve() == (out / name).resolve():
                 raise JobError(f"the run would write over its own {what} {str(path)!r}; choose another --out", job.path)
-    there = out / "job.toml"
-    if there.is_file() and not there.read_bytes().startswith(f"# {MARK}".encode()):
-        text = f"the run would write over {str(there)!r}, a job that updyn did not write; choose another --out"
-        raise JobError(text, job.path)
-    return out
+
+
+@contextmanager
+def made_folder(out: Path) -> Iterator[None]:
+    """Make a folder; take what was made for it away again when the block raises and has left nothing in it."""
+    made = [p for p in (out, *out.absolute().parents) if not p.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    finished = False
+    try:
+        yield
+        finished = True
+    finally:
+        with suppress(OSError):  # not empty: the journal of a run that broke down
+            for folder in [] if finished else made:
+                folder.rmdir()
+
+
+@contextmanager
+def unfinished(out: Path) -> Iterator[Path]:
+    """Make a temporary folder in `out`, gone at the end."""
+    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
+    try:
+        yield temporary
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def put_in_place(names: Iterable[str], temporary: Path, out: Path) -> None:
+    """Move what was written into a folder; what was not, but is there, is of an earlier run and would pass for it.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Paths relative to both folders, in the order in which they appear.
+    temporary, out : Path
+        From where, and to where.
+    """
+    for name in names:
+        if (temporary / name).exists():
+            (out / name).parent.mkdir(exist_ok=True)
+            (temporary / name).replace(out / name)
+        else:
+            (out / name).unlink(missing_ok=True)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynWarning
-from updyn.job.folder import check_out, default_out, outputs
+from updyn.job.folder import check_out, default_out, made_folder, outputs, put_in_place, unfinished
+from updyn.job.planted import Planted
+from updyn.job.planted_files import plant_after, write_plant_files
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import resolved_job
 from updyn.job.resume import journal_of
@@ -44,6 +44,7 @@ def run_job(
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
+    further: Callable[[Draws | Profiles | None, Planted | None], object] | None = None,
 ) -> UpdateResult | JointResult:
     """Run a job and write its folder.
 
@@ -67,14 +68,17 @@ def run_job(
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number of steps: to the
         same answer as if it had not been.
 
+    further : callable, optional
+        Called once all is written, with what ``[uncertainty]`` and what ``[plant]`` gave; None where they gave nothing.
+
     Returns
     -------
     UpdateResult or JointResult
         The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and ``report.html`` in a folder of
         its name. Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs
-        again from there), what ``[output] properties`` names and, unless the job says not to, what `report` makes:
-        ``report.html``. While it runs, and
-        until it has finished, ``run.journal`` is there, too, which `resume` needs.
+        again from there), what ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask for and, unless the job
+        says not to, what `report` makes: ``report.html``. While it runs, and until it has finished, ``run.journal`` is
+        there, too, which `resume` needs.
 
     Raises
     ------
@@ -86,25 +90,25 @@ def run_job(
     Warns
     -----
     UpdynWarning
-        If the job asks for a report and `report` is not given.
+        If the job asks for a report and `report` is not given, or for an uncertainty or a plant that cannot be had.
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
-    with _folder(out), journal_of(job, out, resume=resume) as journal:
+    with made_folder(out), journal_of(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
         found = uncertainty_of(result, job, callback, engine)
-        with _unfinished(out) as temporary:
+        planted = plant_after(ready, result, found, callback, engine)
+        with unfinished(out) as temporary:
             _write(result, job, out, temporary)
             _write_uncertainty(found, temporary)
-            _report(result, job, temporary, report, found)
-            for name in outputs(job):
-                if (temporary / name).exists():
-                    (out / name).parent.mkdir(exist_ok=True)
-                    (temporary / name).replace(out / name)
-                else:  # of an earlier run: it would pass for a part of this one
-                    (out / name).unlink(missing_ok=True)
+            if planted is not None:
+                write_plant_files(planted, job, temporary)
+            _report(result, job, temporary, report, found, planted)
+            put_in_place(outputs(job), temporary, out)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
+    if further is not None:
+        further(found, planted)
     return result
 
 
@@ -240,31 +244,6 @@ def method_errors(job: Job) -> Iterator[None]:
         raise job.error_about(str(error), table) from error
 
 
-@contextmanager
-def _folder(out: Path) -> Iterator[None]:
-    """Make `out`; take what was made for it away again when the block raises and has left nothing in it."""
-    made = [p for p in (out, *out.absolute().parents) if not p.exists()]
-    out.mkdir(parents=True, exist_ok=True)
-    finished = False
-    try:
-        yield
-        finished = True
-    finally:
-        with suppress(OSError):  # not empty: the journal of a run that broke down
-            for folder in [] if finished else made:
-                folder.rmdir()
-
-
-@contextmanager
-def _unfinished(out: Path) -> Iterator[Path]:
-    """Make a temporary folder in `out`."""
-    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
-    try:
-        yield temporary
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
     from updyn.io import write_model, write_properties, write_result
     from updyn.io.result_json import write_result_json
@@ -301,6 +280,7 @@ def _report(
     folder: Path,
     report: Callable[..., object] | None,
     found: Draws | Profiles | None,
+    planted: Planted | None,
 ) -> None:
     if not job.output.report:
         return
@@ -308,10 +288,9 @@ def _report(
         text = f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to get it"
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    if found is None:
-        report(result, folder / "report.html")
-    else:
-        report(result, folder / "report.html", found)
+    more: tuple[object, ...] = () if found is None else (found,)
+    more = more if planted is None else (found, planted)
+    report(result, folder / "report.html", *more)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 
 from updyn.errors import JobError
-from updyn.job.control_tables import PlantTable
+from updyn.job.control_tables import PLANT_FILES, PlantTable
 from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
 from updyn.job.tables import (
     CalibrationTable,
@@ -48,7 +48,16 @@ KINDS = {
 
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
-OUTPUTS = ("model.h5", "run.nc", "uncertainty.nc", "report.html", "job.toml", "result.json")
+OUTPUTS = (
+    "model.h5",
+    "run.nc",
+    "uncertainty.nc",
+    *PLANT_FILES,
+    "control.json",
+    "report.html",
+    "job.toml",
+    "result.json",
+)
 
 
 def _tolerance(given: Any) -> Any:

@@ -8,10 +8,12 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from updyn.job.planted import Planted
 from updyn.report import markup as m
 from updyn.report.content import Content, agreement_figures, asset
 from updyn.report.data import gather
 from updyn.report.figures import all_figures, overlay
+from updyn.report.plant_parts import plant_parts
 from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
 from updyn.report.sections_tests import COMMON, joint_head, tests
@@ -37,7 +39,10 @@ _NO_SCRIPT = (
 
 
 def write_report(
-    result: UpdateResult | JointResult, path: str | PathLike[str], uncertainty: Draws | Profiles | None = None
+    result: UpdateResult | JointResult,
+    path: str | PathLike[str],
+    uncertainty: Draws | Profiles | None = None,
+    plant: Planted | None = None,
 ) -> Path:
     """Write an update as one HTML page that needs nothing else: no network, no other file.
 
@@ -55,6 +60,8 @@ def write_report(
         Where to write; an existing file is replaced only once the new page is complete.
     uncertainty : Draws or Profiles, optional
         From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its own.
+    plant : Planted, optional
+        What ``[plant]`` of a job gave, to be shown in sections of its own.
 
     Returns
     -------
@@ -69,13 +76,16 @@ def write_report(
     from updyn.io.atomic import atomic_path
 
     target = Path(path)
-    page = render(result, uncertainty) if isinstance(result, UpdateResult) else render_joint(result, uncertainty)
+    if isinstance(result, UpdateResult):
+        page = render(result, uncertainty, plant)
+    else:
+        page = render_joint(result, uncertainty, plant)
     with atomic_path(target) as temporary:
         Path(temporary).write_text(page, encoding="utf-8", newline="\n")
     return target
 
 
-def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None) -> str:
+def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None) -> str:
     """Return the page as text."""
     data = gather(result)
     scores = agreement_figures(result, data)
@@ -84,8 +94,19 @@ def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None) ->
     figures |= _uncertain(result, uncertainty)
     content = Content(result, data, figures, thinned, uncertainty)
     sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
-    there = [(anchor, name, text) for anchor, name, text in sections if text]
+    there, figures = _with_plant([(anchor, name, text) for anchor, name, text in sections if text], figures, plant)
     return page_text(head(result, scores), there, result.title, result.versions.get("updyn", ""), figures, frfs)
+
+
+def _with_plant(
+    sections: list[tuple[str, str, str]], figures: dict[str, Figure], plant: Planted | None
+) -> tuple[list[tuple[str, str, str]], dict[str, Figure]]:
+    """Return sections and figures with those of the plant, before how the result was made."""
+    if plant is None:
+        return sections, figures
+    more, drawn = plant_parts(plant)
+    at = next((i for i, (anchor, _, _) in enumerate(sections) if anchor == "provenance"), len(sections))
+    return [*sections[:at], *more, *sections[at:]], {**figures, **drawn}
 
 
 def _uncertain(result: UpdateResult | JointResult, found: Draws | Profiles | None) -> dict[str, Figure]:
@@ -98,7 +119,7 @@ def _uncertain(result: UpdateResult | JointResult, found: Draws | Profiles | Non
     return out if band is None else out | {"uncertainty-band": band[0] | {"channel": band[1]}}
 
 
-def render_joint(result: JointResult, uncertainty: Draws | Profiles | None = None) -> str:
+def render_joint(result: JointResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None) -> str:
     """Return the page of what several tests have in common."""
     first = replace(result.first, title=result.title)
     data = gather(first)
@@ -110,6 +131,7 @@ def render_joint(result: JointResult, uncertainty: Draws | Profiles | None = Non
     shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
     picture = structure_of(list(result.results.values()))
     sections = [("tests", "Tests", tests(result)), *([("structure", "Structure", picture)] if picture else []), *common]
+    sections, shown = _with_plant(sections, shown, plant)
     return page_text(joint_head(result), sections, first.title, first.versions.get("updyn", ""), shown)
 
 
