@@ -141,7 +141,7 @@ def test_info_says_what_it_is(suffix: str, tmp_path: Path, capsys: pytest.Captur
     updyn.write_plant(PLANTS["sampled"], path)
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("Plant: 12 states, 2 inputs, 3 outputs, sampled every 0.03 s, input 4 intervals late\n")
+    assert said.startswith("Plant: 12 states, 2 inputs, 3 outputs, sampled every 0.03 s, input 0.1 s late\n")
     assert "made for 0.05 to 2.5 Hz" in said
     assert "0.013" in said
     assert "pair of forces" in said

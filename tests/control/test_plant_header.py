@@ -127,11 +127,12 @@ def test_the_header_alone_compiles(tmp_path: Path) -> None:
 
 
 def test_numbers_and_what_it_is_for_are_in_the_text(tmp_path: Path) -> None:
-    one = sampled(two_masses(), 0.03)
+    one = sampled(two_masses(band=(np.float64(0.05), np.float64(2.5))), 0.03)
     updyn.write_plant(one, tmp_path / "p.h")
     text = (tmp_path / "p.h").read_text(encoding="ascii")
     assert text.count(repr(float(one.A[0, 1]))) >= 1
     assert "a sample every 0.03 s" in text
+    assert "#define P_BAND_HIGH 2.5\n" in text
     assert "Made for 0.05 to 2.5 Hz; largest error there 0.013" in text
     assert " *   u[0] 1:RZ (N m)" in text
     assert "p_derivative" not in text

@@ -145,7 +145,9 @@ def describe_geometry(geometry: Geometry) -> str:
 
 def describe_plant(plant: Plant) -> str:
     """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
-    late = f", input {plant.delay} intervals late" if plant.delay else ""
+    told = plant.facts.get("sampling")
+    exact = told.get("delay") if isinstance(told, Mapping) else None
+    late = "" if not plant.delay else f", input {exact:g} s late" if exact else f", input {plant.delay} intervals late"
     sampled = "continuous" if plant.dt is None else f"sampled every {plant.dt:g} s{late}"
     inputs = zip(plant.input_ports, plant.input_units, strict=True)
     outputs = zip(plant.output_ports, plant.output_units, strict=True)

@@ -60,14 +60,15 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 
 def _lines(plant: Plant, name: str) -> list[str]:
-    upper = name.upper()
-    kind = "x' = A x + B u" if plant.dt is None else f"x[k+1] = A x[k] + B u[k], a sample every {plant.dt!r} s"
+    upper, (low, high) = name.upper(), map(float, plant.band)
+    dt = 0.0 if plant.dt is None else float(plant.dt)
+    kind = "x' = A x + B u" if plant.dt is None else f"x[k+1] = A x[k] + B u[k], a sample every {dt!r} s"
     sizes = {"STATES": plant.n_states, "INPUTS": len(plant.inputs), "OUTPUTS": len(plant.outputs)}
     by_size = {"n": f"{upper}_N_STATES", "u": f"{upper}_N_INPUTS", "y": f"{upper}_N_OUTPUTS"}
     matrices = (("A", "nn", plant.A), ("B", "nu", plant.B), ("C", "yn", plant.C), ("D", "yu", plant.D))
     out = [
         f"/* Plant {name}, written by updyn {__version__}: {kind}, y = C x + D u; SI units, time in s.",
-        f" * Made for {plant.band[0]!r} to {plant.band[1]!r} Hz; largest error there {plant.error:.3g} of the peak.",
+        f" * Made for {low!r} to {high!r} Hz; largest error there {plant.error:.3g} of the peak.",
     ]
     for what, names, units in (
         ("u", plant.inputs, plant.input_units),
@@ -77,8 +78,8 @@ def _lines(plant: Plant, name: str) -> list[str]:
         out += [f" *   {what}[{i}] {text}" for i, text in enumerate(said)]
     out += [" */", f"#ifndef {upper}_H", f"#define {upper}_H", ""]
     out += [f"#define {upper}_N_{what} {size}" for what, size in sizes.items()]
-    out += [f"#define {upper}_DT {plant.dt or 0.0!r}", f"#define {upper}_DELAY {plant.delay}"]
-    out += [f"#define {upper}_BAND_LOW {plant.band[0]!r}", f"#define {upper}_BAND_HIGH {plant.band[1]!r}"]
+    out += [f"#define {upper}_DT {dt!r}", f"#define {upper}_DELAY {plant.delay}"]
+    out += [f"#define {upper}_BAND_LOW {low!r}", f"#define {upper}_BAND_HIGH {high!r}"]
     if math.isfinite(plant.error):
         out += [f"#define {upper}_ERROR {float(plant.error)!r}"]
     for letter, size, matrix in matrices:
