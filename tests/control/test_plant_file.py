@@ -148,6 +148,24 @@ def test_info_says_what_it_is(suffix: str, tmp_path: Path, capsys: pytest.Captur
     assert "rad/s2" in said
 
 
+def test_info_says_which_item_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    updyn.write_plant(PLANTS["one"], tmp_path / "p.json")
+    changed(lambda p: p.update(rigid=1.5), tmp_path / "p.json")
+    assert main(["info", str(tmp_path / "p.json")]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"error: {tmp_path / 'p.json'}: rigid: found 1.5; expected a whole number, 0 or above\n"
+    )
+    updyn.write_plant(PLANTS["one"], tmp_path / "p.mat")
+    found = {k: v for k, v in scipy.io.loadmat(tmp_path / "p.mat").items() if not k.startswith("__")}
+    scipy.io.savemat(tmp_path / "p.mat", {**found, "dt": -1.0})
+    assert main(["info", str(tmp_path / "p.mat")]) == 2
+    assert "as a plant: dt: found -1.0; expected" in capsys.readouterr().err
+    scipy.io.savemat(tmp_path / "p.mat", {"K": 1.0})
+    assert main(["info", str(tmp_path / "p.mat")]) == 2
+    assert "as a plant" not in capsys.readouterr().err
+
+
 # -- what is refused ---------------------------------------------------------------------------------------
 def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="expected a plant, found dict"):

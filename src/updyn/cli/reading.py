@@ -8,7 +8,8 @@ from typing import Any
 
 from updyn.errors import FormatError, InputError
 from updyn.io import read_frf, read_geometry, read_model, read_modes, read_result
-from updyn.io.plant_file import read_plant
+from updyn.io.plant_file import plant_format, read_plant
+from updyn.io.plant_items import NO_PLANT
 from updyn.io.registry import find_format
 
 __all__ = ["KINDS", "read_anything"]
@@ -72,6 +73,11 @@ def read_anything(
     told = [k for k in kinds if k in ("frf", "model") and _told_by_content(path, f"read_{k}")]
     if len(told) == 1:
         raise reasons[told[0]]
+    plant = reasons.get("plant")
+    if plant is not None and not told and _may_be_plant(path):  # JSON, which nothing else is read from
+        raise plant
+    if plant is not None and told and NO_PLANT not in str(plant) and _may_be_plant(path):
+        told.append("plant")
     why = "".join(f"\n  as {_WORDS[k]}: {_without_path(e)}" for k, e in reasons.items() if not told or k in told)
     raise FormatError(f"could not be read{why}", path)
 
@@ -79,6 +85,14 @@ def read_anything(
 def _told_by_content(path: Path, verb: str) -> bool:
     try:
         find_format(path, verb)
+    except FormatError:
+        return False
+    return True
+
+
+def _may_be_plant(path: Path) -> bool:
+    try:
+        plant_format(path, "read_plant")
     except FormatError:
         return False
     return True

@@ -16,7 +16,7 @@ from updyn.io.registry import Format, load
 if TYPE_CHECKING:
     from updyn.control.plant import Plant
 
-__all__ = ["PLANT_FORMATS", "read_plant", "write_plant"]
+__all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
 _BOTH = ("read_plant", "write_plant")
 
@@ -52,7 +52,7 @@ def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) ->
 
     if not isinstance(plant, Plant):
         raise OptionError(f"expected a plant, found {type(plant).__name__}")
-    load(_chosen(Path(path), "write_plant", format)).write_plant(plant, path)
+    load(plant_format(Path(path), "write_plant", format)).write_plant(plant, path)
 
 
 def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
@@ -76,11 +76,31 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
         If the file is not there, is damaged, or holds something else; file and item are named.
     """
     found = existing(path)
-    plant: Plant = load(_chosen(found, "read_plant", format)).read_plant(found)
+    plant: Plant = load(plant_format(found, "read_plant", format)).read_plant(found)
     return plant
 
 
-def _chosen(path: Path, verb: str, name: str | None) -> Format:
+def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
+    """Choose the format of the file of a plant, by name if given, else by content, else by suffix.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it need not exist to be written.
+    verb : {"read_plant", "write_plant"}
+        What is to be done.
+    name : str, optional
+        Format name, to force it.
+
+    Returns
+    -------
+    Format
+
+    Raises
+    ------
+    FormatError
+        If no format fits.
+    """
     able = [f for f in PLANT_FORMATS if verb in f.can]
     if name is not None:
         for candidate in able:

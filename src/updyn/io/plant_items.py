@@ -39,9 +39,11 @@ from updyn.group import is_number
 from updyn.io.guard import known_only, placed
 from updyn.io.values_text import from_text, to_text
 
-__all__ = ["FORMAT", "build_plant", "flat_items", "nested_items", "plant_items"]
+__all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
 
 FORMAT, SCHEMA = "updyn plant", 1
+#: Ends the message about a file of something else.
+NO_PLANT = "this file holds no plant"
 
 _MATRICES = ("A", "B", "C", "D")
 _NUMBERS = ("tolerance", "error", "peak_error")
@@ -82,7 +84,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         If an item is missing, unknown, not valid or contradicts another; file and item are named.
     """
     if items.get("format") != FORMAT:
-        raise FormatError(f"format: found {items.get('format')!r}, expected {FORMAT!r}: this file holds no plant", path)
+        raise FormatError(f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     if items.get("schema") != SCHEMA:
         raise FormatError(f"schema: found {items.get('schema')!r}; this version of updyn reads {SCHEMA}", path)
     _complete(items, (*_KEYS, *_MATRICES), "", path)
@@ -145,7 +147,7 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     """
     told = _text(flat.get("format"), "format", path) if "format" in flat else None
     if told != FORMAT:
-        raise FormatError(f"format: found {told!r}, expected {FORMAT!r}: this file holds no plant", path)
+        raise FormatError(f"format: found {told!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
     _complete(flat, list(dict.fromkeys([*_KEYS, *_MATRICES, *ports, "quantities"])), "", path)
     single = {name: _single(flat[name], name, path) for name in ("schema", "dt", *_COUNTS, *_NUMBERS)}
