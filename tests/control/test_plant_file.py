@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -88,8 +90,8 @@ def test_what_matlab_loads(name: str, tmp_path: Path) -> None:
     updyn.write_plant(one, tmp_path / "mount.mat")
     found = scipy.io.loadmat(tmp_path / "mount.mat")
     assert str(found["comment"][0]) == (
-        "load mount.mat; sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs,"
-        "'InputUnit',input_units,'OutputUnit',output_units);"
+        "load('mount.mat'); sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs); "
+        "% MATLAB also: set(sys,'InputUnit',input_units,'OutputUnit',output_units)"
     )
     for letter in "ABCD":
         np.testing.assert_array_equal(found[letter], getattr(one, letter))
@@ -110,6 +112,27 @@ def test_what_matlab_loads(name: str, tmp_path: Path) -> None:
     theirs = np.moveaxis(control.frequency_response(system, omega).complex, -1, 0)
     np.testing.assert_allclose(theirs, one.response([0.1, 1.0]).values, rtol=1e-8)
     assert not any(value.dtype.names for value in found.values() if isinstance(value, np.ndarray))  # no struct
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="needs Octave with its package control")
+def test_octave_runs_the_line_that_the_file_states(tmp_path: Path) -> None:
+    for name in ("continuous", "sampled"):
+        one = PLANTS[name]
+        updyn.write_plant(one, tmp_path / "it's a plant.mat")
+        line = str(scipy.io.loadmat(tmp_path / "it's a plant.mat")["comment"][0])
+        show = (
+            "H = freqresp(sys, 2 * pi * [0.1 1.0]); printf('%.17g ', sys.tsam, real(H), imag(H)); disp(sys.inname{2})"
+        )
+        (tmp_path / "show.m").write_text(f"pkg load control\n{line}\n{show}\n", encoding="utf-8")
+        shown = subprocess.run(
+            ["octave-cli", "-q", "show.m"], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        *numbers, _, _, _ = shown.stdout.split()
+        values = one.response([0.1, 1.0]).values.transpose(0, 2, 1).ravel()  # as MATLAB counts
+        np.testing.assert_allclose(
+            np.array(numbers, dtype=float), [one.dt or 0.0, *values.real, *values.imag], rtol=1e-8, atol=1e-12
+        )
+        assert shown.stdout.endswith("pair of forces\n")
 
 
 def test_json_is_for_any_program(tmp_path: Path) -> None:

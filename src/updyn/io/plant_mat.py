@@ -20,9 +20,10 @@ from updyn.io.plant_items import build_plant, flat_items, nested_items
 
 __all__ = ["read_plant", "write_plant"]
 
+#: Octave's ``ss`` does the same, but knows no units.
 _LINE = (
-    "load {name}; sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs,"
-    "'InputUnit',input_units,'OutputUnit',output_units);"
+    "load('{name}'); sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs); "
+    "% MATLAB also: set(sys,'InputUnit',input_units,'OutputUnit',output_units)"
 )
 
 
@@ -46,7 +47,7 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
     items = flat_items(plant)
     items["facts"] = json.dumps(json.loads(items["facts"]))  # ASCII: what every reader takes
-    items["comment"] = _LINE.format(name=Path(path).name)
+    items["comment"] = _LINE.format(name=Path(path).name.replace("'", "''"))
     variables = {name: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v for name, v in items.items()}
     variables = {name: float(v) if isinstance(v, int) else v for name, v in variables.items()}
     try:
