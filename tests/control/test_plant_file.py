@@ -120,13 +120,12 @@ def test_octave_runs_the_line_that_the_file_states(tmp_path: Path) -> None:
         one = PLANTS[name]
         updyn.write_plant(one, tmp_path / "it's a plant.mat")
         line = str(scipy.io.loadmat(tmp_path / "it's a plant.mat")["comment"][0])
-        show = (
-            "H = freqresp(sys, 2 * pi * [0.1 1.0]); printf('%.17g ', sys.tsam, real(H), imag(H)); disp(sys.inname{2})"
-        )
+        show = "H = freqresp(sys, 2 * pi * [0.1 1.0]); printf('%.17g ', sys.tsam, real(H), imag(H)); disp(inputs{2})"
         (tmp_path / "show.m").write_text(f"pkg load control\n{line}\n{show}\n", encoding="utf-8")
-        shown = subprocess.run(
-            ["octave-cli", "-q", "show.m"], cwd=tmp_path, capture_output=True, text=True, check=False
-        )
+        command = ["octave-cli", "-q", "show.m"]
+        shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        if "control is not installed" in shown.stderr:
+            pytest.skip("Octave lacks its package control")
         *numbers, _, _, _ = shown.stdout.split()
         values = one.response([0.1, 1.0]).values.transpose(0, 2, 1).ravel()  # as MATLAB counts
         np.testing.assert_allclose(
