@@ -1,21 +1,41 @@
-"""`PlantFamily`: a plant and what else it may be, by what the update leaves unsure. Pure data."""
+"""`PlantFamily`: a plant and what else it may be, by what the update leaves unsure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.control.build import plant
+from updyn.control.lines import sweep
 from updyn.control.plant import Plant
-from updyn.errors import ModelError
+from updyn.control.ports import Port, as_ports
+from updyn.dofs import Dof
+from updyn.engines import Engine, choose_engine
+from updyn.errors import ModelError, OptionError, SolverError, suggest
+from updyn.frf import check_lines
+from updyn.model import Model
+from updyn.uncertainty.draws import Draws
+from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem import Coordinates
+from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["PlantFamily"]
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["PlantFamily", "plant_family"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+
+#: How an update has to have ended.
+_ENDED = ("converged", "not-identifiable", "stalled")
+#: The route that serves where damping is strong and local.
+_CLOSEST = "complex"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +128,10 @@ class PlantFamily:
         DataError
             As `Plant.response`.
         """
-        return np.array([member.response(freq).values for member in self.members])
+        lines = check_lines(np.atleast_1d(np.asarray(freq)))
+        if lines[0] == 0.0 or self.nominal.dt is not None:  # on a pole, or above half the sampling rate: let it say so
+            return np.array([member.response(lines).values for member in self.members])
+        return np.array([sweep(member, lines) for member in self.members])
 
     def spread(self, freq: ArrayLike) -> tuple[_Real, _Real]:
         """Return between which magnitudes the family lies, the nominal plant included.
@@ -160,3 +183,185 @@ class PlantFamily:
             If the plants are no longer alike.
         """
         return replace(self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members))
+
+
+def plant_family(
+    result: UpdateResult | JointResult,
+    inputs: Iterable[str | Dof | Port] | str | Dof | Port,
+    outputs: Iterable[str | Dof | Port] | str | Dof | Port,
+    band: Sequence[float],
+    tolerance: float = 0.02,
+    *,
+    quantity: str | Sequence[str] = "receptance",
+    route: str = "auto",
+    tier: str | None = None,
+    backend: str | None = None,
+    n: int = 20,
+    seed: int = 0,
+    draws: Draws | None = None,
+    test: str | None = None,
+    engine: int | Client | Engine | None = None,
+) -> PlantFamily:
+    """Make the plant of an update, and plants at draws of its unknowns.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        An update that has ended at a minimum.
+    inputs, outputs, band, tolerance, quantity, route, tier, backend
+        As for `updyn.plant`. Every plant holds the tolerance against its own model with structural damping; all are
+        made by one route.
+    n : int
+        Number of members.
+    seed : int
+        Of the draws; member number i is the same whatever `n`, and wherever it is made.
+    draws : Draws, optional
+        Of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` are taken at even distances. By
+        default the unknowns are drawn from the covariance of the update.
+    test : str, optional
+        Of several tests, the one whose model it is.
+    engine : None, int, dask.distributed Client or Engine
+        Where members are made, as for `updyn.update`; they do not depend on it.
+
+    Returns
+    -------
+    PlantFamily
+        `facts` hold ``source`` (``"covariance"``, ``"bootstrap"``, ``"sampling"``), ``n``, ``seed``, ``route``,
+        ``status`` of the update, ``cut`` (by unknown, the share of draws that were cut at a bound) and ``note``.
+
+    Raises
+    ------
+    OptionError
+        If an option is not understood, the update did not end at a minimum, the data leave an unknown of the model open
+        (what may cure that is said), or the draws are fewer than `n` or about another update.
+    ModelError, SolverError, DofError
+        As `updyn.plant`; the message names the member and the values of its unknowns.
+
+    Notes
+    -----
+    The covariance is that of a Gaussian in the logarithms of factors and in loss factors as they are, the coordinates
+    of the fit. What falls beyond a bound is put on it: a loss factor that cannot be told from 0 is 0 in half of the
+    members, as in a bootstrap. Draws are in no need of that, nor of a likelihood that looks Gaussian.
+
+    A spread says what the data leave unsure. It does not know of a wrong model (`UpdateResult.adequacy`).
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
+    own = _chosen(result, test)
+    ports = as_ports(inputs, "input"), as_ports(outputs, "output")
+    if draws is None:
+        values, cut = _from_covariance(own, int(n), seed)
+        source, note = "covariance", ""
+    else:
+        values, source, note = _from_draws(result, draws, int(n))
+        cut = {}
+    making = _Making(
+        own.start, own.parameters, *ports, tuple(band), tolerance,
+        {"quantity": quantity if isinstance(quantity, str) else tuple(quantity), "tier": tier, "backend": backend},
+    )  # fmt: skip
+    nominal = making.plant(own.model, route)
+    with ExitStack() as ending:
+        made = choose_engine(engine)
+        if made is not engine:
+            ending.callback(made.close)
+        try:
+            members = making.members(values, nominal.route, made)
+        except ModelError:
+            # What converts the damping of the nominal plant well enough may not do so for all; one route serves all.
+            if route != "auto" or nominal.route == _CLOSEST:
+                raise
+            nominal = making.plant(own.model, _CLOSEST)
+            members = making.members(values, _CLOSEST, made)
+    facts = {
+        "source": source,
+        "n": int(n),
+        "seed": seed,
+        "route": nominal.route,
+        "status": own.status,
+        "cut": cut,
+        "note": note,
+    }
+    return PlantFamily(nominal, members, tuple(own.parameters.names), values, facts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Making:
+    """What every member needs: the model as it starts, its unknowns, and what is made of it."""
+
+    start: Model
+    parameters: ParameterSet
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    band: tuple[float, ...]
+    tolerance: float
+    options: Mapping[str, Any]
+
+    def plant(self, model: Model, route: str) -> Plant:
+        return plant(model, self.inputs, self.outputs, self.band, self.tolerance, route=route, **self.options)
+
+    def members(self, values: _Real, route: str, engine: Engine) -> tuple[Plant, ...]:
+        items = [(number, route, row) for number, row in enumerate(values)]
+        return tuple(engine.map(_member, self, items))
+
+
+def _member(making: _Making, item: tuple[int, str, _Real]) -> Plant:
+    number, route, values = item
+    try:
+        return making.plant(making.parameters.apply(making.start, values), route)
+    except (ModelError, SolverError) as error:
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(making.parameters.names, values, strict=True))
+        raise type(error)(f"member {number} of the family ({at}): {error}") from error
+
+
+def _chosen(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
+    if isinstance(result, JointResult):
+        if test is None or test not in result.results:
+            known = suggest(str(test), result.results)
+            raise OptionError(f"plant_family: test = {test!r}; which test's model is the plant's? {known}")
+        own = result.results[test]
+    elif not isinstance(result, UpdateResult):
+        raise OptionError(f"plant_family: expected the result of an update, found {type(result).__name__}")
+    elif test is not None:
+        raise OptionError(f"plant_family: test = {test!r}; this update has one test only")
+    else:
+        own = result
+    if own.status not in _ENDED:
+        raise OptionError(f"plant_family: the update has ended as {own.status!r}, not at a minimum: {own.message}")
+    return own
+
+
+def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, dict[str, float]]:
+    """Return draws, shape (n, n_unknowns), and the share of them that was cut, by unknown."""
+    parameters = result.parameters
+    unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
+    if unsure:
+        few = ", ".join(unsure[:6]) + (f" and {len(unsure) - 6} more" if len(unsure) > 6 else "")
+        raise OptionError(
+            f"plant_family: the data do not determine {few}, so that nobody knows how far off the plant may be. "
+            f"{result.identifiability.advice} Or give draws= of a sampling, in which priors and bounds limit them."
+        )
+    coordinates = Coordinates(parameters)
+    x = coordinates.to_x(np.array([result.values[name] for name in parameters.names]))
+    slope = coordinates.slope(x)
+    size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
+    # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
+    root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+    z = np.array([np.random.default_rng((seed, number)).standard_normal(len(x)) for number in range(n)])
+    drawn = x + z @ root
+    within = np.clip(drawn, *coordinates.bounds)
+    share = (drawn != within).mean(axis=0)
+    values = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
+    return values, {name: float(s) for name, s in zip(parameters.names, share, strict=True) if s > 0.0}
+
+
+def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:
+    """Return draws thinned, shape (n, n_unknowns), what made them, and what is said of them."""
+    if not isinstance(draws, Draws):
+        raise OptionError(f"plant_family: expected draws of a bootstrap or a sampling, found {type(draws).__name__}")
+    known = draws.of(result)
+    if len(known) < n:
+        raise OptionError(f"plant_family: {n} members of {len(known)} draws; make more draws, or ask for fewer members")
+    at = np.linspace(0, len(known) - 1, n).round().astype(np.intp)
+    return known.values[at], known.kind, known.message
