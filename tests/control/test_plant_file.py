@@ -22,6 +22,7 @@ import updyn
 from updyn.cli import main
 from updyn.control.plant import Plant
 from updyn.control.sampled import sampled
+from updyn.demos.gear_train_case import true_model
 from updyn.errors import FormatError, OptionError
 
 SUFFIXES = [".json", ".mat", ".npz"]
@@ -81,6 +82,21 @@ def test_any_number_comes_back(tmp_path: Path, numbers: list[float], suffix: str
     one = plant(block[:2, :2], block[:2, 2:], block[2:, :2], block[2:, 2:])
     updyn.write_plant(one, tmp_path / f"p{suffix}")
     assert_same(updyn.read_plant(tmp_path / f"p{suffix}"), one)
+
+
+def test_one_that_was_made_from_a_model_comes_back(tmp_path: Path) -> None:
+    made = updyn.plant(true_model(), ["1:RZ"], ["1:RZ", "7:RZ"], (2.0, 40.0), 0.05, route="complex")
+    digital = updyn.sampled(made, 1e-3, delay=1.4e-3)
+    for suffix in SUFFIXES:
+        updyn.write_plant(digital, tmp_path / f"p{suffix}")
+        assert_same(updyn.read_plant(tmp_path / f"p{suffix}"), digital)
+    lines = np.linspace(2.0, 40.0, 4001)
+    s = 2j * np.pi * lines
+    exact = updyn.response(true_model(), lines, made.outputs, made.inputs).values
+    exact = exact * ((1 - np.exp(-s * 1e-3)) / (s * 1e-3) * np.exp(-s * 1.4e-3))[:, None, None]
+    off = np.abs(digital.response(lines).values - exact).max(axis=0) / np.abs(exact).max(axis=0)
+    assert off.max() < made.error * 1.05 + digital.facts["sampling"]["deviation"]
+    assert digital.facts["sampling"]["deviation"] < 1e-3
 
 
 # -- other programs ----------------------------------------------------------------------------------------
