@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from updyn.comparison import compare as compare
     from updyn.comparison import compare_jointly as compare_jointly
     from updyn.control.build import plant as plant
+    from updyn.control.nonlinear.balance import limit_cycles as limit_cycles
+    from updyn.control.nonlinear.elements import Backlash as Backlash
+    from updyn.control.nonlinear.elements import CoulombFriction as CoulombFriction
+    from updyn.control.nonlinear.opened import opened as opened
+    from updyn.control.nonlinear.simulate import simulate as simulate
     from updyn.control.plant import Plant as Plant
     from updyn.control.ports import Port as Port
     from updyn.control.python_control import to_control as to_control
@@ -86,8 +91,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _WHERE = {
+    "Backlash": "updyn.control.nonlinear.elements",
     "Comparison": "updyn.comparison",
     "Controller": "updyn.control.servo.controller",
+    "CoulombFriction": "updyn.control.nonlinear.elements",
     "Dof": "updyn.dofs",
     "DofSet": "updyn.dofs",
     "FRF": "updyn.frf",
@@ -117,9 +124,11 @@ _WHERE = {
     "correlate": "updyn.correlation",
     "drive_figures": "updyn.control.servo.drive",
     "identify_modes": "updyn.modal",
+    "limit_cycles": "updyn.control.nonlinear.balance",
     "link": "updyn.updating.choice",
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
+    "opened": "updyn.control.nonlinear.opened",
     "parameters": "updyn.updating.choice",
     "plant": "updyn.control.build",
     "predict": "updyn.uncertainty.prediction",
@@ -141,6 +150,7 @@ _WHERE = {
     "to_frd": "updyn.control.python_control",
     "to_scipy": "updyn.control.python_control",
     "uncertainty_weight": "updyn.control.weight",
+    "simulate": "updyn.control.nonlinear.simulate",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",
     "write_frf": "updyn.io",

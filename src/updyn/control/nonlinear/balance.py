@@ -1,0 +1,282 @@
+"""`limit_cycles`: oscillations that a nonlinearity keeps up in a loop, by harmonic balance.
+
+With the nonlinearity pulled out, z = S(s) w and w = -N(A, omega) z, an oscillation z = A sin(omega t) needs
+
+    N(A, omega) = -1 / S(i omega).
+
+|N| falls or rises steadily with A, so that each frequency has at most one amplitude at which the moduli agree; what is
+left is one equation, of the phases, along the frequency axis, whose roots are all found by a scan and refined (Gelb &
+Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, chapter 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from updyn.control.nonlinear.around import Around, around
+from updyn.control.nonlinear.elements import Backlash, Nonlinearity
+from updyn.control.plant import Plant
+from updyn.control.servo.controller import Controller
+from updyn.control.servo.state_space import StateSpace
+from updyn.errors import OptionError
+from updyn.group import is_number
+
+__all__ = ["LimitCycle", "LimitCycles", "limit_cycles"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+_SCAN = 3000
+_NEAR = 0.1  # rad: a phase that comes this close to agreement between two points is looked at
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCycle:
+    """One oscillation that harmonic balance predicts.
+
+    Attributes
+    ----------
+    amplitude : float
+        Of the first harmonic of what the nonlinearity reads, in `unit`.
+    frequency : float
+        In Hz.
+    stable : bool
+        Whether the loop returns to it: by Loeb's criterion, and no other pole of the loop under it is unstable. An
+        unstable one is a border: what starts below dies out, or falls to the next stable one, and what starts above
+        grows; or the other way round.
+    loeb : bool
+        Loeb's criterion alone.
+    gain : complex
+        Describing function there.
+    third : float
+        Third harmonic that the loop would add to what the nonlinearity reads, as a share of the amplitude:
+        |S(3 i omega) T_3| / A. The prediction takes it for 0.
+    unit : str
+        Of the amplitude.
+    doubt : str
+        Why it may be off by more than a tenth, or not be there at all, so that only a simulation tells; empty where
+        there is no such reason.
+    """
+
+    amplitude: float
+    frequency: float
+    stable: bool
+    loeb: bool
+    gain: complex
+    third: float
+    unit: str
+    doubt: str = ""
+
+    def __str__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        doubt = f" (doubtful: {self.doubt})" if self.doubt else ""
+        return f"{kind}, amplitude {self.amplitude:.5g} {self.unit}, {self.frequency:.5g} Hz{doubt}"
+
+
+class LimitCycles(tuple[LimitCycle, ...]):
+    """All limit cycles that are predicted, by frequency; a tuple that can say what it means.
+
+    Attributes
+    ----------
+    band : (float, float)
+        Where they were looked for, in Hz.
+    linear_stable : bool
+        Whether the loop is stable without the nonlinearity: with the mesh in contact throughout, or without friction.
+    """
+
+    band: tuple[float, float]
+    linear_stable: bool
+
+    def __new__(cls, cycles: Iterable[LimitCycle], band: tuple[float, float], linear_stable: bool) -> LimitCycles:
+        """Take cycles, the band in Hz and the stability of the loop without the nonlinearity."""
+        out = super().__new__(cls, cycles)
+        out.band, out.linear_stable = band, linear_stable
+        return out
+
+    def summary(self) -> str:
+        """Return what was found as text, or that nothing was.
+
+        Returns
+        -------
+        str
+        """
+        where = f"from {self.band[0]:.4g} to {self.band[1]:.4g} Hz"
+        loop = f"The loop without the nonlinearity is {'stable' if self.linear_stable else 'unstable'}."
+        if not self:
+            return f"Harmonic balance predicts no limit cycle {where}. {loop}"
+        lines = [f"Harmonic balance predicts {len(self)} limit cycle(s) {where}:", *(f"  {c}" for c in self)]
+        return "\n".join([*lines, loop])
+
+
+def limit_cycles(
+    plant: Plant,
+    controller: Controller | StateSpace | tuple[Any, ...] | None,
+    nonlinearity: Nonlinearity,
+    at: str | tuple[str, str],
+    *,
+    torque: str | None = None,
+    velocity: str | None = None,
+    position: str | None = None,
+    measured: str | Sequence[str] | None = None,
+    band: Sequence[float] | None = None,
+    pade: int = 6,
+) -> LimitCycles:
+    """Predict the limit cycles of a loop with backlash or friction.
+
+    Parameters
+    ----------
+    plant : Plant
+        Continuous. For backlash the mesh is open in it (`opened`) and its twist is an output (displacement), the torque
+        across it an input; for friction the velocity is an output and the torque there an input.
+    controller : Controller, StateSpace, tuple or None
+        What closes the loop: a cascade with negative feedback; or x' = A x + B y, torque = C x + D y, the sign of the
+        feedback in it, from the `measured` outputs; or None where the plant is closed already.
+    nonlinearity : Backlash or CoulombFriction
+        What acts.
+    at : str or (str, str)
+        Output and input of the plant between which it acts; one name where both have it.
+    torque, velocity, position : str, optional
+        Input that the controller drives, outputs that a `Controller` takes as velocity and position (a displacement is
+        differentiated, a velocity integrated). None: the only one that it can be.
+    measured : str or sequence of str, optional
+        Outputs that an (A, B, C, D) controller reads, in its order.
+    band : (float, float), optional
+        Where to look, in Hz. None: from a hundredth of the lowest to ten times the highest frequency of the loop.
+    pade : int
+        Order of the Pade approximation of the controller's dead time.
+
+    Returns
+    -------
+    LimitCycles
+        A tuple, empty where none is predicted; its `summary` says so.
+
+    Raises
+    ------
+    OptionError
+        If a name is not there or not told, or the band cannot be used.
+    ModelError
+        If the plant is a sampled one, or does not take the nonlinearity as its own torque.
+
+    Notes
+    -----
+    Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0 (Gelb & Vander
+    Velde 1968, section 3.2). Describing functions take the oscillation for a sine, without bias; a breakaway torque is
+    not in them.
+    """
+    names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
+    system = around(plant, controller, nonlinearity, at, names, pade)
+    whole = _whole(nonlinearity)
+    poles = np.concatenate([np.linalg.eigvals(system.A), system.under(*whole)])
+    limits = _limits(band, poles)
+    scan = _scan(limits, poles)
+    found = [_cycle(system, nonlinearity, omega) for omega in _roots(system, nonlinearity, scan, poles)]
+    return LimitCycles(found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.under(*whole)))
+
+
+def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
+    """Return stiffness and damping across, without the nonlinearity."""
+    return (nonlinearity.stiffness, nonlinearity.damping) if isinstance(nonlinearity, Backlash) else (0.0, 0.0)
+
+
+def _stable(poles: _Complex) -> bool:
+    """Return whether no pole lies in the right half plane; poles at rest (an angle that nothing holds) may be there."""
+    return bool((poles.real <= 1e-7 * max(float(np.abs(poles).max(initial=0.0)), 1e-300)).all())
+
+
+# -- the scan ----------------------------------------------------------------------------------------------
+def _limits(band: Any, poles: _Complex) -> tuple[float, float]:
+    if band is not None:
+        try:
+            low, high = (float(f) for f in band)
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"limit cycles: band {band!r}; expected two lines in Hz") from error
+        if not (is_number(low) and 0 < low < high < np.inf):
+            raise OptionError(f"limit cycles: band {low:g} to {high:g} Hz; expected 0 < low < high")
+        return _TWO_PI * low, _TWO_PI * high
+    size = np.abs(poles)
+    size = size[size > 1e-6 * size.max(initial=0.0)]
+    if not len(size):
+        raise OptionError("limit cycles: the loop has no frequency of its own; say band=")
+    return 0.01 * float(size.min()), 10.0 * float(size.max())
+
+
+def _scan(limits: tuple[float, float], poles: _Complex) -> _Real:
+    """Return frequencies in rad/s, dense around poles that are lightly damped."""
+    parts = [np.geomspace(*limits, _SCAN)]
+    offsets = np.concatenate([-np.geomspace(30, 0.1, 15), [0.0], np.geomspace(0.1, 30, 15)])
+    for pole in poles[poles.imag > 0]:
+        parts.append(pole.imag + offsets * max(abs(pole.real), 1e-6 * pole.imag))
+    out = np.unique(np.concatenate(parts))
+    return np.asarray(out[(out >= limits[0]) & (out <= limits[1])])
+
+
+def _mismatch(system: Around, nonlinearity: Nonlinearity, omega: _Real) -> tuple[_Real, _Real]:
+    """Return the phase by which -1 / S and N differ where their moduli agree, and that amplitude; nan for none."""
+    S = system.at(omega)
+    needed = -1.0 / np.where(S == 0.0, np.finfo(np.float64).tiny, S)
+    A = nonlinearity.amplitude(np.abs(needed), omega)
+    there = np.isfinite(A)
+    phase = np.full(len(omega), np.nan)
+    phase[there] = np.angle(needed[there] / nonlinearity.describing(A[there], omega[there]))
+    return phase, A
+
+
+def _roots(system: Around, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex) -> list[float]:
+    """Return all frequencies in rad/s at which the phases agree."""
+
+    def at(w: float) -> float:
+        value = float(_mismatch(system, nonlinearity, np.array([w]))[0][0])
+        return value if np.isfinite(value) else np.pi
+
+    phase, _ = _mismatch(system, nonlinearity, omega)
+    roots = [float(w) for w, p in zip(omega, phase, strict=True) if p == 0.0]
+    for i in range(len(omega) - 1):
+        a, b = phase[i], phase[i + 1]
+        if np.isfinite(a) and np.isfinite(b) and a * b < 0 and abs(a - b) < np.pi:
+            roots.append(float(brentq(at, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13)))
+    for i in range(1, len(omega) - 1):
+        a, b, c = phase[i - 1 : i + 2]
+        if np.isfinite([a, b, c]).all() and a * b > 0 and b * c > 0 and abs(b) < min(abs(a), abs(c), _NEAR):
+            roots += _touching(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
+    return sorted(set(roots))
+
+
+def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
+    """Return two roots between points of one sign, where the phase comes close to agreement between them."""
+    best = minimize_scalar(lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low})
+    if side * at(float(best.x)) >= 0:
+        return []
+    return [float(brentq(at, low, best.x, rtol=1e-13)), float(brentq(at, best.x, high, rtol=1e-13))]
+
+
+# -- one cycle ---------------------------------------------------------------------------------------------
+def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
+    w = np.array([omega])
+    S, S3 = system.at(np.array([omega, 3.0 * omega]))
+    A = float(nonlinearity.amplitude(np.abs(-1.0 / S)[None], w)[0])
+    N = complex(nonlinearity.describing(A, omega))
+    third = float(abs(S3)) * nonlinearity.third(A, omega) / A
+    loeb = _loeb(system, nonlinearity, A, omega)
+    rest = system.under(N.real, N.imag / omega if abs(N.imag) > 1e-12 * abs(N) else 0.0)
+    # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything else grows.
+    for target in (1j * omega, -1j * omega):
+        rest = np.delete(rest, np.argmin(np.abs(rest - target)))
+    return LimitCycle(
+        A, omega / _TWO_PI, loeb and _stable(rest), loeb, N, third, system.unit, nonlinearity.doubt(A, third)
+    )
+
+
+def _loeb(system: Around, nonlinearity: Nonlinearity, A: float, omega: float) -> bool:
+    def balance(a: float, w: float) -> complex:
+        return complex(1.0 + nonlinearity.describing(a, w) * system.at(np.array([w]))[0])
+
+    step = 1e-5
+    by_A = (balance(A * (1 + step), omega) - balance(A * (1 - step), omega)) / (2 * step * A)
+    by_w = (balance(A, omega * (1 + step)) - balance(A, omega * (1 - step))) / (2 * step * omega)
+    return bool(by_A.real * by_w.imag - by_A.imag * by_w.real > 0)

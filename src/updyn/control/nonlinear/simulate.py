@@ -1,0 +1,252 @@
+"""`simulate`: the loop with its nonlinearity in time, exact but for rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.nonlinear.around import Around, around
+from updyn.control.nonlinear.balance import LimitCycle
+from updyn.control.nonlinear.elements import Backlash, Nonlinearity
+from updyn.control.nonlinear.pieces import Rules, rules
+from updyn.control.nonlinear.settled import Settled, settled
+from updyn.control.nonlinear.stepping import march
+from updyn.control.plant import Plant
+from updyn.control.servo.controller import Controller
+from updyn.control.servo.state_space import StateSpace
+from updyn.errors import OptionError, suggest
+from updyn.group import is_number
+
+__all__ = ["Simulation", "simulate"]
+
+_Real = NDArray[np.float64]
+_POINTS = 40  # steps in a period of the fastest oscillation
+_LEAST = 400  # steps at least
+_MOST = 2_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """A loop with its nonlinearity in time.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (n_t,)
+        In s: every step, and every instant at which contact or sticking changes (it stands twice there).
+    reading : ndarray of float, shape (n_t,)
+        What the nonlinearity reads: twist in rad, or velocity in rad/s.
+    torque : ndarray of float, shape (n_t,)
+        What it puts against it, in N m.
+    series : ndarray of float, shape (n_t, n_s)
+        Outputs of the plant, then the torque of the controller; names in `names`.
+    names : tuple of str
+        Of the columns.
+    phase : ndarray of str, shape (n_t,)
+        ``"gap"``, ``"contact +"``, ``"contact -"``; or ``"stick"``, ``"slip +"``, ``"slip -"``.
+    switches : ndarray of float
+        Times in s at which it changes.
+    verdict : {"limit cycle", "decays", "at rest", "grows", "not settled"}
+        What the end of it is.
+    amplitude : float or None
+        First harmonic of `reading` over the last whole periods, of a limit cycle: what harmonic balance predicts.
+    peak : float or None
+        Half of peak to peak over the same.
+    frequency : float or None
+        Of a limit cycle, in Hz.
+    periods : int
+        Over which both were taken.
+    unit : str
+        Of `reading`.
+    facts : dict
+        Step, number of switches, what was held.
+    """
+
+    time: _Real
+    reading: _Real
+    torque: _Real
+    series: _Real
+    names: tuple[str, ...]
+    phase: NDArray[np.str_]
+    switches: _Real
+    verdict: str
+    amplitude: float | None
+    peak: float | None
+    frequency: float | None
+    periods: int
+    unit: str
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> _Real:
+        """Return a series by its name, shape (n_t,)."""
+        if name not in self.names:
+            raise OptionError(f"the simulation has no series {name!r}; {suggest(str(name), self.names)}")
+        return self.series[:, self.names.index(name)]
+
+    def summary(self) -> str:
+        """Return what came of it as text.
+
+        Returns
+        -------
+        str
+        """
+        head = f"{self.time[-1]:.5g} s, {len(self.switches)} changes of contact or sticking: "
+        if self.verdict == "limit cycle":
+            return (
+                f"{head}limit cycle, amplitude {self.amplitude:.5g} {self.unit} (first harmonic; half of peak to peak "
+                f"{self.peak:.5g}), {self.frequency:.5g} Hz"
+            )
+        return (
+            head
+            + {
+                "decays": "the oscillation decays; there is no limit cycle here.",
+                "at rest": "it comes to rest; there is no limit cycle here.",
+                "grows": "the oscillation still grows at the end.",
+                "not settled": "it has not settled by the end; simulate longer.",
+            }[self.verdict]
+        )
+
+
+def simulate(
+    plant: Plant,
+    controller: Controller | StateSpace | tuple[Any, ...] | None,
+    nonlinearity: Nonlinearity,
+    duration: float,
+    at: str | tuple[str, str],
+    *,
+    start: LimitCycle | ArrayLike | None = None,
+    scale: float = 1.0,
+    constant: Mapping[str, float] | None = None,
+    torque: str | None = None,
+    velocity: str | None = None,
+    position: str | None = None,
+    measured: str | Sequence[str] | None = None,
+    step: float | None = None,
+    pade: int = 6,
+) -> Simulation:
+    """Simulate a loop with backlash or friction.
+
+    The loop is linear in pieces (gap and two flanks; rest and two senses of motion): each is stepped through by its
+    matrix exponential, and the instants at which one gives way to the next are found to rounding.
+
+    Parameters
+    ----------
+    plant, controller, nonlinearity
+        As for `limit_cycles`.
+    duration : float
+        In s; the last whole step ends it.
+    at : str or (str, str)
+        As for `limit_cycles`.
+    start : LimitCycle or array_like of float, shape (n,), optional
+        Where it begins: on a predicted limit cycle; or with the states of the plant, or of plant and controller. None:
+        at rest in the middle.
+    scale : float
+        Factor on the start: 1.2 times a limit cycle begins outside of it.
+    constant : mapping of str to float, optional
+        Inputs of the plant that are held, in their units (gravity, wind), and ``"reference"``, to which the controller
+        moves from time 0.
+    torque, velocity, position, measured
+        As for `limit_cycles`.
+    step : float, optional
+        In s. None: a fortieth of the shortest period of the loop's pieces. Only what begins and ends within one step is
+        missed by a longer one.
+    pade : int
+        As for `limit_cycles`.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    OptionError
+        As `limit_cycles`; or if duration, step, start or an entry cannot be used.
+    ModelError
+        As `limit_cycles`.
+    SolverError
+        If the loop chatters, or grows beyond all numbers.
+    """
+    names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
+    system = around(plant, controller, nonlinearity, at, names, pade)
+    held = _held(system, constant)
+    pieces = rules(system, nonlinearity, held)
+    length = _length(pieces, duration, step)
+    X = _start(system, plant, pieces, nonlinearity, start, scale)
+    way = march(pieces, X, float(duration), length)
+    w_rows, z_rows = (np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z"))
+    w = np.einsum("tm,tm->t", way.states, w_rows[way.piece])
+    z = np.einsum("tm,tm->t", way.states, z_rows[way.piece])
+    series = way.states[:, : pieces.n] @ system.series.T + np.outer(w, system.series_w) + system.series_e @ held
+    end: Settled = settled(way.time, z, way.switches, nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0)
+    facts = {"step": length, "switches": len(way.switches), "constant": dict(constant or {})}
+    for array in (way.time, z, w, series, way.switches):
+        array.flags.writeable = False
+    return Simulation(
+        way.time,
+        z,
+        -w,
+        series,
+        system.names,
+        np.array(way.names)[way.piece],
+        way.switches,
+        end.verdict,
+        end.amplitude,
+        end.peak,
+        end.frequency,
+        end.periods,
+        system.unit,
+        facts,
+    )
+
+
+def _held(system: Around, constant: Mapping[str, float] | None) -> _Real:
+    out = np.zeros(len(system.entries))
+    for name, value in (constant or {}).items():
+        if name not in system.entries:
+            raise OptionError(f"simulation: no input {name!r} to hold; {suggest(str(name), system.entries)}")
+        if not is_number(value) or not np.isfinite(value):
+            raise OptionError(f"simulation: {name} held at {value!r}; expected a finite number")
+        out[system.entries.index(name)] = value
+    return out
+
+
+def _length(pieces: Rules, duration: Any, step: Any) -> float:
+    for what, value in (("duration", duration), ("step", 1.0 if step is None else step)):
+        if not is_number(value) or not 0 < value < np.inf:
+            raise OptionError(f"simulation: {what} {value!r}; expected a number above 0, in s")
+    if step is None:
+        fastest = max(float(np.abs(np.linalg.eigvals(p.F).imag).max()) for p in pieces.pieces.values())
+        step = duration / _LEAST
+        if fastest > 0:
+            step = min(step, 2.0 * np.pi / fastest / _POINTS)
+    if duration / step > _MOST:
+        raise OptionError(
+            f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; at most {_MOST:g} are "
+            "taken: say a shorter duration, or a longer step="
+        )
+    return float(step)
+
+
+def _start(system: Around, plant: Plant, pieces: Rules, nonlinearity: Nonlinearity, start: Any, scale: float) -> _Real:
+    if not is_number(scale) or not np.isfinite(scale):
+        raise OptionError(f"simulation: scale {scale!r}; expected a finite number")
+    n = len(system.A)
+    x: _Real = np.zeros(n)
+    if isinstance(start, LimitCycle):
+        omega = 2.0 * np.pi * start.frequency
+        w = -start.gain * start.amplitude  # of z = A exp(i psi)
+        shape = np.linalg.solve(1j * omega * np.eye(n) - system.A, system.B * w)
+        # Backlash begins in the gap, z = 0 and rising; friction at the largest velocity.
+        x = np.asarray(shape.imag if isinstance(nonlinearity, Backlash) else shape.real)
+    elif start is not None:
+        given = np.asarray(start, dtype=np.float64)
+        if given.shape not in ((n,), (plant.n_states,)) or not np.isfinite(given).all():
+            raise OptionError(
+                f"simulation: start of shape {given.shape}; expected {plant.n_states} finite states of the plant, or "
+                f"{n} of plant and controller"
+            )
+        x[: len(given)] = given
+    return pieces.state(float(scale) * x)
