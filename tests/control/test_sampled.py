@@ -162,6 +162,18 @@ def test_the_deviation_is_measured_in_the_band() -> None:
     assert fine < facts["deviation"] / 50  # aliases of omega^2 / s^2, held: third order in T
 
 
+@pytest.mark.parametrize(("method", "delay"), [("zoh", 0.13), ("zoh", 0.1), ("tustin", 0.15)])
+def test_the_deviation_is_that_of_the_plant_with_all_its_delay(method: str, delay: float) -> None:
+    one = two_masses()
+    found = sampled(one, 0.05, method, delay)
+    lines = np.linspace(0.05, 2.5, 5001)
+    s = 2j * np.pi * lines
+    exact = one.response(lines).values * np.exp(-s * delay)[:, None, None]
+    for name, target in (("deviation", held(0.05, s)[:, None, None] * exact), ("deviation_without_hold", exact)):
+        off = np.abs(found.response(lines).values - target).max(axis=0) / np.abs(target).max(axis=0)
+        assert_allclose(found.facts["sampling"][name], off.max(), rtol=0.02)
+
+
 def test_tustin_has_no_hold() -> None:
     facts = sampled(oscillator(1.3, 0.02), 0.005, "tustin").facts["sampling"]
     assert facts["deviation_without_hold"] < facts["deviation"]

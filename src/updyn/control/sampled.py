@@ -25,7 +25,7 @@ _METHODS = ("zoh", "tustin")
 #: A delay so close to a whole number of intervals, in intervals, is meant to be whole (0.003 / 0.001 is not 3).
 _WHOLE = 1e-9
 #: Dense matrices of more states than this do not fit.
-_MOST_STATES = 5000
+_MOST_STATES = 2000
 #: Lines in the band at which the deviation is measured, beside the peaks.
 _LINES = 400
 #: A pole at the singularity of the bilinear substitution, as a share of it.
@@ -86,19 +86,28 @@ def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *,
     if method == "zoh":
         if prewarp is not None:
             raise OptionError("prewarp is of method 'tustin'; a held input is exact at every frequency")
-        matrices = _held(plant, interval, whole, part)
+        prompt = _held(plant, interval, part)
     else:
         if part:
             raise OptionError(
                 f"delay {delay:g} s is {delay / interval:g} intervals of {interval:g} s; method 'tustin' takes a whole "
                 f"number of them, nearest {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
             )
-        matrices = _late(*_tustin(plant, interval, prewarp), whole)
-    A, B, C, D = matrices
-    late = whole + bool(part)
-    out = replace(plant, A=A, B=B, C=C, D=D, dt=interval, delay=late)
+        prompt = _tustin(plant, interval, prewarp)
     facts = {"method": method, "dt": interval, "delay": float(delay), "prewarp": prewarp}
-    return replace(out, facts={**plant.facts, "sampling": {**facts, **_deviations(plant, out, float(delay))}})
+    facts |= _deviations(plant, _replaced(plant, prompt, dt=interval), float(delay), whole)
+    return _replaced(
+        plant,
+        _late(*prompt, whole),
+        dt=interval,
+        delay=whole + bool(part),
+        facts={**plant.facts, "sampling": facts},
+    )
+
+
+def _replaced(plant: Plant, matrices: _Matrices, **more: Any) -> Plant:
+    A, B, C, D = matrices
+    return replace(plant, A=A, B=B, C=C, D=D, **more)
 
 
 # -- what is asked for -------------------------------------------------------------------------------------
@@ -131,18 +140,18 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
 
 
 # -- zero-order hold ---------------------------------------------------------------------------------------
-def _held(plant: Plant, dt: float, whole: int, part: float) -> _Matrices:
-    """Return the matrices of a held input that acts `whole + part` intervals late."""
+def _held(plant: Plant, dt: float, part: float) -> _Matrices:
+    """Return the matrices of a held input that acts a part of an interval late."""
     transition, forced = _over(plant.A, plant.B, (1.0 - part) * dt)
     if not part:
-        return _late(transition, forced, plant.C, plant.D, whole)
-    # From k dt the input of interval k - whole - 1 goes on acting for part dt, then that of interval k - whole.
+        return transition, forced, plant.C, plant.D
+    # From k dt the input of interval k - 1 goes on acting for part dt, then that of interval k.
     first, before = _over(plant.A, plant.B, part * dt)
     states, inputs = plant.B.shape
     A = np.block([[transition @ first, transition @ before], [np.zeros((inputs, states + inputs))]])
     B = np.vstack([forced, np.eye(inputs)])
     # At the sample itself the earlier input still acts.
-    return _late(A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D), whole)
+    return A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D)
 
 
 def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
@@ -205,23 +214,26 @@ def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
 
 
 # -- what it costs -----------------------------------------------------------------------------------------
-def _deviations(plant: Plant, out: Plant, delay: float) -> Mapping[str, Any]:
-    """Measure how far the sampled response is from that of the continuous plant, as shares of the channels' peaks."""
-    assert out.dt is not None
-    lines = _lines(plant)
-    s = 2j * np.pi * lines
+def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
+    """Measure how far the sampled response is from that of the continuous plant, as shares of the channels' peaks.
+
+    `prompt` lacks the whole intervals of the delay: powers of z, whose states would cost a solution at each line.
+    """
+    assert prompt.dt is not None
+    s = 2j * np.pi * _lines(plant)
+    step = s * prompt.dt
     try:
         exact = plant.at(s) * np.exp(-s * delay)[:, None, None]
-        found = out.at(np.exp(s * out.dt))
+        found = prompt.at(np.exp(step)) * np.exp(-whole * step)[:, None, None]
     except DataError:  # a pole without damping in the band: no line of it has a peak to compare with
         figures = {"deviation": math.nan, "deviation_without_hold": math.nan}
     else:
-        hold = (-np.expm1(-s * out.dt) / (s * out.dt))[:, None, None]
+        hold = (-np.expm1(-step) / step)[:, None, None]
         figures = {
             "deviation": _share(found, hold * exact),
             "deviation_without_hold": _share(found, exact),
         }
-    above = plant.modes[plant.modes > 0.5 / out.dt]
+    above = plant.modes[plant.modes > 0.5 / prompt.dt]
     return {**figures, "above_nyquist": [float(f) for f in above]}
 
 
