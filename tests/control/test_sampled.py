@@ -22,7 +22,7 @@ def held(dt: float, s: complex | np.ndarray) -> complex | np.ndarray:
 
 # -- zero-order hold ---------------------------------------------------------------------------------------
 def test_double_integrator() -> None:
-    """Franklin, Powell & Workman, section 4.3.1: T^2 (z + 1) / (2 J (z - 1)^2)."""
+    """Franklin, Powell & Workman, section 4.3: T^2 (z + 1) / (2 J (z - 1)^2)."""
     T, J = 0.04, 2.0
     found = sampled(double_integrator(J), T)
     assert_allclose(found.A, [[1, T], [0, 1]], rtol=1e-15, atol=1e-17)
@@ -67,7 +67,7 @@ def test_a_feedthrough_is_late_too(delay: float) -> None:
 
 
 def test_a_part_of_an_interval() -> None:
-    """Franklin, Powell & Workman, section 4.3.3: a / (s + a), late by f intervals, with m = 1 - f."""
+    """Franklin, Powell & Workman, section 4.3: a / (s + a), late by f intervals, with m = 1 - f."""
     a, T, f = 3.0, 0.1, 0.3
     m, z = 1 - f, np.exp(2j * np.pi * np.array([0.0, 0.4, 1.9]) * T)
     alpha = (np.exp(-a * m * T) - np.exp(-a * T)) / (1 - np.exp(-a * m * T))

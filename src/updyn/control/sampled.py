@@ -72,8 +72,8 @@ def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *,
     -----
     Hold: exponential of the matrix augmented with the input (Van Loan 1978, IEEE Trans. Autom. Control 23, p. 395), no
     inverse of A. Delay by a part of an interval: the input changes once within each interval (Franklin, Powell &
-    Workman, Digital Control of Dynamic Systems, 3rd ed., section 4.3.3). Bilinear substitution and prewarping: ibid.,
-    section 6.1.
+    Workman, Digital Control of Dynamic Systems, 3rd ed., section 4.3). Bilinear substitution and prewarping: ibid.,
+    chapter 6.
 
     Examples
     --------
@@ -94,7 +94,8 @@ def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *,
                 f"number of them, nearest {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
             )
         prompt = _tustin(plant, interval, prewarp)
-    facts = {"method": method, "dt": interval, "delay": float(delay), "prewarp": prewarp}
+    warped = None if prewarp is None else float(prewarp)
+    facts = {"method": method, "dt": interval, "delay": float(delay), "prewarp": warped}
     facts |= _deviations(plant, _replaced(plant, prompt, dt=interval), float(delay), whole)
     return _replaced(
         plant,
