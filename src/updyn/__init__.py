@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from updyn.comparison import compare as compare
     from updyn.comparison import compare_jointly as compare_jointly
     from updyn.control.build import plant as plant
+    from updyn.control.family import plant_family as plant_family
     from updyn.control.nonlinear.balance import limit_cycles as limit_cycles
     from updyn.control.nonlinear.elements import Backlash as Backlash
     from updyn.control.nonlinear.elements import CoulombFriction as CoulombFriction
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from updyn.control.servo.controller import Controller as Controller
     from updyn.control.servo.controller import Notch as Notch
     from updyn.control.servo.drive import drive_figures as drive_figures
+    from updyn.control.servo.servo import servo as servo
+    from updyn.control.servo.wind import Wind as Wind
     from updyn.control.weight import uncertainty_weight as uncertainty_weight
     from updyn.correlation import correlate as correlate
     from updyn.dofs import Dof as Dof
@@ -112,6 +115,7 @@ _WHERE = {
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
+    "Wind": "updyn.control.servo.wind",
     "calibration": "updyn.updating.channels",
     "cluster": "updyn.updating.selection",
     "cluster_jointly": "updyn.updating.selection",
@@ -131,6 +135,7 @@ _WHERE = {
     "opened": "updyn.control.nonlinear.opened",
     "parameters": "updyn.updating.choice",
     "plant": "updyn.control.build",
+    "plant_family": "updyn.control.family",
     "predict": "updyn.uncertainty.prediction",
     "profile": "updyn.uncertainty.profile",
     "sample": "updyn.uncertainty.sampling",
@@ -150,6 +155,7 @@ _WHERE = {
     "to_frd": "updyn.control.python_control",
     "to_scipy": "updyn.control.python_control",
     "uncertainty_weight": "updyn.control.weight",
+    "servo": "updyn.control.servo.servo",
     "simulate": "updyn.control.nonlinear.simulate",
     "update": "updyn.updating.update",
     "update_jointly": "updyn.updating.update",

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.servo.state_space import StateSpace, delay_approximation
 from updyn.errors import OptionError
 from updyn.group import is_number
+
+if TYPE_CHECKING:
+    from updyn.control.plant import Plant
 
 __all__ = ["Controller", "Notch"]
 
@@ -177,6 +181,54 @@ class Controller:
         object.__setattr__(self, "notches", tuple(notches))
         if not all(isinstance(n, Notch) for n in self.notches):
             raise wrong
+
+    @classmethod
+    def tuned(
+        cls,
+        plant: Plant,
+        crossover: float,
+        *,
+        torque: str,
+        velocity: str,
+        ti_ratio: float | None = 2.0,
+        kv_ratio: float | None = 4.0,
+        **others: Any,
+    ) -> Controller:
+        """Return a controller sized by rule, from the rigid-body inertia J of a plant: where a design begins.
+
+            w = 2 pi crossover,   kp = J w,   ti = ti_ratio / w,   kv = w / kv_ratio
+
+        Parameters
+        ----------
+        plant : Plant
+            With rigid-body motion from `torque` to `velocity`.
+        crossover : float
+            Where the gain of the velocity loop is to fall through 1, in Hz, as far as the rigid body and kp make it.
+        torque, velocity : str
+            Names of the plant's input and output.
+        ti_ratio : float or None
+            The ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a) without small time
+            constants, and arctan(a) - arctan(1 / a) with those for which it is optimal, of sum 1 / (a w). None: no
+            integral part.
+        kv_ratio : float or None
+            4: critical damping of s^2 + w s + w kv, the rigid body without the integral part. None: no position loop.
+        **others
+            Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the rule's.
+
+        Raises
+        ------
+        ModelError
+            If nothing turns freely between the two, or torque and velocity oppose each other.
+        OptionError
+            If a name or a number cannot be used.
+
+        Notes
+        -----
+        Symmetrical optimum: Kessler (1958), "Das symmetrische Optimum", Regelungstechnik 6, 395-400 and 432-436.
+        """
+        from updyn.control.servo.tuning import tuned
+
+        return tuned(plant, crossover, torque=torque, velocity=velocity, ti_ratio=ti_ratio, kv_ratio=kv_ratio, **others)
 
     def torque(self, s: ArrayLike) -> _Complex:
         """Return torque over velocity error, the dead time exact.

@@ -157,6 +157,11 @@ class WindResponse:
     rms_expected: float | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def std(self) -> float:
+        """Root mean square of `error` about its mean, in `output_unit`."""
+        return float(np.std(self.error))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Servo:

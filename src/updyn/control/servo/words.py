@@ -93,7 +93,7 @@ def _wind(wind: WindResponse) -> str:
     text = f"disturbance at {wind.input}: error of {wind.output} {wind.rms:.4g} {wind.output_unit} rms"
     text += f", at most {wind.peak:.4g} {wind.output_unit}"
     if wind.rms_expected is not None:
-        text += f" (from the spectrum, mean left out: {wind.rms_expected:.4g} {wind.output_unit} rms)"
+        text += f" ({wind.std:.4g} rms about its mean; {wind.rms_expected:.4g} by the spectrum)"
     return text
 
 

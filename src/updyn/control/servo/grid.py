@@ -1,0 +1,228 @@
+"""Lines in frequency that resolve a loop function, and what is found on them: crossings, extremes, the phase."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import elementwise
+
+from updyn.errors import DataError
+
+__all__ = [
+    "Loop",
+    "crossings_of_gain",
+    "crossings_of_phase",
+    "frequencies",
+    "least",
+    "level",
+    "phase_of",
+    "resolved",
+    "with_extremes",
+]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+#: A loop function of s.
+Loop = Callable[[NDArray[Any]], _Complex]
+
+#: Lines a decade where nothing happens, and distances from a resonance in half its width.
+_PER_DECADE = 80
+_OFFSETS = np.array([0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0])
+#: A resonance is not taken to be narrower than this, as a share of its frequency.
+_NARROWEST = 1e-7
+#: Largest turn of the phase between neighbouring lines, in rad, and how often an interval is halved for it.
+_TURN, _HALVINGS = 0.7, 40
+_MOST_LINES = 60_000
+#: Parts of the imaginary part that are rounding.
+_ROUNDING = 1e-11
+_TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
+
+
+def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0) -> _Real:
+    """Return circular frequencies in rad/s, dense around the poles and zeros of a loop.
+
+    Parameters
+    ----------
+    features : ndarray of complex
+        Poles and zeros in rad/s.
+    low, high : float
+        First and last in rad/s.
+    delay : float
+        Dead time in s, whose phase is to be resolved.
+
+    Raises
+    ------
+    DataError
+        If the dead time turns the phase so often that no lines can follow.
+    """
+    decades = max(np.log10(high / low), 0.1)
+    parts: list[NDArray[Any]] = [np.geomspace(low, high, int(_PER_DECADE * decades) + 2)]
+    centre = np.abs(features.imag)
+    oscillating = centre > 0.0
+    half = np.maximum(np.abs(features.real), _NARROWEST * centre)[oscillating]
+    for side in (-1.0, 1.0):
+        parts.append((centre[oscillating][:, None] + side * half[:, None] * _OFFSETS).ravel())
+    parts.append(np.abs(features.real[~oscillating]))
+    if delay:
+        turns = high * delay / _TURN
+        if turns > _MOST_LINES:
+            raise DataError(
+                f"dead time {delay:g} s turns the phase {turns * _TURN / (2 * np.pi):.0f} times up to "
+                f"{high / (2 * np.pi):.4g} Hz; is it in s?"
+            )
+        parts.append(np.arange(1, int(turns) + 1) * (_TURN / delay))
+    w = np.unique(np.concatenate(parts))
+    return w[(w >= low) & (w <= high)]
+
+
+def resolved(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
+    """Return lines between which the phase turns little, and the loop function there.
+
+    Parameters
+    ----------
+    loop : callable
+        Of s.
+    w : ndarray of float, shape (n,)
+        Circular frequencies in rad/s to begin with, ascending.
+    """
+    w, values = _finite(w, loop(1j * w))
+    for _ in range(_HALVINGS):
+        turn = np.abs(np.angle(values[1:] / values[:-1]))
+        wide = (turn > _TURN) & (np.diff(w) > 1e-13 * w[1:])
+        if not wide.any() or len(w) > _MOST_LINES:
+            break
+        between = 0.5 * (w[:-1] + w[1:])[wide]
+        w, values = _merged(w, values, between, loop(1j * between))
+    return w, values
+
+
+def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
+    """Return lines that hold the hidden extremes of gain and phase, between which two crossings could lie."""
+    for gain in (True, False):
+        if gain:
+            measure = np.log(np.abs(values))
+            near = np.abs(measure) < 1.0
+        else:
+            measure = np.unwrap(np.angle(values))
+            near = np.abs(np.mod(measure, 2.0 * np.pi) - np.pi) < _TURN
+
+        def of(x: _Real, base: _Complex, sign: float, gain: bool = gain) -> _Real:
+            here = loop(1j * x)
+            return -sign * (np.log(np.abs(here)) if gain else np.angle(here / base))
+
+        found = [np.zeros(0)]
+        for sign in (1.0, -1.0):
+            at = _peaks(sign * measure)
+            at = at[near[at]]
+            if len(at):
+                found.append(_minimum(of, w, at, values[at], np.full(len(at), sign)))
+        more = np.concatenate(found)
+        w, values = _merged(w, values, more, loop(1j * more))
+    return w, values
+
+
+def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
+    """Return where |L| = 1, in rad/s, ascending.
+
+    Parameters
+    ----------
+    loop : callable
+        Of s.
+    w : ndarray of float, shape (n,)
+        Lines that resolve it, in rad/s.
+    values : ndarray of complex, shape (n,)
+        The loop function there.
+    """
+    above = np.abs(values) >= 1.0
+    at = np.flatnonzero(above[1:] != above[:-1])
+    return _roots(lambda x: np.log(np.abs(loop(1j * x))), w, at)
+
+
+def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
+    """Return where L is real and negative, in rad/s, ascending; parameters as of `crossings_of_gain`."""
+    share = values.imag / np.abs(values)
+    side = np.sign(np.where(np.abs(share) < _ROUNDING, 0.0, share))
+    # A value that is real but for rounding lies on the side where the last one lay.
+    last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
+    side = side[last]
+    at = np.flatnonzero((side[1:] * side[:-1] < 0) & (values.real[1:] < 0) & (values.real[:-1] < 0))
+    at = at[np.abs(share[at + 1]) >= _ROUNDING]
+    return _roots(lambda x: (v := loop(1j * x)).imag / np.abs(v), w, last[at], at + 1)
+
+
+def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[float, float]:
+    """Return the smallest value of a function and where, in rad/s.
+
+    Parameters
+    ----------
+    function : callable
+        Of the circular frequency.
+    w, values : ndarray of float, shape (n,)
+        Lines that resolve it, and its values there.
+    """
+    at = _peaks(-values)
+    at = at[values[at] < 1.5 * values.min()]
+    best = int(np.argmin(values))
+    found = [(float(values[best]), float(w[best]))]
+    if len(at):
+        places = _minimum(function, w, at)
+        found += [(float(v), float(x)) for v, x in zip(function(places), places, strict=True)]
+    return min(found)
+
+
+def level(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> float | None:
+    """Return where a function first falls through 0, in rad/s, or None; parameters as of `least`."""
+    at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
+    return float(_roots(function, w, at)[0]) if len(at) else None
+
+
+def phase_of(w: _Real, values: _Complex) -> _Real:
+    """Return a phase in degrees, continuous, that starts at -90 times the number of integrations.
+
+    Parameters
+    ----------
+    w : ndarray of float, shape (n,)
+        Lines that resolve it, in rad/s.
+    values : ndarray of complex, shape (n,)
+        The loop function there.
+    """
+    phase = np.degrees(np.unwrap(np.angle(values)))
+    k = min(5, len(w) - 1)
+    slope = np.log(np.abs(values[k] / values[0])) / np.log(w[k] / w[0]) if k else 0.0
+    return np.asarray(phase + 360.0 * np.round((90.0 * np.round(slope) - phase[0]) / 360.0))
+
+
+# -- inside ------------------------------------------------------------------------------------------------
+def _finite(w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
+    good = np.isfinite(values) & (values != 0)
+    return w[good], values[good]
+
+
+def _merged(w: _Real, values: _Complex, more: _Real, more_values: _Complex) -> tuple[_Real, _Complex]:
+    more, more_values = _finite(more, more_values)
+    both, at = np.unique(np.concatenate([w, more]), return_index=True)
+    return both, np.concatenate([values, more_values])[at]
+
+
+def _peaks(values: _Real) -> NDArray[np.intp]:
+    """Return the inner positions of local maxima."""
+    return np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
+
+
+def _minimum(function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]) -> _Real:
+    """Return where a function is smallest, near each of some positions."""
+    found = elementwise.find_minimum(function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60)
+    return np.asarray(np.where(np.isfinite(found.x), found.x, w[at]))
+
+
+def _roots(
+    function: Callable[[_Real], _Real], w: _Real, at: NDArray[np.intp], ends: NDArray[np.intp] | None = None
+) -> _Real:
+    if not len(at):
+        return np.zeros(0)
+    ends = at + 1 if ends is None else ends
+    found = elementwise.find_root(function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200)
+    return np.sort(np.asarray(found.x))

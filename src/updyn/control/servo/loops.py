@@ -1,0 +1,288 @@
+"""`Cascade`: the loop functions of a controller on one plant, exact in frequency, and its closed loop in states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.plant import Plant
+from updyn.control.servo.controller import Controller
+from updyn.control.servo.state_space import StateSpace, connect
+from updyn.control.servo.transfer import Transfer, channel_zeros
+from updyn.errors import OptionError, suggest
+
+__all__ = ["Cascade", "Wiring"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Powers of s that make a velocity of an output.
+_TO_VELOCITY = {"receptance": 1, "mobility": 0, "accelerance": -1}
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """Which input and outputs of a plant a servo uses.
+
+    Attributes
+    ----------
+    torque, velocity : str
+        What the controller drives and reads.
+    position : str or None
+        What the position loop reads; None without one.
+    pointing : str
+        Whose error counts; the position (the velocity, without a position loop) where nothing else is said.
+    disturbance : str or None
+        Another torque or force.
+    """
+
+    torque: str
+    velocity: str
+    position: str | None
+    pointing: str
+    disturbance: str | None
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        controller: Controller,
+        torque: str,
+        velocity: str,
+        position: str | None,
+        pointing: str | None,
+        disturbance: str | None,
+    ) -> Wiring:
+        """Check names against a plant.
+
+        Raises
+        ------
+        OptionError
+            If the plant is sampled, lacks one of them, or one is of a quantity that cannot serve.
+        """
+        if plant.dt is not None:
+            raise OptionError(
+                f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and the sampling as "
+                f"dead_time of the controller ({1.5 * plant.dt:g} s for one interval of computation and the hold)"
+            )
+        for name, names, what in (
+            (torque, plant.inputs, "input"),
+            (disturbance, plant.inputs, "input"),
+            (velocity, plant.outputs, "output"),
+            (position, plant.outputs, "output"),
+            (pointing, plant.outputs, "output"),
+        ):
+            if name is not None and name not in names:
+                raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
+        if position is not None and controller.kv is None:
+            raise OptionError(f"position {position!r} without a position loop; give kv to the controller")
+        place = (position or velocity) if controller.kv is not None else None
+        out = cls(torque, velocity, place, pointing or place or velocity, disturbance)
+        for name, what in ((velocity, "velocity"), (place, "position"), (out.pointing, "pointing")):
+            if name is not None and plant.quantities[plant.outputs.index(name)] == "accelerance":
+                raise OptionError(
+                    f"output {name!r} is an acceleration; a {what} has to come from a displacement or a velocity: make "
+                    "the plant with quantity='receptance' or 'mobility' for it"
+                )
+        return out
+
+
+class Cascade:
+    """A controller on one plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant, continuous.
+    controller : Controller
+        Its settings.
+    wiring : Wiring
+        Which inputs and outputs.
+
+    Raises
+    ------
+    OptionError
+        If the velocity would have to be derived from a position with direct feed-through and no low-pass is there.
+    """
+
+    def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
+        self.plant, self.controller, self.wiring = plant, controller, wiring
+        inputs = [plant.inputs.index(wiring.torque)]
+        if wiring.disturbance is not None:
+            inputs.append(plant.inputs.index(wiring.disturbance))
+        rows = [plant.outputs.index(n or wiring.velocity) for n in (wiring.velocity, wiring.position, wiring.pointing)]
+        self._system = StateSpace(plant.A, plant.B[:, inputs], plant.C[rows], plant.D[np.ix_(rows, inputs)])
+        self._transfer = Transfer.of(self._system)
+        powers = np.array([_TO_VELOCITY[plant.quantities[row]] for row in rows])
+        points_at_velocity = wiring.position is None and wiring.pointing == wiring.velocity
+        #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without a position loop).
+        self._powers = powers - np.array([0, 1, 0 if points_at_velocity else 1])
+        self._derived = self._powers[0] == 1
+        self._steep = bool(self._derived and self._system.D[0].any())
+        if self._steep and not controller.rolls_off:
+            raise OptionError(
+                f"velocity {wiring.velocity!r} is derived from a displacement with direct feed-through (residual "
+                f"flexibility {np.abs(self._system.D[0]).max():.3g}), so that the loop gain has no end; make the "
+                "plant with quantity='mobility' for that output, or give the controller a low_pass"
+            )
+
+    @property
+    def has_position(self) -> bool:
+        """Whether there is a position loop."""
+        return self.controller.kv is not None
+
+    # -- in frequency ------------------------------------------------------------------------------------------
+    def motion(self, s: ArrayLike) -> _Complex:
+        """Return velocity, position and pointing over torque and disturbance, shape (n, 3, 1 or 2)."""
+        s = np.asarray(s, dtype=np.complex128)
+        return np.asarray(self._transfer.at(s) * s[:, None, None] ** self._powers[:, None])
+
+    def velocity(self, s: ArrayLike) -> _Complex:
+        """Return L of the velocity loop, the position loop open, shape (n,)."""
+        return np.asarray(self.controller.torque(s) * self.motion(s)[:, 0, 0])
+
+    def position(self, s: ArrayLike) -> _Complex:
+        """Return L of the position loop, the velocity loop closed, shape (n,)."""
+        G, K = self.motion(s), self.controller.torque(s)
+        return np.asarray(self._kv * K * G[:, 1, 0] / (1.0 + K * G[:, 0, 0]))
+
+    def torque(self, s: ArrayLike) -> _Complex:
+        """Return L broken at the torque, both loops closed, shape (n,)."""
+        G = self.motion(s)
+        return np.asarray(self.controller.torque(s) * (G[:, 0, 0] + self._kv * G[:, 1, 0]))
+
+    def reference(self, s: ArrayLike) -> _Complex:
+        """Return the closed loop from the reference to position (velocity, without a position loop), shape (n,)."""
+        s = np.asarray(s, dtype=np.complex128)
+        G, K = self.motion(s), self.controller.torque(s)
+        if not self.has_position:
+            return np.asarray(K * G[:, 0, 0] / (1.0 + K * G[:, 0, 0]))
+        ahead = self._kv + self.controller.feed_forward * s
+        return np.asarray(ahead * K * G[:, 1, 0] / (1.0 + K * (G[:, 0, 0] + self._kv * G[:, 1, 0])))
+
+    def compliance(self, s: ArrayLike) -> _Complex:
+        """Return the closed loop from the disturbance to the pointing, shape (n,)."""
+        G, K = self.motion(s), self.controller.torque(s)
+        back = K * (G[:, 0] + self._kv * G[:, 1]).T  # over torque, over disturbance
+        return np.asarray(G[:, 2, 1] - G[:, 2, 0] * back[1] / (1.0 + back[0]))
+
+    @property
+    def _kv(self) -> float:
+        return self.controller.kv or 0.0
+
+    @property
+    def poles(self) -> _Complex:
+        """Poles of the open loops in rad/s, the dead time left out, the integration of a velocity counted."""
+        added = [0.0] if self.has_position and self._powers[1] == -1 else []
+        return np.concatenate([self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)])
+
+    @property
+    def velocity_poles(self) -> _Complex:
+        """Poles of the velocity loop, open, in rad/s, the dead time left out."""
+        return np.concatenate([self._transfer.poles, self.controller.poles])
+
+    @property
+    def zeros(self) -> _Complex:
+        """Zeros of the velocity and the position over torque and of the controller, in rad/s, those at 0 left out."""
+        system = self._system
+        found = [
+            channel_zeros(StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1]))
+            for i in ([0, 1] if self.has_position else [0])
+        ]
+        return np.concatenate([*found, self.controller.zeros])
+
+    # -- in states ---------------------------------------------------------------------------------------------
+    def closed(self, pade: int = 0, *, position: bool | None = None, pointing: bool = False) -> StateSpace:
+        """Return the closed loop: reference, its rate, velocity reference, disturbance -> position, torque, pointing.
+
+        Without a position loop the velocity stands in the place of the position, and the velocity reference alone acts.
+
+        Parameters
+        ----------
+        pade : int
+            Order of the approximation of the dead time.
+        position : bool, optional
+            Whether the position loop is closed; by default if there is one.
+        pointing : bool
+            Whether the pointing is among the outputs; that of a velocity is integrated, which adds a pole at 0.
+        """
+        outer = self.has_position if position is None else position
+        plant, n_u = self._motion_states(outer, pointing), self._system.B.shape[1]
+        controller = self._controller_states(pade)
+        wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
+        taps = taps if pointing else taps[:2]
+        out = connect([plant, controller], wires, entries, taps)
+        return self._differentiated(out, outer) if self._steep else out
+
+    def opened(self) -> StateSpace | None:
+        """Return the loop cut at its dead time: late torque, inputs of `closed` -> torque wanted, position, pointing.
+
+        None where a velocity is read that is derived from a displacement with direct feed-through: cut there, it has
+        the derivative of the late torque in it.
+        """
+        outer = self.has_position
+        if self._steep and not outer:
+            return None
+        plant, n_u = self._motion_states(outer, True), self._system.B.shape[1]
+        controller = self._controller_states(0)
+        wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
+        wires[0, 3] = 0.0
+        late = np.zeros((len(entries), 1))
+        late[0] = 1.0
+        return connect([plant, controller], wires, np.hstack([late, entries]), taps[[1, 0, 2]])
+
+    def _controller_states(self, pade: int) -> StateSpace:
+        controller = self.controller.state_space(pade)
+        if not self._steep:
+            return controller
+        # torque = K v_ref - (s K) y with y the displacement: s K is proper as K rolls off.
+        A, B, C = controller.A, controller.B, controller.C
+        return StateSpace(A, np.hstack([B, -A @ B]), C, np.hstack([np.zeros((1, 1)), -C @ B]))
+
+    def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
+        """Return wires, entries and taps of plant (n_u inputs) and controller (n_c); taps with the pointing."""
+        kv = self._kv if outer else 0.0
+        # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position, pointing, torque
+        wires = np.zeros((n_u + n_c, 4))
+        wires[0, 3] = 1.0
+        wires[n_u, 1] = -kv
+        wires[n_u + n_c - 1, 0] = 1.0 if self._steep else -1.0
+        entries = np.zeros((n_u + n_c, 4))
+        entries[n_u, :3] = kv, self.controller.feed_forward if outer else 0.0, 1.0
+        if n_u == 2:
+            entries[1, 3] = 1.0
+        taps = np.zeros((3, 4))
+        taps[0, 1 if outer else 0] = taps[1, 3] = taps[2, 2] = 1.0
+        return wires, entries, taps
+
+    def _differentiated(self, closed: StateSpace, outer: bool) -> StateSpace:
+        """Return a closed loop whose displacements that stand for velocities are differentiated.
+
+        The torque rolls off, so that it alone makes them jump nowhere; where a disturbance does, the answer is nan.
+        """
+        C, D = closed.C.copy(), closed.D.copy()
+        for row, power in ((0, 0 if outer else 1), (2, self._powers[2])):
+            if power == 1 and row < len(C):
+                C[row], D[row] = closed.C[row] @ closed.A, np.where(closed.D[row], np.nan, closed.C[row] @ closed.B)
+        return StateSpace(closed.A, closed.B, C, D)
+
+    def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:
+        """Return torque and disturbance to velocity (displacement if it jumps with the torque), position, pointing."""
+        A, B, C, D = (getattr(self._system, n) for n in "ABCD")
+        powers = self._powers
+        C, D = C.copy(), D.copy()
+        integrated = [i for i in np.flatnonzero(powers == -1) if (outer, pointing)[i - 1]]
+        for i in np.flatnonzero(powers == 1):
+            if not D[i].any():
+                C[i], D[i] = C[i] @ A, C[i] @ B
+        n, extra = len(A), len(integrated)
+        if extra:
+            A = np.block([[A, np.zeros((n, extra))], [C[integrated], np.zeros((extra, extra))]])
+            B = np.vstack([B, D[integrated]])
+            C = np.hstack([C, np.zeros((3, extra))])
+            for k, i in enumerate(integrated):
+                C[i], D[i] = 0.0, 0.0
+                C[i, n + k] = 1.0
+        return StateSpace(A, B, C, D)

@@ -1,0 +1,226 @@
+"""`servo`: loop functions, margins and time responses of a controller on a plant or on a family of plants."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.control.family import PlantFamily
+from updyn.control.plant import Plant
+from updyn.control.servo import grid
+from updyn.control.servo.controller import Controller
+from updyn.control.servo.judged import Judged, judge_all
+from updyn.control.servo.loops import Cascade, Wiring
+from updyn.control.servo.margins import ranges
+from updyn.control.servo.record import Loop, Servo
+from updyn.control.servo.timing import Timed, timed
+from updyn.control.servo.tuning import inertia_of
+from updyn.control.servo.wind import Wind
+from updyn.errors import DataError, OptionError
+from updyn.frf import check_lines
+
+__all__ = ["servo"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+_Disturbance = Wind | tuple[ArrayLike, ArrayLike]
+
+
+def servo(
+    plant: Plant | PlantFamily,
+    controller: Controller,
+    *,
+    torque: str,
+    velocity: str,
+    position: str | None = None,
+    disturbance: str | None = None,
+    pointing: str | None = None,
+    freq: ArrayLike | None = None,
+    step: float | None = 1.0,
+    disturbance_step: float | None = 1.0,
+    wind: _Disturbance | None = None,
+    duration: float | None = None,
+) -> Servo:
+    """Put a controller on a plant: loop functions, margins with every crossing, closed loops, time responses.
+
+    The feedback is negative, and a positive torque is to turn the velocity the positive way. Inputs of the plant other
+    than `torque` and `disturbance` are 0. Frequency responses and margins are exact, the dead time too. So is
+    the dead time of steps; under wind it is a Pade approximation of high order, whose stability is compared with the
+    exact one.
+
+    Parameters
+    ----------
+    plant : Plant or PlantFamily
+        Continuous. Of a family the margins of every member are found, too.
+    controller : Controller
+        Its settings.
+    torque : str
+        Name of the input that the controller drives.
+    velocity : str
+        Name of the output that the velocity loop reads; a displacement is differentiated, exactly.
+    position : str, optional
+        Name of the output that the position loop reads; by default `velocity`, integrated where it is one.
+    disturbance : str, optional
+        Name of an input at which a disturbance acts; needed with `wind`.
+    pointing : str, optional
+        Name of the output whose deviation under a disturbance counts; by default the position.
+    freq : array_like of float, shape (n_f,), optional
+        Lines in Hz, above 0, of the data to draw; by default lines dense around every resonance and antiresonance. The
+        margins do not depend on them.
+    step, disturbance_step : float or None
+        Heights of the steps of the reference (in the unit of the position, or of the velocity without a position
+        loop) and of the disturbance; None for no step.
+    wind : Wind or (time, disturbance), optional
+        Gusts, or a series of the disturbance: equally spaced times in s and values in the input's unit.
+    duration : float, optional
+        Of the step responses in s; by default until they have settled.
+
+    Returns
+    -------
+    Servo
+
+    Raises
+    ------
+    OptionError
+        If a name, quantity or number cannot be used; if the velocity would have to be derived from a displacement with
+        direct feed-through and the controller has no low-pass.
+    DataError
+        If lines or a series cannot be used.
+    SolverError
+        If stability with dead time cannot be judged.
+
+    Examples
+    --------
+    >>> controller = updyn.Controller.tuned(plant, 5.0, torque="M", velocity="speed")  # doctest: +SKIP
+    >>> found = updyn.servo(plant, controller, torque="M", velocity="speed", position="angle")  # doctest: +SKIP
+    >>> print(found.summary())  # doctest: +SKIP
+    """
+    nominal, others = (plant.nominal, plant.members) if isinstance(plant, PlantFamily) else (plant, ())
+    if not isinstance(nominal, Plant):
+        raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(plant).__name__}")
+    if not isinstance(controller, Controller):
+        raise OptionError(f"servo: expected a Controller, found {type(controller).__name__}")
+    if wind is not None and disturbance is None:
+        raise OptionError("servo: wind without disturbance; name the input at which it acts")
+    wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
+    cascade = Cascade(nominal, controller, wiring)
+    judged = judge_all(cascade)
+    members = [(own := Cascade(p, controller, wiring), judge_all(own)) for p in others]
+    lines = _lines(freq, judged, [j for _, j in members])
+    loops = [
+        _loop(name, j, lines, freq is None, [(c, _one(m[k])) for c, m in members])
+        for k, (name, j) in enumerate(zip(("velocity", "position"), judged, strict=True))
+        if j is not None
+    ]
+    outer = judged[1] or judged[0]
+    s = 1j * _TWO_PI * lines
+    over_time = Timed()
+    if outer.margins.stable and outer.agrees:
+        over_time = timed(cascade, outer, step, disturbance_step, wind, duration)
+    return Servo(
+        controller=controller,
+        torque=torque,
+        velocity=velocity,
+        position=wiring.position,
+        disturbance=disturbance,
+        pointing=pointing,
+        plant=_facts(nominal, len(others), inertia := inertia_of(nominal, torque, velocity)),
+        velocity_loop=loops[0],
+        position_loop=loops[1] if len(loops) > 1 else None,
+        freq=lines,
+        reference=cascade.reference(s),
+        bandwidth=_bandwidth(cascade, outer) if outer.margins.stable else None,
+        compliance=None if disturbance is None else cascade.compliance(s),
+        poles=outer.poles,
+        step=over_time.step,
+        disturbance_step=over_time.disturbance_step,
+        wind=over_time.wind,
+        notes=(*_notes(nominal, loops, outer, inertia), *over_time.notes),
+    )
+
+
+def _one(judged: Judged | None) -> Judged:
+    assert judged is not None
+    return judged
+
+
+def _lines(
+    freq: ArrayLike | None, judged: Sequence[Judged | None], members: Sequence[Sequence[Judged | None]]
+) -> _Real:
+    """Return the lines to draw in Hz."""
+    if freq is not None:
+        given = check_lines(np.atleast_1d(np.asarray(freq)))
+        if given[0] == 0:
+            raise DataError("freq: the first line is 0 Hz, where a loop with integration is not finite; leave it out")
+        return given
+    own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
+    peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
+    more = np.concatenate(peaks) if peaks else np.zeros(0)
+    more = more[(more > own[0]) & (more < own[-1])]
+    return np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
+
+
+def _loop(name: str, judged: Judged, lines: _Real, resolved: bool, members: Sequence[tuple[Cascade, Judged]]) -> Loop:
+    w = _TWO_PI * lines
+    L = judged.loop(1j * w)
+    phase = np.degrees(np.angle(L))
+    dense = np.interp(np.log(w), np.log(judged.w), grid.phase_of(judged.w, judged.values))
+    phase = phase + 360.0 * np.round((dense - phase) / 360.0)
+    family = np.array([own.loop(1j * w) for _, own in members]).reshape(len(members), len(lines))
+    margins = tuple(own.margins for _, own in members)
+    return Loop(name, lines, L, phase, judged.margins, family, margins, ranges(margins) if margins else {})
+
+
+def _bandwidth(cascade: Cascade, outer: Judged) -> float | None:
+    """Return where the closed loop first falls 3 dB below its value at rest, in Hz."""
+    rest = abs(cascade.reference(1e-4j * outer.w[:1])[0])
+
+    def above(w: _Real) -> _Real:
+        return np.asarray(np.abs(cascade.reference(1j * w)) / rest - np.sqrt(0.5))
+
+    found = grid.level(above, outer.w, above(outer.w))
+    return None if found is None else found / _TWO_PI
+
+
+def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
+    return {
+        "states": plant.n_states,
+        "modes": tuple(float(f) for f in plant.modes),
+        "rigid": plant.rigid,
+        "band": tuple(plant.band),
+        "error": plant.error,
+        "route": plant.route,
+        "inertia": inertia,
+        "members": members,
+    }
+
+
+def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | None) -> list[str]:
+    notes = []
+    if inertia is not None and inertia < 0:
+        notes.append(
+            "a positive torque turns the velocity the negative way: the feedback is positive; turn one of the two "
+            "ports round"
+        )
+    for loop in loops:
+        m = loop.margins
+        places = [("gain 1", f) for f in m.gain_crossings]
+        places += [("gain margin", m.gain_margin_at), ("modulus margin", m.modulus_margin_at)]
+        outside = [f"{what} ({at:.4g} Hz)" for what, at in places if at is not None and at > plant.band[1]]
+        if outside:
+            notes.append(
+                f"{loop.name} loop: {', '.join(outside)} above {plant.band[1]:g} Hz, the end of the band for which the "
+                "plant was made"
+            )
+    if not outer.margins.stable:
+        notes.append("the closed loop is unstable: no bandwidth and no response over time")
+    elif not outer.agrees:
+        notes.append(
+            f"with its dead time approximated (order {outer.pade}) the loop is unstable, exactly it is not: no "
+            "response over time"
+        )
+    return notes

@@ -1,0 +1,65 @@
+"""Two inertias on a shaft, with torques on both and every kind of output; and the same as transfer functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+
+MOTOR, LOAD, STIFFNESS, DAMPING = 2.0, 5.0, 3e3, 2.0
+#: What can be asked of an output: which mass, and how often differentiated.
+OUTPUTS = {"angle": (0, 0), "speed": (0, 1), "load": (1, 0), "load speed": (1, 1)}
+
+
+def masses(
+    J: Sequence[float],
+    k: Sequence[float],
+    c: Sequence[float],
+    *,
+    ground: float = 0.0,
+    outputs: Sequence[str] = ("angle", "speed", "load", "load speed"),
+    **more: Any,
+) -> Plant:
+    """Return a chain of inertias; torques ``"motor"`` on the first and ``"wind"`` on the last."""
+    n = len(J)
+    K, C = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n - 1):
+        link = np.zeros(n)
+        link[i], link[i + 1] = 1.0, -1.0
+        K += k[i] * np.outer(link, link)
+        C += c[i] * np.outer(link, link)
+    K[0, 0] += ground
+    M = np.asarray(J, dtype=float)[:, None]
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-K / M, -C / M]])
+    B = np.zeros((2 * n, 2))
+    B[n, 0], B[-1, 1] = 1.0 / J[0], 1.0 / J[-1]
+    rows = np.zeros((len(outputs), 2 * n))
+    for row, name in zip(rows, outputs, strict=True):
+        mass, power = OUTPUTS[name]
+        row[power * n + (0 if mass == 0 else n - 1)] = 1.0
+    ports = tuple(Port(name, {f"{1 + (n - 1) * OUTPUTS[name][0]}:RZ": 1.0}) for name in outputs)
+    given = {
+        "quantities": tuple(("receptance", "mobility")[OUTPUTS[name][1]] for name in outputs),
+        "band": (0.0, 1e4), "tolerance": 0.02, "error": 0.0, "peak_error": 0.0, "route": "by hand",
+        "rigid": 0 if ground else 1,
+    }  # fmt: skip
+    torques = (Port("motor", {"1:RZ": 1.0}), Port("wind", {f"{n}:RZ": 1.0}))
+    return Plant(A, B, rows, np.zeros((len(outputs), 2)), torques, ports, **{**given, **more})
+
+
+def two_masses(stiffness: float = STIFFNESS, damping: float = DAMPING, **more: Any) -> Plant:
+    return masses((MOTOR, LOAD), (stiffness,), (damping,), **more)
+
+
+def rigid(inertia: float = 3.0, **more: Any) -> Plant:
+    return masses((inertia,), (), (), **more)
+
+
+def speed_over_torque() -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator of the two masses from motor torque to motor speed, in powers of s."""
+    below = [MOTOR * LOAD, (MOTOR + LOAD) * DAMPING, (MOTOR + LOAD) * STIFFNESS, 0.0]
+    return np.array([LOAD, DAMPING, STIFFNESS]), np.array(below)
