@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 from updyn.control.conversion import Conversion
 from updyn.control.target import Target
 
-__all__ = ["Kept", "fewest"]
+__all__ = ["VIEWS", "Kept", "fewest"]
+
+#: Whether a very sharp peak excuses nothing beside it (`Target.worst`), and whether slow motion hides no resonance. The
+#: first view asks for most; where no order holds the tolerance in it, the next one has to do.
+VIEWS = ((True, True), (True, False), (False, False))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +36,7 @@ class Kept:
     error: float
 
 
-def fewest(conversion: Conversion, target: Target, tolerance: float, *, strict: bool = True) -> Kept:
+def fewest(conversion: Conversion, target: Target, tolerance: float, *, view: int = 0) -> Kept:
     """Find the fewest candidates that answer within a tolerance. What lies below the band is always kept.
 
     Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a share of the peak of
@@ -48,8 +52,8 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, strict: 
         What to answer like.
     tolerance : float
         On the error and on the height of resonances.
-    strict : bool
-        Whether the error is that of `Target.worst`, or of `Target.error`.
+    view : int
+        How the error is looked at, one of `VIEWS`.
 
     Returns
     -------
@@ -61,13 +65,13 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, strict: 
     always = conversion.always | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
-    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), strict)
+    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), view)
     if whole.error > tolerance:
         return whole
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = _judged(conversion, target, _first(order, middle), strict)
+        tried = _judged(conversion, target, _first(order, middle), view)
         if tried.error <= tolerance:
             high, best = middle, tried
         else:
@@ -77,7 +81,7 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, strict: 
             continue
         mask = best.mask.copy()
         mask[i] = False
-        tried = _judged(conversion, target, mask, strict)
+        tried = _judged(conversion, target, mask, view)
         if tried.error <= tolerance:
             best = tried
     return best
@@ -89,7 +93,8 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], strict: bool) -> Kept:
+def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], view: int) -> Kept:
     G = conversion.response(mask, target.freq)
-    error = target.worst(G) if strict else target.error(G)
-    return Kept(conversion, mask, max(error, target.peak_error(G)))
+    beside, slow = VIEWS[view]
+    error = target.worst(G) if beside else target.error(G)
+    return Kept(conversion, mask, max(error, target.peak_error(G, strict=slow)))

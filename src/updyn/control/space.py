@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import ACCURACY
 from updyn.dynamics.modes import modes
 from updyn.dynamics.reduced.reduction import Reduction
+from updyn.dynamics.reduced.solver import ReducedSolver
 from updyn.errors import ModelError, SolverError
 from updyn.linalg.factorise import check_backend
 from updyn.loss_table import LossTable
@@ -30,6 +30,9 @@ _Real = NDArray[np.float64]
 
 #: Models up to this many DOFs are taken as they are.
 _WHOLE = 300
+#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is small beside that of
+#: the motor, of which the error is a share.
+_ACCURACY = 1e-8
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
 #: A negative omega^2 down to this share of that of the band's upper end is rounding.
@@ -80,6 +83,8 @@ class ModalSpace:
         Structural damping by group; it does not act on rigid-body modes.
     source : str
         What the motions are, in words.
+    solver : ReducedSolver or None
+        The proved reduced model that they are of; it answers for the model at any line of the band.
     """
 
     omega: _Real
@@ -89,6 +94,7 @@ class ModalSpace:
     viscous: _Real
     lossy: tuple[Lossy, ...]
     source: str
+    solver: ReducedSolver | None = None
 
     def __len__(self) -> int:
         return len(self.omega)
@@ -134,7 +140,7 @@ def modal_space(
     band: tuple[float, float],
     *,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = _ACCURACY,
 ) -> ModalSpace:
     """Return the modes of a model that matter between some ports in a band.
 
@@ -167,7 +173,7 @@ def modal_space(
     at_inputs, weights_in = port_matrix(inputs, model, "input")
     at_outputs, weights_out = port_matrix(outputs, model, "output")
     system = AffineSystem.compile(model)
-    matrices, at, source = _projected(system, at_inputs, at_outputs, band, backend, accuracy)
+    matrices, at, source, solver = _projected(system, at_inputs, at_outputs, band, backend, accuracy)
     totals = {q: np.zeros_like(matrices[0]) for q in ("stiffness", "mass", "viscous")}
     for term, matrix, factor, rate in zip(system.terms, matrices, system.start.factor, system.start.rate, strict=True):
         totals[term.quantity] += factor * matrix
@@ -184,7 +190,7 @@ def modal_space(
     viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
     return ModalSpace(
         omega, rigid, weights_out @ at(at_outputs) @ shapes, weights_in @ at(at_inputs) @ shapes, viscous,
-        tuple(lossy), source,
+        tuple(lossy), source, solver,
     )  # fmt: skip
 
 
@@ -195,8 +201,8 @@ def _projected(
     band: tuple[float, float],
     backend: str | None,
     accuracy: float,
-) -> tuple[list[_Real], Callable[[NDArray[np.intp]], _Real], str]:
-    """Return the terms' matrices on a basis, the basis at some DOFs, and what it is."""
+) -> tuple[list[_Real], Callable[[NDArray[np.intp]], _Real], str, ReducedSolver | None]:
+    """Return the terms' matrices on a basis, the basis at some DOFs, what it is, and what answers in it."""
     if system.n <= _WHOLE:
         matrices = []
         for term in system.terms:
@@ -204,7 +210,7 @@ def _projected(
             local = term.local
             whole[np.ix_(term.rows, term.rows)] = local if isinstance(local, np.ndarray) else local.toarray()
             matrices.append(whole)
-        return matrices, lambda dofs: np.eye(system.n)[dofs], f"all {system.n} motions of the model"
+        return matrices, lambda dofs: np.eye(system.n)[dofs], f"all {system.n} motions of the model", None
     reduction = Reduction(system, at_outputs, at_inputs, band, check_backend(backend), accuracy)
     reduction.build(system.start)
     found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
@@ -214,7 +220,8 @@ def _projected(
             f"{accuracy:g}; narrow the band, or allow a larger accuracy="
         )
     basis = reduction.basis
-    return basis.terms, basis.at, f"{found.size} motions of a reduced model, error at most {found.error:.1g}"
+    said = f"{found.size} motions of a reduced model, error at most {found.error:.1g}"
+    return basis.terms, basis.at, said, reduction.solver("plant")
 
 
 def _rigid_count(model: Model) -> int:

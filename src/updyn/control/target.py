@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
+from updyn.dynamics.reduced.solver import ReducedSolver
 from updyn.dynamics.response import response
 from updyn.frf import QUANTITIES
 from updyn.model import Model
@@ -22,9 +23,6 @@ _BETWEEN = 200
 _AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0])
 #: A resonance counts down to this share of the highest one of its channel.
 _COUNTS = 0.1
-#: Above this size a proved reduced model answers for the whole one.
-_LARGE = 20_000
-_ACCURACY = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +34,14 @@ class Target:
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     values : ndarray of complex, shape (n_f, n_y, n_u)
-        Output over input, by one factorisation of the whole model a line.
+        Output over input: of the whole model, or of a reduced one proved to 1e-8 where there is one.
     level : ndarray of float, shape (n_y, n_u)
         Peak of each channel; 1 where there is no coupling at all.
     broad : ndarray of float, shape (n_y, n_u)
         The same on evenly spaced lines, as a measurement would have it: lower where a resonance is very sharp.
     seen : ndarray of float, shape (n_f, n_y, n_u)
-        Size of the response as resonances are told by: with rigid-body motion that of the accelerations, in which
-        what is low in frequency does not hide the rest.
+        Size of the response as resonances are told by: with rigid-body motion or a mode below the band that of the
+        accelerations, in which what is low in frequency does not hide the rest.
     """
 
     freq: _Real
@@ -61,7 +59,8 @@ class Target:
         quantities: tuple[str, ...],
         freq: _Real,
         *,
-        rigid: bool,
+        slow: bool,
+        solver: ReducedSolver | None = None,
         tier: str | None = None,
         backend: str | None = None,
     ) -> Target:
@@ -77,25 +76,27 @@ class Target:
             Of each output.
         freq : ndarray of float, shape (n_f,)
             Lines in Hz.
-        rigid : bool
-            Whether there is rigid-body motion.
+        slow : bool
+            Whether there is rigid-body motion, or a mode below the band.
+        solver : ReducedSolver, optional
+            A proved reduced model, which answers where no tier is forced.
         tier, backend : str, optional
-            As for `updyn.response`; by default exactly up to 20,000 DOFs, by a reduced model proved to 1e-6 above.
+            As for `updyn.response`.
         """
         (columns, into), (rows, out) = port_matrix(inputs, model, "input"), port_matrix(outputs, model, "output")
-        if tier is None and model.n_dofs > _LARGE:
-            tier = "reduced"
-        found = response(
-            model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend, accuracy=_ACCURACY
-        )
+        if solver is not None and tier is None:
+            coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * freq)
+            found = solver.at(solver.solve(coefficients, columns, freq), rows).transpose(1, 0, 2)
+        else:
+            found = response(model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend).values
         power = np.array([QUANTITIES[q] for q in quantities])
         s = 2j * np.pi * freq
-        values = (out @ found.values @ into.T) * (s[:, None] ** power)[:, :, None]
+        values = (out @ found @ into.T) * (s[:, None] ** power)[:, :, None]
         size = np.abs(values)
         level = size.max(axis=0)
         even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
         broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
-        seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if rigid else size
+        seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if slow else size
         return cls(freq, values, *(np.where(a > 0, a, 1.0) for a in (level, broad)), seen)
 
     def error(self, G: _Complex) -> float:
@@ -124,28 +125,31 @@ class Target:
         """Return the error of the worst channel at each line, shape (n_f,), as a share of the channel's peak."""
         return np.asarray((np.abs(G - self.values) / self.level).max(axis=(1, 2)))
 
-    def peak_error(self, G: _Complex) -> float:
+    def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest error of the height of a resonance, as a share of it; 0 where there is none.
 
-        Heights are compared between the minima beside a resonance, so that a slight shift does not count.
+        Resonances from a tenth of the highest of their channel count. Heights are compared between the minima beside a
+        resonance, so that a slight shift does not.
 
         Parameters
         ----------
         G : ndarray of complex, shape (n_f, n_y, n_u)
             An answer at the same lines.
+        strict : bool
+            Whether a tenth by `seen` counts, or by the response itself.
         """
         size = np.abs(G)
         own = np.abs(self.values)
         worst = 0.0
         for i, j in np.ndindex(*self.level.shape):
-            for first, last in self.resonances(i, j):
+            for first, last in self.resonances(i, j, strict=strict):
                 height = own[first:last, i, j].max()
                 worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
         return float(worst)
 
-    def resonances(self, output: int, input: int) -> list[tuple[int, int]]:
+    def resonances(self, output: int, input: int, *, strict: bool = False) -> list[tuple[int, int]]:
         """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
-        seen = self.seen[:, output, input]
+        seen = self.seen[:, output, input] if strict else np.abs(self.values[:, output, input])
         rises = np.diff(seen) > 0
         tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
         lows = np.concatenate([[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(seen) - 1]])
