@@ -31,9 +31,11 @@ from updyn.job.schema import (
     ParameterTable,
     PlantTable,
     SelectionTable,
+    ServoTable,
     TestTable,
     UncertaintyTable,
 )
+from updyn.job.servo_tables import ControllerTable, NotchTable, WindTable
 from updyn.updating.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
@@ -78,6 +80,10 @@ TABLES = tables()
         ("[plant]", PlantTable),
         ("[[plant.inputs]]", PortTable),
         ("[plant.sampling]", SamplingTable),
+        ("[servo]", ServoTable),
+        ("[servo.controller]", ControllerTable),
+        ("[[servo.controller.notch]]", NotchTable),
+        ("[servo.wind]", WindTable),
         ("[output]", OutputTable),
     ],
 )

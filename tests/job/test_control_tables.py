@@ -1,9 +1,11 @@
-"""`[plant]` of a job: what it means, and what it refuses, with lines and the nearest valid choice."""
+"""`[plant]` and `[servo]` of a job: what they mean, and what they refuse, with lines and the nearest valid choice."""
 
 import tomllib
 
 import pytest
 
+from updyn.control.servo.controller import Controller, Notch
+from updyn.control.servo.wind import Wind
 from updyn.demos import find_demo
 from updyn.errors import JobError
 from updyn.job import load_job, prepare
@@ -108,3 +110,78 @@ def test_what_is_wrong_is_said_with_its_line(job, table, line, said):
     with pytest.raises(JobError, match=f"job.toml:{line}: .*") as caught:
         prepare(load_job(job(table)))
     assert said in str(caught.value)
+
+
+# -- [servo] ---------------------------------------------------------------------------------------------------
+LOOP = (
+    'inputs = [{ name = "M", dof = "12:X" }, { name = "gust", dof = "5:X" }]\n'
+    'outputs = [{ name = "speed", dof = "12:X" }, { name = "angle", dof = "12:X" }]\n'
+    'quantity = ["mobility", "receptance"]\n[servo]\n'
+)
+
+
+def test_a_controller_is_that_of_the_library(job, tmp_path):
+    text = (
+        'torque = "M"\nvelocity = "speed"\nposition = "angle"\ndisturbance = "gust"\n'
+        "wind = { mean_speed = 10, coefficient = 0.5, turbulence = 0.2 }\n"
+        "[servo.controller]\nkp = 20\nti = 0.1\nkv = 3\nlow_pass = 50\ndead_time = 0.001\n"
+        "[[servo.controller.notch]]\nfrequency = 7\n[[servo.controller.notch]]\nfrequency = 9\nwidth = 2\ndepth = 0.1\n"
+    )
+    loaded = load_job(job(LOOP + text))
+    found = loaded.servo.controller.controller(None, "M", "speed", "angle")
+    notches = (Notch(7.0), Notch.of_width(9.0, 2.0, 0.1))
+    assert found == Controller(20.0, 0.1, 3.0, notches, low_pass=50.0, dead_time=0.001)
+    assert loaded.servo.wind.wind() == Wind(10.0, 0.5, turbulence=0.2)
+    (tmp_path / "again.toml").write_text(resolved_job(loaded, tmp_path))
+    assert load_job(tmp_path / "again.toml").servo == loaded.servo
+
+
+CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "said"),
+    [
+        ('torqe = "M"\n', 13, "unknown key 'torqe' in [servo]; did you mean 'torque'"),
+        ('torque = "N"\n', 13, "the plant has no input of that name; valid: 'M', 'gust'"),
+        ('torque = "M"\nvelocity = "sped"\n', 14, "did you mean 'speed'"),
+        ('velocity = "speed"\ncontroller = { kp = 1 }\n', 12, "missing key 'torque': which of the inputs 'M', 'gust'?"),
+        ('torque = "M"\ncontroller = { kp = 1 }\n', 12, "missing key 'velocity'"),
+        ('torque = "M"\nvelocity = "speed"\n', 13, "expected [servo.controller] with kp or crossover, or motor and"),
+        ('motor = "12:X"\n', 12, "expected motor and load"),
+        ('motor = "12:X"\nload = "13:X"\n', 14, "load 13:X is not among the 12 DOFs"),
+        ("ratio = 3\n", 13, "servo.ratio is checked with motor and load"),
+        (CONTROLLER, 15, "expected kp, or crossover to size it by rule"),
+        (CONTROLLER + "kp = 1\ncrossover = 3\n", 16, "expected kp, or crossover to size it by rule; one of the two"),
+        (CONTROLLER + "kp = 1\nti_ratio = 3\n", 17, "ti_ratio sizes a gain by rule"),
+        (CONTROLLER + "crossover = -3\n", 16, "crossover is -3.0; expected a number above 0"),
+        (CONTROLLER + "kp = 1\nti = 0\n", 17, "ti is 0.0; expected a number above 0, in s"),
+        (
+            CONTROLLER + "kp = 1\ndeadtime = 0\n",
+            17,
+            "unknown key 'deadtime' in [servo.controller]; did you mean 'dead_",
+        ),
+        (CONTROLLER + "kp = 1\nfeed_forward = 0.5\n", 17, "feed_forward without kv"),
+        (CONTROLLER + "kp = 1\nnotch = { frequency = 3 }\n", 17, "write [[servo.controller.notch]]"),
+        (CONTROLLER + "kp = 1\n[[servo.controller.notch]]\nfrequency = 3\nwidth = -1\n", 19, "width is -1.0"),
+        (
+            CONTROLLER + "kp = 1\n[[servo.controller.notch]]\nfrequency = 3\ndepth = 1\n",
+            19,
+            "expected width with depth",
+        ),
+        ("wind = { mean_speed = 9, coefficient = 1 }\n", 13, "servo.wind without disturbance"),
+        ('disturbance = "gust"\nwind = { mean_speed = 9, coefficient = 1 }\n', 14, "expected roughness or turbulence"),
+        ("step = 0\nduration = -1\n", 14, "expected a number above 0"),
+    ],
+)
+def test_what_is_wrong_with_a_servo_is_said_with_its_line(job, table, line, said):
+    with pytest.raises(JobError, match=f"job.toml:{line}: .*") as caught:
+        prepare(load_job(job(LOOP + table)))
+    assert said in str(caught.value)
+
+
+def test_a_servo_needs_a_plant(job):
+    path = job("")
+    path.write_text(path.read_text().replace("[plant]", '[servo]\nmotor = "12:X"\nload = "5:X"'))
+    with pytest.raises(JobError, match=r"job.toml:8: \[servo\] without \[plant\]"):
+        load_job(path)

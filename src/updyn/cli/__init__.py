@@ -309,7 +309,7 @@ def _run(
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
-    more: list[str] = []
+    besides: list[str] = []
     with watch(_stderr()) as watching:
         result = run_job(
             job,
@@ -319,9 +319,9 @@ def _run(
             prepared=ready,
             engine=engine,
             resume=resume,
-            further=lambda found, planted: more.extend(_further(found, planted)),
+            further=lambda found, planted: besides.extend(_further(found, planted)),
         )
-    _say("\n\n".join([result.summary(), *more]))
+    _say("\n\n".join([result.summary(), *besides]))
     first = "report.html" if job.output.report else "result.json"
     _say(f"\nResults in {folder}: {folder / first}")
     if result.status in ("stopped", "max-iterations"):

@@ -42,7 +42,7 @@ class Watch:
         """Show a step, or how far the next one is; return whether to stop."""
         step = progress.iteration if progress.cost == progress.cost else -1  # nan: none so far
         text = f"{progress.stage}  iteration {step}  cost {progress.cost:.6g}" if step >= 0 else progress.stage
-        solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
+        solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)" if progress.n_lines else ""
         if self._live is not None:
             self._live.update(self._task, description=text, solved=solved)
             return self.stopping
@@ -51,7 +51,7 @@ class Watch:
         first = progress.stage != stage or shown < 0 <= step
         if first or pause >= (_EVERY_S if step != shown else _WITHIN_S):
             self._shown = progress.stage, step, time.monotonic()
-            self.console.print(f"{text}  {solved}", markup=False, emoji=False, highlight=False, soft_wrap=True)
+            self.console.print(f"{text}  {solved}".rstrip(), markup=False, emoji=False, highlight=False, soft_wrap=True)
         return self.stopping
 
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:

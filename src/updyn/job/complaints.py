@@ -22,6 +22,7 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
+from updyn.job.servo_tables import ControllerTable, NotchTable, ServoTable, WindTable
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = ["complaints"]
@@ -114,5 +115,9 @@ _TABLES = {
     "inputs": PortTable,
     "outputs": PortTable,
     "sampling": SamplingTable,
+    "servo": ServoTable,
+    "controller": ControllerTable,
+    "notch": NotchTable,
+    "wind": WindTable,
     "output": OutputTable,
 }

@@ -1,11 +1,12 @@
-"""What can be known about ``[plant]`` before anything runs: by its text, and by the model and the data."""
+"""What can be known about ``[plant]`` and ``[servo]`` before anything runs: by text, model and data."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from updyn.errors import suggest
+from updyn.errors import InputError, JobError, suggest
 from updyn.job.located import located
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -29,6 +30,7 @@ def check_control_tables(job: Job) -> None:
     JobError
         If names, counts or frequencies contradict each other, with the line.
     """
+    _check_servo(job)
     table = job.plant
     if table is None:
         return
@@ -97,7 +99,7 @@ def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
 
 
 def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> None:
-    """Check what the model and the data of a job tell about its ``[plant]``.
+    """Check what the model and the data of a job tell about its ``[plant]`` and ``[servo]``.
 
     Parameters
     ----------
@@ -121,8 +123,66 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
         for at, port in enumerate(getattr(table, f"{key[:-1]}_ports")):
             with located(job, "plant", key, at):
                 port_matrix((port,), models[number], key[:-1])
+    for key in ("motor", "load"):
+        label = None if job.servo is None else getattr(job.servo, key)
+        if label is not None:
+            with located(job, "servo", key):
+                models[number].dofs.match([label], key)
     high = band_of_plant(job, data[number])[1]
     if table.sampling is not None and high > 0.5 / table.sampling.dt:
         half = 0.5 / table.sampling.dt
         text = f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band, {high:.4g} Hz"
         raise job.error(text, "plant", "sampling")
+
+
+# -- [servo] ---------------------------------------------------------------------------------------------------
+def _check_servo(job: Job) -> None:
+    """Check ``[servo]`` as far as its text and the names of the plant's ports go."""
+    servo, plant = job.servo, job.plant
+    if servo is None:
+        return
+    if plant is None:
+        raise job.error("[servo] without [plant]; add one with inputs and outputs", "servo")
+    ports = {"input": [p.name for p in plant.input_ports], "output": [p.name for p in plant.output_ports]}
+    for key, what in (("torque", "input"), ("disturbance", "input"), ("velocity", "output"), ("position", "output"),
+                      ("pointing", "output")):  # fmt: skip
+        name = getattr(servo, key)
+        if name is not None and name not in ports[what]:
+            text = f"servo.{key} = {name!r}: the plant has no {what} of that name; {suggest(name, ports[what])}"
+            raise job.error(text, "servo", key)
+    if (servo.motor is None) != (servo.load is None):
+        raise job.error("servo: expected motor and load, for the figures of the drive; one is missing", "servo")
+    if servo.ratio is not None and servo.motor is None:
+        raise job.error("servo.ratio is checked with motor and load; they are missing", "servo", "ratio")
+    if servo.wind is not None and servo.disturbance is None:
+        raise job.error("servo.wind without disturbance; name the input at which it acts", "servo", "wind")
+    if servo.wind is not None:
+        with _about(job, "servo", "wind"):
+            servo.wind.wind()
+    if servo.controller is None:
+        loose = next((k for k in ("torque", "velocity", "position", "disturbance") if getattr(servo, k)), None)
+        if loose is not None or servo.motor is None:
+            text = "servo: expected [servo.controller] with kp or crossover, or motor and load for the drive's figures"
+            raise job.error(text, "servo", *([] if loose is None else [loose]))
+        return
+    if servo.velocity is None:
+        raise job.error("servo: missing key 'velocity', the output that the velocity loop reads", "servo")
+    if servo.torque is None and len(ports["input"]) > 1:
+        names = ", ".join(map(repr, ports["input"]))
+        raise job.error(f"servo: missing key 'torque': which of the inputs {names}?", "servo")
+    for number, table in enumerate(servo.controller.notch):
+        with _about(job, "servo", "controller", "notch", number):
+            table.notch()
+    with _about(job, "servo", "controller"):
+        servo.controller.check()
+
+
+@contextmanager
+def _about(job: Job, *place: str | int) -> Iterator[None]:
+    """Give an error of a table the line of the key that it is about."""
+    try:
+        yield
+    except JobError:
+        raise
+    except InputError as error:
+        raise job.error_about(str(error), *place) from error

@@ -10,8 +10,10 @@ import numpy as np
 from updyn import __version__
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
+from updyn.control.weight import UncertaintyWeight
 from updyn.io.values_text import plain
 from updyn.job.planted import Planted
+from updyn.job.servo_record import drive_record, servo_record
 
 __all__ = ["control_record", "write_control_record"]
 
@@ -31,7 +33,8 @@ def control_record(planted: Planted) -> dict[str, Any]:
         ``tolerance`` and ``met``, whether it was; ``message``, why there is no plant; ``plant``, None where there is
         none: ``error``, ``peak_error``, ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``,
         ``poles`` (``re``, ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each;
-        ``conversions`` of the damping, side by side; ``sampled`` and ``family``, None where not asked for; ``notes``;
+        ``conversions`` of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where not
+        asked for; ``notes``;
         ``versions``.
     """
     return {
@@ -49,6 +52,8 @@ def control_record(planted: Planted) -> dict[str, Any]:
         ],
         "sampled": None if planted.sampled is None else _sampled(planted.sampled),
         "family": _family(planted),
+        "servo": None if planted.servo is None else servo_record(planted.servo),
+        "drive": None if planted.drive is None else drive_record(planted.drive),
         "notes": list(planted.notes),
         "versions": {"updyn": __version__},
     }
@@ -115,4 +120,24 @@ def _family(planted: Planted) -> dict[str, Any] | None:
         "error": plain(planted.family.error),
         "unknowns": list(planted.family.names),
         "facts": plain(dict(planted.family.facts)),
+        "weights": [] if planted.weight is None else _weights(planted.weight),
     }
+
+
+def _weights(found: UncertaintyWeight) -> list[dict[str, Any]]:
+    return [
+        {
+            "output": output,
+            "input": name,
+            "kind": found.kind,
+            "order": weight.order,
+            "gain": plain(weight.gain),
+            **{
+                key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
+                for key in ("zeros", "poles")
+            },
+            **{key: plain(getattr(weight, key)) for key in ("largest", "mean", "peak", "peak_at", "note")},
+        }
+        for output, row in zip(found.outputs, found.weights, strict=True)
+        for name, weight in zip(found.inputs, row, strict=True)
+    ]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from updyn.model import Model
 if TYPE_CHECKING:
     from updyn.control.build import ConversionError
     from updyn.control.family import PlantFamily
+    from updyn.control.servo.drive_figures import DriveFigures
+    from updyn.control.servo.record import Servo
     from updyn.control.weight import UncertaintyWeight
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
@@ -32,6 +35,8 @@ _Complex = NDArray[np.complex128]
 #: Lines of the comparison with the model: so many spread over the band, and these about each mode, in its half widths.
 _SPREAD = 300
 _AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
+#: Above this size a reduced model, proved to this accuracy, answers for the model.
+_LARGE, _ACCURACY = 20_000, 1e-6
 #: Modes that get lines of their own at most.
 _MODES = 80
 
@@ -72,6 +77,10 @@ class Planted:
         Plants drawn from the uncertainty of the update.
     weight : UncertaintyWeight or None
         What covers the family.
+    servo : Servo or None
+        The controller of ``[servo]`` on the plant, or on the family.
+    drive : DriveFigures or None
+        The figures of the drive.
     notes : tuple of str
         What a reader should know, in sentences.
     """
@@ -91,6 +100,8 @@ class Planted:
     sampled: Plant | None = None
     family: PlantFamily | None = None
     weight: UncertaintyWeight | None = None
+    servo: Servo | None = None
+    drive: DriveFigures | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -114,8 +125,9 @@ def planted_of(
     draws: Draws | None = None,
     engine: Any = None,
     say: Callable[[str], object] | None = None,
+    strict: bool = True,
 ) -> Planted:
-    """Make what ``[plant]`` of a job asks for.
+    """Make what ``[plant]`` and ``[servo]`` of a job ask for.
 
     Parameters
     ----------
@@ -131,6 +143,8 @@ def planted_of(
         Where the family is made, as for `updyn.update`.
     say : callable, optional
         Called with what is being done.
+    strict : bool
+        Whether a servo that cannot be had is an error; else a note says why, and the plant is there all the same.
 
     Returns
     -------
@@ -179,13 +193,30 @@ def planted_of(
             found, said = _family(job, one, given, draws, engine)
             extra |= found
             notes.append(said)
-    return _with(base, notes=tuple(n for n in notes if n), **extra)
+    if job.servo is not None:
+        told("plant: servo")
+        found, said = _servo(job, model, band, extra.get("family", made), strict)
+        extra |= found
+        notes.append(said)
+    return replace(base, notes=tuple(n for n in notes if n), **extra)
 
 
-def _with(planted: Planted, **changes: Any) -> Planted:
-    from dataclasses import replace
+def _servo(
+    job: Job, model: Model, band: tuple[float, float], plant: Plant | PlantFamily | None, strict: bool
+) -> tuple[dict[str, Any], str]:
+    """Return drive and servo, and why one of them is not there."""
+    from updyn.job.servo_of import drive_of, servo_of
 
-    return replace(planted, **changes)
+    out: dict[str, Any] = {}
+    try:
+        out["drive"] = drive_of(job, model, band)
+        if plant is not None:
+            out["servo"] = servo_of(job, plant)
+    except UpdynError as error:
+        if strict:
+            raise
+        return out, f"[servo] is left out: {error}"
+    return out, ""
 
 
 # -- what a reader should know -------------------------------------------------------------------------------
@@ -232,28 +263,30 @@ def _made(
         raise
 
 
-def _located(job: Job) -> Any:
-    from contextlib import contextmanager
-
-    @contextmanager
-    def placed() -> Any:
-        try:
-            yield
-        except JobError:
-            raise
-        except InputError as error:
-            raise job.error_about(str(error), "plant") from error
-
-    return placed()
+@contextmanager
+def _located(job: Job) -> Iterator[None]:
+    try:
+        yield
+    except JobError:
+        raise
+    except InputError as error:
+        raise job.error_about(str(error), "plant") from error
 
 
 def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
-    from updyn.control.target import Target
+    from updyn.control.ports import port_matrix
+    from updyn.dynamics.response import response
+    from updyn.frf import QUANTITIES
 
     freq = lines_of(made)
-    ports = made.input_ports, made.output_ports
-    target = Target.of(model, *ports, made.quantities, freq, rigid=made.rigid > 0, backend=job.method.backend)
-    return {"freq": freq, "exact": target.values, "answer": made.response(freq).values}
+    columns, into = port_matrix(made.input_ports, model, "input")
+    rows, out = port_matrix(made.output_ports, model, "output")
+    tier = "reduced" if model.n_dofs > _LARGE else None
+    how: dict[str, Any] = {"tier": tier, "backend": job.method.backend, "accuracy": _ACCURACY}
+    H = response(model, freq, model.dofs[rows], model.dofs[columns], **how).values
+    power = np.array([QUANTITIES[q] for q in made.quantities])
+    exact = (out @ H @ into.T) * ((2j * np.pi * freq)[:, None] ** power)[:, :, None]
+    return {"freq": freq, "exact": exact, "answer": made.response(freq).values}
 
 
 def lines_of(plant: Plant) -> _Real:

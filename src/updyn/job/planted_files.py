@@ -64,6 +64,7 @@ def plant_after(
             draws=draws,
             engine=engine,
             say=_shown(callback),
+            strict=False,
         )
     except UpdynError as error:
         warnings.warn(f"{job.path}: [plant] is left out: {error}", UpdynWarning, stacklevel=3)
@@ -79,7 +80,7 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str]
         return None
     from updyn.updating.monitor import Progress as Step
 
-    return lambda stage: callback(Step(stage, 0, float("nan"), 0, 1))
+    return lambda stage: callback(Step(stage, 0, float("nan"), 0, 0))
 
 
 def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 from updyn.errors import JobError
 from updyn.job.control_tables import PLANT_FILES, PlantTable
 from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
+from updyn.job.servo_tables import ServoTable
 from updyn.job.tables import (
     CalibrationTable,
     DampingTable,
@@ -35,6 +36,7 @@ __all__ = [
     "ParameterTable",
     "PlantTable",
     "SelectionTable",
+    "ServoTable",
     "TestTable",
     "UncertaintyTable",
 ]
@@ -178,6 +180,7 @@ class Job(Table):
     method: MethodTable = MethodTable()
     uncertainty: UncertaintyTable | None = None
     plant: PlantTable | None = None
+    servo: ServoTable | None = None
     output: OutputTable = OutputTable()
 
     _path: Path = PrivateAttr(default=Path("job.toml"))

@@ -82,7 +82,7 @@ def _bode(planted: Planted, plant: Plant, i: int, j: int) -> Figure:
         level_line(freq, plant.tolerance, "tolerance"),
     ]
     panels = [
-        Panel(f"magnitude ({unit})", size, log_range(np.abs(H)), 1.5),
+        Panel(f"magnitude ({unit})", size, log_range(np.abs(np.concatenate([H, G]))), 1.5),
         Panel("phase (°)", phase, degree_axis(np.concatenate(degrees)), 0.9),
         Panel("error / peak", off, log_range([*error, plant.tolerance], 5.0), 0.9),
     ]

@@ -6,6 +6,8 @@ from updyn.job.planted import Planted
 from updyn.report.plant_figures import plant_figures
 from updyn.report.plots import Figure
 from updyn.report.sections_plant import plant_section
+from updyn.report.sections_servo import servo_section
+from updyn.report.servo_figures import servo_figures
 
 __all__ = ["plant_parts"]
 
@@ -19,4 +21,12 @@ def plant_parts(planted: Planted) -> tuple[list[tuple[str, str, str]], dict[str,
         What was made.
     """
     figures = plant_figures(planted)
-    return [("plant", "Plant", plant_section(planted, figures))], figures
+    if planted.servo is not None:
+        plant = planted.plant
+        assert plant is not None
+        figures |= servo_figures(planted.servo, plant.input_units[plant.inputs.index(planted.servo.torque)])
+    made = [
+        ("plant", "Plant", plant_section(planted, figures)),
+        ("servo", "Servo", servo_section(planted, figures)),
+    ]
+    return [(anchor, name, text) for anchor, name, text in made if text], figures

@@ -68,8 +68,8 @@ def _notes(planted: Planted) -> list[str]:
 
 def plant_tiles(planted: Planted, plant: Plant) -> str:
     """Return the figures that a reader looks for first."""
-    motions = f"{len(plant.modes) - plant.rigid} modes"
-    motions += f", {plant.rigid} rigid" if plant.rigid else ", no rigid-body motion"
+    motions = f"{len(plant.modes) - plant.rigid} flexible modes"
+    motions += f", {plant.rigid} of rigid-body motion" if plant.rigid else ", no rigid-body motion"
     tiles = [
         ("Error", share(plant.error), f"of the peak, at most; asked {share(plant.tolerance)}"),
         ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
@@ -184,6 +184,24 @@ def _weights(planted: Planted, figures: Mapping[str, Figure]) -> str:
             places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
     said = (
         "How far the plants of the family are from the nominal one, relative to it, and a stable minimum-phase weight "
-        "of low order that covers them, for a robust design."
+        "of low order that covers them, for a robust design. Zeros, poles and gains are in control.json."
     )
-    return f'<h3>Uncertainty for a robust design</h3>{m.paragraph(said)}<div class="pair wide">{"".join(places)}</div>'
+    kinds = ("", "", "", "", "", "note-cell")
+    rows = [
+        m.row(
+            [
+                f"{output} over {name}",
+                share(weight.peak),
+                f"{w.number(weight.peak_at, 4)} Hz",
+                str(weight.order),
+                f"{w.number(weight.largest, 3)}, mean {w.number(weight.mean, 3)}",
+                weight.note,
+            ],
+            kinds,
+        )
+        for output, row in zip(planted.weight.outputs, planted.weight.weights, strict=True)
+        for name, weight in zip(planted.weight.inputs, row, strict=True)
+    ]
+    head = ["channel", "farthest", "at", "order of the weight", "weight over radius", "note"]
+    drawn = m.details("Radius and weight over frequency", f'<div class="pair wide">{"".join(places)}</div>')
+    return f"<h3>Uncertainty for a robust design</h3>{m.paragraph(said)}{m.table(head, rows, kinds=kinds)}{drawn}"
