@@ -77,6 +77,10 @@ class Notch:
         depth : float
             Gain at `frequency`; 0 takes it out altogether.
 
+        Returns
+        -------
+        Notch
+
         Raises
         ------
         OptionError
@@ -100,7 +104,18 @@ class Notch:
         return self.zero_damping / self.pole_damping
 
     def at(self, s: ArrayLike) -> _Complex:
-        """Return N(s), of the shape of `s` (in rad/s)."""
+        """Return N(s).
+
+        Parameters
+        ----------
+        s : array_like of complex
+            In rad/s.
+
+        Returns
+        -------
+        ndarray of complex
+            Of the shape of `s`.
+        """
         s = np.asarray(s, dtype=np.complex128)
         w = _TWO_PI * self.frequency
         both = s**2 + w**2
@@ -215,6 +230,10 @@ class Controller:
         **others
             Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the rule's.
 
+        Returns
+        -------
+        Controller
+
         Raises
         ------
         ModelError
@@ -264,6 +283,10 @@ class Controller:
         ----------
         pade : int
             Order of the Pade approximation of the dead time; 0 leaves it out.
+
+        Returns
+        -------
+        StateSpace
         """
         out = StateSpace.gain(self.kp)
         if self.ti is not None:

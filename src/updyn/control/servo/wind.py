@@ -147,7 +147,7 @@ class Wind:
         return np.asarray((2.0 * self.coefficient * self.mean_speed) ** 2 * np.diff(self.variance_below(edges)))
 
     def series(self, dt: float | None = None) -> tuple[_Real, _Real]:
-        """Return time in s and torque in N m, both of shape (n,).
+        """Draw a series of the torque.
 
         A sum of cosines at multiples of 1 / duration with phases drawn at random (Shinozuka & Deodatis 1991, Appl.
         Mech. Rev. 44, 191-204), each with the variance of the spectrum about it, up to half the sampling rate.
@@ -155,7 +155,12 @@ class Wind:
         Parameters
         ----------
         dt : float, optional
-            Interval in s, in place of that of the wind.
+            Interval in s, where the wind has none.
+
+        Returns
+        -------
+        time, torque : ndarray of float, shape (n,)
+            In s, in N m.
 
         Raises
         ------
