@@ -223,6 +223,10 @@ class Plant:
         output, input : str
             Names.
 
+        Returns
+        -------
+        Plant
+
         Raises
         ------
         OptionError

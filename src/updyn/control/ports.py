@@ -79,6 +79,10 @@ class Port:
             ``node:direction``, with a sign where it counts the other way.
         name : str, optional
             By default the label.
+
+        Returns
+        -------
+        Port
         """
         label = str(Dof.parse(dof))
         return cls(name or label, {label: 1.0})
@@ -100,6 +104,10 @@ class Port:
             reversed.
         name : str, optional
             By default the label with the ratio.
+
+        Returns
+        -------
+        Port
 
         Raises
         ------
@@ -123,6 +131,10 @@ class Port:
         ----------
         quantity : {"receptance", "mobility", "accelerance"}
             Whether it is a displacement, a velocity or an acceleration.
+
+        Returns
+        -------
+        str
         """
         return ("rad" if self.rotation else "m") + {"receptance": "", "mobility": "/s", "accelerance": "/s2"}[quantity]
 

@@ -97,7 +97,8 @@ class Target:
         even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
         broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
         seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if slow else size
-        return cls(freq, values, *(np.where(a > 0, a, 1.0) for a in (level, broad)), seen)
+        level, broad = (np.where(a > 0, a, 1.0) for a in (level, broad))
+        return cls(freq, values, level, broad, seen)
 
     def error(self, G: _Complex) -> float:
         """Return the largest error of a channel as a share of its peak.
