@@ -1,5 +1,7 @@
 """Backlash: its describing function against the law in time, limit cycles predicted and simulated, the opened mesh."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from nonlinear_plants import two_inertias
@@ -7,6 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import updyn
+from updyn.control.nonlinear.around import around
 from updyn.control.nonlinear.balance import limit_cycles
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.opened import opened
@@ -138,6 +141,32 @@ def test_a_bias_that_keeps_one_flank_in_contact_ends_the_limit_cycle():
     assert end.phase[-1] == "contact -"
     assert_allclose(end.torque[-1], -wind["wind"], rtol=1e-3)
     assert_allclose(end["torque (controller)"][-1], -wind["wind"], rtol=1e-3)
+
+
+def test_prediction_against_python_control():
+    """Another program's harmonic balance, without damping in the mesh: it knows real describing functions only."""
+    control = pytest.importorskip("control")
+    law = Backlash(K, 2.0)  # amplitudes scale with the gap; theirs needs numbers near 1, of torque over K, too
+    # A damper between motor and load beside the mesh makes the loop stable.
+    plant = two_inertias()
+    c = MESH.damping
+    A = plant.A - c * np.outer(plant.B[:, 1], [0, 1, 0, -1])
+    plant = dataclasses.replace(plant, A=A)
+    cycle = limit_cycles(plant, cascade(15.0), law, "gap", **LOAD)[-1]
+    system = around(plant, cascade(15.0), law, "gap", LOAD, 0)
+
+    class DeadZone(control.DescribingFunctionNonlinearity):
+        def __call__(self, z):
+            return np.sign(z) * max(abs(z) - law.half, 0.0)
+
+        def describing_function(self, A):
+            d = law.half / A
+            return 1 - 2 / np.pi * (np.arcsin(d) + d * np.sqrt(1 - d**2))
+
+    H = control.ss(system.A, K * system.B[:, None], system.C[None], K * system.D)
+    sizes, omega = np.linspace(1.3, 4.0, 30), np.geomspace(0.1, 200.0, 2000)
+    theirs = control.describing_function_response(H, DeadZone(), sizes, omega, warn_nyquist=False).intersections
+    assert_allclose(theirs, [(cycle.amplitude, TWO_PI * cycle.frequency)], rtol=1e-3)
 
 
 # -- the simulation against another integrator -------------------------------------------------------------

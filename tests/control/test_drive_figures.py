@@ -121,6 +121,15 @@ def test_a_mode_that_the_motor_does_not_see_is_no_pair():
     assert seen.locked.max() < still
 
 
+def test_result_of_an_update_is_as_good_as_its_model():
+    true, start = (drivetrain([Shaft("s", 1, 2, k), Motor("m", 1, J_M), Inertia("l", 2, 0.03)]) for k in (800.0, 700.0))
+    frf = updyn.response(true, np.linspace(5, 150, 30), ["1:RZ", "2:RZ"], ["1:RZ"])
+    result = updyn.update(start, frf, updyn.parameters(start, stiffness=["s"]), noise={"relative": 0.01})
+    d = drive_figures(result, "1:RZ", "2:RZ")
+    assert_allclose(d.stiffness_at_motor, 800.0, rtol=1e-5)
+    assert d.pairs == drive_figures(result.model, "1:RZ", "2:RZ").pairs
+
+
 def test_held_load_leaves_what_needs_rigid_motion_open():
     parts = [*two_mass(), Inertia("wheel", 2, 1e-4)]
     d = drive_figures(drivetrain(parts, held=[3]), "1:RZ", "2:RZ")

@@ -1,5 +1,7 @@
 """Coulomb friction: motion with an end, sticking, and limit cycles with a closed form."""
 
+import copy
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -84,6 +86,19 @@ def test_limit_cycle_of_a_loop_with_two_integrals(kd):
         assert run.verdict == "limit cycle"
         assert_allclose(run.amplitude, cycle.amplitude, rtol=0.1)
         assert_allclose(run.frequency, cycle.frequency, rtol=0.1)
+
+
+def test_every_limit_cycle_is_found():
+    """Too little damping for the two integrals: between the roots of Routh's condition the loop is stable."""
+    kp, ki, kii, kd = 10.0, 12.0, 6.0, 0.5
+    D = np.sort(np.roots([kii, -kp * ki, ki**2]))
+    found = limit_cycles(one_inertia(), pid(kp, ki, kd, kii), CoulombFriction(1.0), "drag", **AXIS)
+    assert_allclose([c.frequency for c in found], np.sqrt(ki / D[::-1]) / TWO_PI, rtol=1e-8)
+    assert_allclose([c.amplitude for c in found], 4 / np.pi / (D[::-1] - kd), rtol=1e-8)
+    assert [c.stable for c in found] == [True, False]  # what grows beyond the outer one does so without end
+    assert not found.linear_stable
+    again = copy.copy(found)
+    assert (again, again.band, again.linear_stable) == (found, found.band, False)
 
 
 def test_unstable_limit_cycle_is_a_border():

@@ -99,6 +99,9 @@ class LimitCycles(tuple[LimitCycle, ...]):
         out.band, out.linear_stable = band, linear_stable
         return out
 
+    def __getnewargs__(self) -> tuple[tuple[LimitCycle, ...], tuple[float, float], bool]:
+        return tuple(self), self.band, self.linear_stable
+
     def summary(self) -> str:
         """Return what was found as text, or that nothing was.
 

@@ -36,7 +36,7 @@ class Simulation:
     Attributes
     ----------
     time : ndarray of float, shape (n_t,)
-        In s: every step, and every instant at which contact or sticking changes (it stands twice there).
+        In s: every step, and every instant at which contact or sticking changes.
     reading : ndarray of float, shape (n_t,)
         What the nonlinearity reads: twist in rad, or velocity in rad/s.
     torque : ndarray of float, shape (n_t,)
@@ -173,7 +173,7 @@ def simulate(
     system = around(plant, controller, nonlinearity, at, names, pade)
     held = _held(system, constant)
     pieces = rules(system, nonlinearity, held)
-    length = _length(pieces, duration, step)
+    length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
     way = march(pieces, X, float(duration), length)
     w_rows, z_rows = (np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z"))
@@ -213,12 +213,15 @@ def _held(system: Around, constant: Mapping[str, float] | None) -> _Real:
     return out
 
 
-def _length(pieces: Rules, duration: Any, step: Any) -> float:
+def _length(system: Around, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any) -> float:
     for what, value in (("duration", duration), ("step", 1.0 if step is None else step)):
         if not is_number(value) or not 0 < value < np.inf:
             raise OptionError(f"simulation: {what} {value!r}; expected a number above 0, in s")
     if step is None:
-        fastest = max(float(np.abs(np.linalg.eigvals(p.F).imag).max()) for p in pieces.pieces.values())
+        rates = [np.linalg.eigvals(p.F) for p in pieces.pieces.values()]
+        if isinstance(nonlinearity, Backlash):  # a flank bounces as fast without its damping, or faster
+            rates.append(system.under(nonlinearity.stiffness, 0.0))
+        fastest = max(float(np.abs(r.imag).max(initial=0.0)) for r in rates)
         step = duration / _LEAST
         if fastest > 0:
             step = min(step, 2.0 * np.pi / fastest / _POINTS)
