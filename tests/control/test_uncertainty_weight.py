@@ -140,6 +140,7 @@ def test_a_large_radius_at_an_antiresonance_is_told(family) -> None:
     assert motor.peak_at == pytest.approx(locked, rel=0.01)
     assert f"antiresonance of the nominal plant at {locked:.4g} Hz (damping 0.0071)" in motor.note
     assert "antiresonance" not in load.note
+    assert "because of the resonance at" in load.note
     assert "The radius reaches 1 at" in load.note
     assert motor.note in found.summary()
     with pytest.raises(OptionError, match="no output 'moter'; did you mean 'motor'"):

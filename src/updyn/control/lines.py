@@ -19,7 +19,9 @@ _Complex = NDArray[np.complex128]
 _FINE = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0])
 _COARSE = np.array([0.5, 1.0, 2.0, 5.0])
 #: Lines nearer to each other than this share of their frequency are one.
-_MERGED = 2e-5
+_MERGED = 1e-10
+#: Resonances sharper than this are resolved as if they were so sharp.
+_SHARPEST = 1e-9
 #: Poles and zeros damped more are not resonances: the lines of every decade see them.
 _DAMPED = 0.3
 _PER_DECADE = 60
@@ -123,7 +125,7 @@ def dense_lines(
 def _about(roots: _Complex, offsets: _Real) -> _Real:
     size = np.abs(roots)
     there = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
-    size, damping = size[there], np.maximum(np.abs(roots.real[there]) / size[there], _MERGED)
+    size, damping = size[there], np.maximum(np.abs(roots.real[there]) / size[there], _SHARPEST)
     steps = np.concatenate([-offsets[::-1], [0.0], offsets])
     lines = size[:, None] * (1.0 + damping[:, None] * steps) / (2 * np.pi)
     # The peak of a damped resonance lies a little below |s|.

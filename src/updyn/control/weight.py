@@ -33,6 +33,8 @@ KINDS = ("multiplicative", "additive")
 _ROUNDING = 1e-9
 #: Times that lines are added where the weight comes closest.
 _ROUNDS = 3
+#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
+_MISSED = 0.02
 _NONE = np.zeros(0, dtype=np.complex128)
 
 
@@ -127,7 +129,7 @@ def uncertainty_weight(
         dense about the poles and zeros of all plants, over all frequencies at which they move, the plants taken as they
         are beyond their band too; lines are added until the weight lies above in between as well.
     order : int, optional
-        Of each weight; by default the lowest that meets `tolerance`.
+        Of each weight; by default the lowest of 0, 1, 2, 4, 6 ... that meets `tolerance`.
     kind : {"multiplicative", "additive"}
         G_k = G_0 (1 + W Delta), or G_k = G_0 + W Delta, |Delta| <= 1, by channel.
     tolerance : float
@@ -173,11 +175,7 @@ def uncertainty_weight(
     radius = radius_of(family, lines, kind)
     refuse_unbounded(family, lines, radius, kind)
     floors = floors_of(family, radius, kind, floor)
-    bounds: dict[tuple[int, int], Bound] = {}
-    for i, j in channels:
-        level = np.maximum(radius[:, i, j], floors[i, j])
-        if floors[i, j] > 0.0:
-            bounds[i, j] = fit_above(2 * np.pi * lines, level, order, tolerance, largest_order)
+    bounds = {at: _fit(lines, radius, floors, at, order, tolerance, largest_order) for at in channels if floors[at] > 0}
     for _ in range(_ROUNDS if given is None else 0):
         more = closest(lines, radius, floors, bounds)
         if not more.size:
@@ -186,6 +184,10 @@ def uncertainty_weight(
         radius = np.concatenate([radius, radius_of(family, more, kind)])
         ascending = np.argsort(merged, kind="stable")
         lines, radius = merged[ascending], radius[ascending]
+        for at, bound in bounds.items():
+            level = np.log(np.maximum(radius[:, *at], floors[at]))
+            if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _MISSED:
+                bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     made = {}
     for i, j in channels:
         own, floor = radius[:, i, j], float(floors[i, j])
@@ -203,6 +205,18 @@ def uncertainty_weight(
     for array in (lines, radius, floors):
         array.flags.writeable = False
     return UncertaintyWeight(kind, lines, radius, floors, weights, family.outputs, family.inputs)
+
+
+def _fit(
+    lines: _Real,
+    radius: _Real,
+    floors: _Real,
+    at: tuple[int, int],
+    order: int | None,
+    tolerance: float,
+    largest_order: int,
+) -> Bound:
+    return fit_above(2 * np.pi * lines, np.maximum(radius[:, *at], floors[at]), order, tolerance, largest_order)
 
 
 # -- what is asked -----------------------------------------------------------------------------------------
@@ -257,21 +271,26 @@ def _ends(lines: _Real, radius: _Real, floor: float) -> str:
 
 
 def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
-    """Say where the radius passes 1, and whether an antiresonance of the nominal plant has made it large."""
+    """Say where the radius passes 1, and what has made it large: a zero of the nominal plant, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
         return ""
     said = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| has to be below 1 / radius there."
-    top = lines[int(np.argmax(radius))]
-    zeros = channel_zeros(family.nominal, *at)
-    zeros = zeros[(zeros.imag > 0) & (np.abs(zeros.real) < 0.3 * np.abs(zeros))]
-    if zeros.size:
-        nearest = zeros[np.argmin(np.abs(zeros - 2j * np.pi * top))]
-        width = max(10.0 * abs(nearest.real), 0.02 * abs(nearest))
-        if abs(nearest - 2j * np.pi * top) < width:
-            said += (
-                f" It is as large as {radius.max():.3g} because of the antiresonance of the nominal plant at "
-                f"{abs(nearest) / (2 * np.pi):.4g} Hz (damping {-nearest.real / abs(nearest):.2g}), which moves from "
-                "member to member; kind='additive' is not affected."
-            )
-    return said
+    top = 2j * np.pi * lines[int(np.argmax(radius))]
+    zero = _nearest(channel_zeros(family.nominal, *at), top)
+    pole = _nearest(np.concatenate([p.poles for p in (family.nominal, *family.members)]), top)
+    root = min((x for x in (zero, pole) if x is not None), key=lambda x: abs(x - top) / abs(x), default=None)
+    if root is None or abs(root - top) > max(3.0 * abs(root.real), 0.02 * abs(root)):
+        return said
+    where = f"{abs(root) / (2 * np.pi):.4g} Hz (damping {-root.real / abs(root):.2g})"
+    if root is zero:
+        what = f"the antiresonance of the nominal plant at {where}, where it hardly answers and members do"
+        return f"{said} It is as large as {radius.max():.3g} because of {what}; kind='additive' is not affected."
+    what = f"the resonance at {where}, which moves by more than its width"
+    return f"{said} It is as large as {radius.max():.3g} because of {what}."
+
+
+def _nearest(roots: _Complex, s: complex) -> complex | None:
+    """Return the lightly damped root that is nearest to a point."""
+    some = roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]
+    return complex(some[np.argmin(np.abs(some - s))]) if some.size else None

@@ -25,11 +25,17 @@ _Real = NDArray[np.float64]
 #: What the largest excess counts beside the mean.
 _SHARE = 0.1
 #: Damping of sections, from a sharp resonance to two real roots far apart.
-_DAMPING = (1e-3, 1e2)
+_DAMPING = (1e-5, 1e2)
 #: Lines on which sections are tried.
 _POOLED = 120
 #: Frequencies at which a new section is tried.
 _PLACES = 9
+#: Half the way between the zeros and poles of a new step, in log frequency.
+_STEP = 0.7
+#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many lines.
+_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
+_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
+_TOUCHED = 2
 #: Starts that are followed to their end.
 _FOLLOWED = 2
 _STEPS = 60
@@ -72,7 +78,7 @@ def fit_above(omega: _Real, level: _Real, order: int | None, tolerance: float, l
     level : ndarray of float, shape (n_f,)
         Above what, all above 0.
     order : int or None
-        Of the magnitude; None: the lowest whose mean excess is at most 1 + `tolerance`.
+        Of the magnitude; None: the lowest of 0, 1, 2, 4, 6 ... whose mean excess is at most 1 + `tolerance`.
     tolerance : float
         See `order`.
     largest_order : int
@@ -86,56 +92,58 @@ def fit_above(omega: _Real, level: _Real, order: int | None, tolerance: float, l
     weight = np.gradient(np.log(omega)) if len(omega) > 1 else np.ones(1)
     weight = weight / weight.sum()
     few = _pooled(omega, y, weight)
-    found = [Bound(0, np.array([y.max()]), 0.0, 0.0)]
-    while True:
-        full = _raised(found[-1], omega, y, weight)
-        enough = full.mean <= 1.0 + tolerance or full.order >= largest_order
-        if enough if order is None else full.order >= order:
-            return _polished(full, few, omega, y, weight)
-        found.append(_grown(found, *few))
+    whole = _raised(Bound(0, np.array([y.max()]), 0.0, 0.0), omega, y, weight)
+    even = whole
+    for tried in _orders(largest_order if order is None else order):
+        if whole.order == order or (order is None and whole.mean <= 1.0 + tolerance):
+            break
+        grown = _grown(even, tried, *few)
+        even = grown if tried % 2 == 0 else even
+        whole = _raised(grown, omega, y, weight)
+    return _polished(whole, few, omega, y, weight)
+
+
+def _orders(last: int) -> list[int]:
+    """Return the orders on the way to the last: 1, then pair by pair."""
+    return sorted({n for n in (1, *range(2, last + 1, 2), last) if 0 < n <= last})
 
 
 def _pooled(omega: _Real, y: _Real, weight: _Real) -> tuple[_Real, _Real, _Real]:
     """Return fewer lines: of each run the one that is highest, with the weight of all."""
-    runs = np.array_split(np.arange(len(omega)), min(_POOLED, len(omega)))
+    # Half by their number, which is dense about resonances, half by log frequency, in which the mean is taken.
+    share = np.linspace(0.0, 0.5, len(omega)) + 0.5 * np.log(omega / omega[0]) / max(
+        np.log(omega[-1] / omega[0]), 1e-300
+    )
+    cuts = np.flatnonzero(np.diff(np.floor(share * _POOLED))) + 1
+    runs = np.split(np.arange(len(omega)), cuts)
     at = np.array([run[np.argmax(y[run])] for run in runs])
     return omega[at], y[at], np.array([weight[run].sum() for run in runs])
 
 
-def _grown(found: list[Bound], omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Return the best bound of the next order: the last but one with a pair, or the last with a single, added."""
-    order = found[-1].order + 1
-    base = found[order - 1].p if order % 2 else found[order - 2].p
-    places = np.log(np.geomspace(omega[0], omega[-1], _PLACES))
-    starts = []
-    for w in places:
-        for shift in (0.7, -0.7):
-            if order % 2:
-                starts.append(np.concatenate([base[:1], [w + shift, w - shift], base[1:]]))
-            else:
-                starts.append(np.concatenate([base, [w + shift, 0.0, w - shift, 0.0]]))
-        if order % 2 == 0:
-            for zeros, poles in ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05)):
-                starts.append(np.concatenate([base, [w, np.log(zeros), w, np.log(poles)]]))
-    first = [_descend(p, order, omega, y, weight, 1) for p in starts]
-    best = sorted(range(len(first)), key=lambda i: first[i][1])[:_FOLLOWED]
-    ended = [_descend(first[i][0], order, omega, y, weight, _STEPS) for i in best]
-    # A pole upon a zero makes the next order of any: more sections are never worse.
-    last = _padded(found[-1], float(np.exp(places[_PLACES // 2])))
-    ended.append(_descend(last, order, omega, y, weight, _STEPS))
-    p, _ = min(ended, key=lambda one: one[1])
-    return Bound(order, p, 0.0, 0.0)
+def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
+    """Return the best bound of an order: one of even order with a single zero and pole added, or with pairs."""
+    p, places = base.p, np.log(np.geomspace(omega[0], omega[-1], _PLACES))
+    # A pole upon a zero changes nothing: begun there, more sections are never worse.
+    middle = places[_PLACES // 2]
+    if order % 2:
+        starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
+        starts += [np.concatenate([p[:1], [w + d, w - d], p[1:]]) for w in places for d in (_STEP, -_STEP)]
+    else:
+        starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
+        starts += [np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)]
+        humps = [(w, *d) for w in places for d in _HUMPS]
+        humps += [(w, *d) for w in _touched(base, omega, y) for d in (*_HUMPS, *_SPIKES)]
+        starts += [np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps]
+    first = [_descend(start, order, omega, y, weight, 1) for start in starts]
+    best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
+    ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
+    return Bound(order, min(ended, key=lambda one: one[1])[0], 0.0, 0.0)
 
 
-def _padded(last: Bound, w: float) -> _Real:
-    """Return the numbers of a bound of one order more and the same magnitude."""
-    at = np.log(w)
-    if last.order % 2 == 0:
-        return np.concatenate([last.p[:1], [at, at], last.p[1:]])
-    zero, pole = last.p[1:3]
-    # (1 + s / a) (1 + s / b) is a second-order factor of frequency sqrt(a b) and damping (a + b) / (2 sqrt(a b)).
-    pair = [x for a in (zero, pole) for x in (0.5 * (a + at), np.log(np.cosh(0.5 * (a - at))))]
-    return np.concatenate([last.p[:1], last.p[3:], pair])
+def _touched(bound: Bound, omega: _Real, y: _Real) -> list[float]:
+    """Return log frequencies at which a bound rests on what it bounds: a section there lets it down elsewhere."""
+    excess = bound.log_magnitude(omega) - y
+    return [float(np.log(omega[i])) for i in np.argsort(excess, kind="stable")[:_TOUCHED]]
 
 
 def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
@@ -155,11 +163,9 @@ def _polished(bound: Bound, few: tuple[_Real, _Real, _Real], omega: _Real, y: _R
         inner = np.flatnonzero((excess[1:-1] <= excess[:-2]) & (excess[1:-1] <= excess[2:])) + 1
         lowest = inner[excess[inner] < excess.min() + _NEAR]
         at, above, share = few
-        few = (
-            np.concatenate([at, omega[lowest]]),
-            np.concatenate([above, y[lowest]]),
-            np.concatenate([share, np.zeros(len(lowest))]),
-        )
+        every, first = np.unique(np.concatenate([at, omega[lowest]]), return_index=True)
+        above = np.concatenate([above, y[lowest]])[first]
+        few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
         p, _ = _descend(p, bound.order, *few, _STEPS)
         now = _raised(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
         if now.mean < best.mean:
@@ -173,7 +179,8 @@ def _descend(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps:
     p, f, J, cost = _lifted(np.clip(p, lower, upper), order, omega, y, weight)
     n, box = len(p), 1.0
     for _ in range(steps):
-        low, high = np.maximum(lower - p, -box), np.minimum(upper - p, box)
+        reach = box * _reach(p, order)
+        low, high = np.maximum(lower - p, -reach), np.minimum(upper - p, reach)
         low[0], high[0] = -20.0, 20.0
         # Unknowns: the step, and the largest excess after it.
         rows = np.block([[-J, np.zeros((len(y), 1))], [J, -np.ones((len(y), 1))]])
@@ -198,11 +205,27 @@ def _descend(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps:
     return p, cost
 
 
+def _reach(p: _Real, order: int) -> _Real:
+    """Return how far a step may go: a sharp section is moved by some of its widths, else by e."""
+    reach = np.ones(len(p))
+    first = 3 if order % 2 else 1
+    reach[first::2] = np.minimum(1.0, 4.0 * np.exp(p[first + 1 :: 2]))
+    return reach
+
+
 def _lifted(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real) -> tuple[_Real, _Real, _Real, float]:
-    """Return the numbers with the gain that just lies above, log |W|, its slopes, and the cost."""
+    """Return the numbers with the gain that just lies above, log |W|, its slopes, and the cost.
+
+    No section is sharper than the lines are dense where it is: it could peak between them for nothing.
+    """
+    first = 3 if order % 2 else 1
+    p = p.copy()
+    gaps = np.log(np.diff(np.log(omega))) if len(omega) > 1 else np.zeros(1)
+    at = 0.5 * np.log(omega[1:] * omega[:-1]) if len(omega) > 1 else np.log(omega)
+    p[first + 1 :: 2] = np.maximum(p[first + 1 :: 2], np.interp(p[first::2], at, gaps))
     f, J = _model(p, order, omega)
     lift = float((y - f).max())
-    p, f = p.copy(), f + lift
+    f = f + lift
     p[0] += lift
     return p, f, J, float(weight @ (f - y) + _SHARE * (f - y).max())
 
