@@ -225,6 +225,8 @@ class TestPorts:
         wanted = np.stack([H[:, 1] - H[:, 0], H[:, 0] / -10.0], axis=1)
         G = plant.response(lines).values[:, :, 0]
         assert (np.abs(G - wanted) / np.abs(wanted).max(axis=0)).max() < 0.02
+        assert np.abs(plant.response(lines) - G[:, :, None]).max() == 0.0  # an array where one is wanted
+        assert (plant.response(lines)[:, :, 0] == G).all()
         assert plant.inputs == ("motor at the load",)
         assert plant.outputs == ("twist", "motor at the load")
 

@@ -41,6 +41,10 @@ class PlantResponse:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype=dtype, copy=copy)
 
+    def __getitem__(self, item: Any) -> Any:
+        """Return part of the values, as of an array."""
+        return self.values[item]
+
     def frf(self, quantity: str = "receptance") -> FRF:
         """Return it as an `FRF`, where every input and output is one signed DOF.
 
