@@ -302,6 +302,12 @@ def test_what_cannot_be_opened():
 @pytest.mark.parametrize(
     ("change", "error", "said"),
     [
+        ({"at": ("gap",)}, OptionError, r"expected the name of an output and an input, or \(output, input\)"),
+        (
+            {"controller": cascade(9.0, dead_time=1e-3), "pade": 0},
+            OptionError,
+            "pade=0: expected an order from 1 to 12",
+        ),
         ({"at": "gpa"}, OptionError, "no output 'gpa'; did you mean 'gap'"),
         ({"at": ("speed", "gap")}, OptionError, "Backlash reads twists, and output 'speed' .* 'mobility'"),
         ({"torque": None}, OptionError, "say torque="),
@@ -331,6 +337,8 @@ def test_bad_numbers():
         simulate(duration=-1, **run)
     with pytest.raises(OptionError, match="steps of"):
         simulate(duration=1e6, **run)
+    with pytest.raises(OptionError, match="expected a LimitCycle or numbers"):
+        simulate(duration=1, start="here", **run)
     with pytest.raises(OptionError, match="expected 4 finite states"):
         simulate(duration=1, start=[1.0], **run)
     with pytest.raises(OptionError, match="no input 'winds' to hold; did you mean 'wind'"):

@@ -146,6 +146,21 @@ def test_held_load_leaves_what_needs_rigid_motion_open():
     assert "nothing in the model checks it" in stated.notes[-1]
 
 
+def test_a_table_of_loss_factors_need_not_reach_beyond_the_band():
+    table = {"output": {"loss_table": ([0, 10, 30], [1.0, 1.0, 3.0])}}
+    model = drivetrain(three_mass()).with_damping(table)
+    d = drive_figures(model, "1:RZ", "4:RZ", band=(0, 30))
+    held = updyn.modes(drivetrain(three_mass(), held=[1]).with_damping(table), 1)
+    assert_allclose(d.locked, held.frequency)
+    assert_allclose(d.locked_damping, held.loss_factor / 2)
+    plain = drive_figures(drivetrain(three_mass()), "1:RZ", "4:RZ")
+    assert d.locked_damping[0] > 1.2 * plain.locked_damping[0]
+    assert_allclose(d.pairs[0].resonance, plain.pairs[0].resonance)
+    assert np.isnan(d.pairs[0].resonance_damping)
+    with pytest.raises(ModelError, match="'output'"):
+        drive_figures(model, "1:RZ", "4:RZ")
+
+
 def test_a_ratio_that_contradicts_the_model():
     model = drivetrain(two_mass())
     with pytest.raises(ModelError, match=r"ratio 50: .* turn in the other sense, ratio -50; state -50, .*3:-RZ"):

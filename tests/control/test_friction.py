@@ -13,7 +13,7 @@ from updyn.control.nonlinear.balance import limit_cycles
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction
 from updyn.control.nonlinear.simulate import simulate
 from updyn.control.servo.controller import Controller
-from updyn.errors import ModelError, OptionError
+from updyn.errors import ModelError, OptionError, SolverError
 
 TWO_PI = 2 * np.pi
 AXIS = {"measured": ["angle", "drag"], "torque": "torque"}
@@ -130,6 +130,11 @@ def test_unstable_limit_cycle_is_a_border():
     for scale, verdict in ((0.97, ("decays", "at rest")), (1.03, ("grows",))):
         start = np.array([x, 0.0, 0.0, s]) * scale
         assert simulate(one_inertia(), control, law, 40.0, "drag", start=start, **AXIS).verdict in verdict
+
+
+def test_growth_beyond_all_numbers():
+    with pytest.raises(SolverError, match=r"grows beyond all numbers at .* unstable"):
+        simulate(one_inertia(), pid(10, 500, 0.1), CoulombFriction(1.0), 500.0, "drag", start=[1e3, 0], **AXIS)
 
 
 def test_no_limit_cycle_without_an_integral_and_both_say_so():

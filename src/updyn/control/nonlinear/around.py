@@ -14,6 +14,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace, connect
 from updyn.errors import ModelError, OptionError, suggest
+from updyn.group import is_number
 
 __all__ = ["Around", "around"]
 
@@ -133,7 +134,10 @@ def around(
         raise ModelError(
             f"the plant is sampled every {plant.dt:g} s; a nonlinearity acts in between: give the continuous one"
         )
-    output, entry = (at, at) if isinstance(at, str) else tuple(at)
+    ends = (at, at) if isinstance(at, str) else tuple(at)
+    if len(ends) != 2:
+        raise OptionError(f"at={at!r}: expected the name of an output and an input, or (output, input)")
+    output, entry = ends
     i, j = _named(output, plant.outputs, "output"), _named(entry, plant.inputs, "input")
     if plant.quantities[i] != nonlinearity.quantity:
         kind = "twists" if isinstance(nonlinearity, Backlash) else "velocities"
@@ -201,6 +205,8 @@ def _closed(
     t = plant.inputs.index(torque)
     if isinstance(controller, Controller):
         _unused(names, ("measured",), "of a Controller; it has velocity= and position=")
+        if controller.dead_time and not (is_number(pade) and 1 <= pade <= 12):
+            raise OptionError(f"pade={pade!r}: expected an order from 1 to 12 for the dead time of the controller")
         block = controller.state_space(pade)
         own, rows, weights = _cascade(plant, own, controller, ends[0], names)
         led = np.array([[1.0 if controller.kv is None else controller.kv]])

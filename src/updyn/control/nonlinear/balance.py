@@ -169,7 +169,7 @@ def limit_cycles(
     Notes
     -----
     Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0 (Gelb & Vander
-    Velde 1968, section 3.2). Describing functions take the oscillation for a sine, without bias; a breakaway torque is
+    Velde 1968, chapter 3). Describing functions take the oscillation for a sine, without bias; a breakaway torque is
     not in them.
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}

@@ -32,7 +32,7 @@ class Backlash:
 
     With z the twist and z_s that of the shaft, z - z_s lies between -gap / 2 and gap / 2. At a flank the torque is
     T = k z_s + c z_s'; where it would pull, the flank lets go and the shaft relaxes, k z_s + c z_s' = 0 (Nordin &
-    Gutman, Automatica 38 (2002) 1633-1649, section 2). Without damping that is the dead zone T = k (z -+ gap / 2).
+    Gutman, Automatica 38 (2002) 1633-1649). Without damping that is the dead zone T = k (z -+ gap / 2).
 
     Parameters
     ----------

@@ -245,7 +245,10 @@ def _start(system: Around, plant: Plant, pieces: Rules, nonlinearity: Nonlineari
         # Backlash begins in the gap, z = 0 and rising; friction at the largest velocity.
         x = np.asarray(shape.imag if isinstance(nonlinearity, Backlash) else shape.real)
     elif start is not None:
-        given = np.asarray(start, dtype=np.float64)
+        try:
+            given = np.asarray(start, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"simulation: start {start!r}; expected a LimitCycle or numbers") from error
         if given.shape not in ((n,), (plant.n_states,)) or not np.isfinite(given).all():
             raise OptionError(
                 f"simulation: start of shape {given.shape}; expected {plant.n_states} finite states of the plant, or "

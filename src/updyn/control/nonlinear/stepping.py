@@ -7,6 +7,7 @@ with the exponentials of its halves, to 2^-44 of a step.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,11 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
         If pieces change without end within one step, or the state grows beyond all numbers.
     """
     exact = {name: _Exact(piece, step) for name, piece in rules.pieces.items()}
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _followed(rules, exact, start, duration, step)
+
+
+def _followed(rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float) -> March:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]

@@ -195,14 +195,23 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     there = mass_rank(model.mass)
     if there == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
-    if not np.isfinite(top):
-        return modes(model, min(there, max(at_least, _COUNT)))
     n = min(there, max(at_least, _COUNT))
-    while True:
-        found = modes(model, n)
-        if n == there or found.frequency[-1] > top:
-            return found
+    tabled = {name: {"loss_table": None} for name, group in model.groups.items() if group.loss_table is not None}
+    plain = model.with_damping(tabled) if tabled else model
+    found = modes(plain, n)
+    while np.isfinite(top) and n < there and found.frequency[-1] <= top:
         n = min(there, 2 * n)
+        found = modes(plain, n)
+    return _by_table(model, found, top) if tabled else found
+
+
+def _by_table(model: Model, found: Modes, top: float) -> Modes:
+    """Return modes with the loss factors of their tables, which need not reach beyond the band; nan above it."""
+    inside = int((found.frequency <= top).sum())
+    loss = np.full(len(found), np.nan)
+    if inside:
+        loss[:inside] = modes(model, inside).loss_factor
+    return Modes(found.frequency, loss, found.shapes, found.dofs)
 
 
 def _in_band(freq: _Real, limits: tuple[float, float] | None) -> _Real:
@@ -227,7 +236,7 @@ def _pairs(
 ) -> tuple[tuple[ResonancePair, ...], tuple[float, ...]]:
     """Return what the motor sees, and the locked-rotor frequencies that it does not.
 
-    Poles and zeros of a response at the place of its force alternate (Ewins, Modal Testing, 2nd ed. 2000, section 2.6).
+    Poles and zeros of a response at the place of its force alternate (Ewins, Modal Testing, 2nd ed. 2000, chapter 2).
     A neighbouring two that cancel leave the others alternating: each zero that is left pairs with the next pole.
     """
     zeros, poles, hidden = _seen(locked, free, separation)

@@ -19,7 +19,7 @@ class ResonancePair:
     antiresonance, resonance : float
         In Hz, without damping: a locked-rotor and a free-rotor frequency.
     antiresonance_damping, resonance_damping : float
-        Damping ratios, half the modal loss factors.
+        Damping ratios, half the modal loss factors; nan above a band that the tables of loss factors end with.
     """
 
     antiresonance: float
