@@ -223,6 +223,17 @@ def test_residual_flexibility_across_the_gap_is_in_series_with_the_mesh():
     assert_allclose(np.interp(series.time, damped.time, damped["speed"]), series["speed"], atol=2e-3)
 
 
+def test_rounding_in_place_of_a_residual_flexibility_is_none():
+    clean = two_inertias()
+    for D in (1e-14 / K, -1e-14 / K):
+        noisy = dataclasses.replace(clean, D=D * np.outer([0, 0, 0, 1], [0, 1, 0]))
+        runs = [simulate(p, None, MESH, 0.3, "gap", start=[0.0, 0.4, 0.0, -0.3]) for p in (clean, noisy)]
+        assert_allclose(runs[1]["speed"], runs[0]["speed"], rtol=1e-9)
+    wrong = dataclasses.replace(clean, D=-0.1 / K * np.outer([0, 0, 0, 1], [0, 1, 0]))
+    with pytest.raises(ModelError, match=r"'gap' gives way against input 'gap'.*the same Port for both"):
+        limit_cycles(wrong, None, MESH, "gap")
+
+
 def test_dead_time_and_filters_of_the_controller_are_in_it():
     slow = cascade(12.0, low_pass=40.0, dead_time=1e-3)
     plain = limit_cycles(two_inertias(), cascade(12.0), MESH, "gap", **LOAD)

@@ -21,6 +21,8 @@ __all__ = ["Around", "around"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
+_NOTHING = 1e-9  # flexibility beside that of the mesh
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Around:
@@ -153,7 +155,7 @@ def around(
         system.A,
         system.B[:, j],
         C,
-        float(D[j]),
+        _flexibility(float(D[j]), nonlinearity),
         system.B,
         D,
         (*plant.inputs, "reference"),
@@ -167,6 +169,11 @@ def around(
     )
     _check(out, nonlinearity, float(plant.C[i] @ plant.B[:, j]), n_u)
     return out
+
+
+def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
+    """Return the residual flexibility across a mesh; what rounding leaves of none is none."""
+    return 0.0 if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING else D
 
 
 def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:
