@@ -10,7 +10,6 @@ import numpy as np
 from updyn import __version__
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
-from updyn.control.weight import UncertaintyWeight
 from updyn.io.values_text import plain
 from updyn.job.planted import Planted
 from updyn.job.servo_record import drive_record, servo_record
@@ -120,24 +119,19 @@ def _family(planted: Planted) -> dict[str, Any] | None:
         "error": plain(planted.family.error),
         "unknowns": list(planted.family.names),
         "facts": plain(dict(planted.family.facts)),
-        "weights": [] if planted.weight is None else _weights(planted.weight),
+        "weights": _weights(planted),
     }
 
 
-def _weights(found: UncertaintyWeight) -> list[dict[str, Any]]:
-    return [
-        {
-            "output": output,
-            "input": name,
-            "kind": found.kind,
-            "order": weight.order,
-            "gain": plain(weight.gain),
-            **{
-                key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
-                for key in ("zeros", "poles")
-            },
-            **{key: plain(getattr(weight, key)) for key in ("largest", "mean", "peak", "peak_at", "note")},
+def _weights(planted: Planted) -> list[dict[str, Any]]:
+    out = []
+    for found in planted.weights.values():
+        ((weight,),) = found.weights
+        roots = {
+            key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
+            for key in ("zeros", "poles")
         }
-        for output, row in zip(found.outputs, found.weights, strict=True)
-        for name, weight in zip(found.inputs, row, strict=True)
-    ]
+        figures = {key: plain(getattr(weight, key)) for key in ("largest", "mean", "peak", "peak_at", "note")}
+        names = {"output": found.outputs[0], "input": found.inputs[0], "kind": found.kind}
+        out.append({**names, "order": weight.order, "gain": plain(weight.gain), **roots, **figures})
+    return out

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +37,8 @@ _SPREAD = 300
 _AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
 #: Above this size a reduced model, proved to this accuracy, answers for the model.
 _LARGE, _ACCURACY = 20_000, 1e-6
+#: Channels whose weights are sought at most, where no servo says which.
+_WEIGHTS = 9
 #: Modes that get lines of their own at most.
 _MODES = 80
 
@@ -75,8 +77,8 @@ class Planted:
         The plant behind a hold.
     family : PlantFamily or None
         Plants drawn from the uncertainty of the update.
-    weight : UncertaintyWeight or None
-        What covers the family.
+    weights : mapping of (int, int) to UncertaintyWeight
+        What covers the family, by position of output and input: the channels of the servo's loops, or all.
     servo : Servo or None
         The controller of ``[servo]`` on the plant, or on the family.
     drive : DriveFigures or None
@@ -99,7 +101,7 @@ class Planted:
     answer: _Complex | None = None
     sampled: Plant | None = None
     family: PlantFamily | None = None
-    weight: UncertaintyWeight | None = None
+    weights: Mapping[tuple[int, int], UncertaintyWeight] = field(default_factory=dict)
     servo: Servo | None = None
     drive: DriveFigures | None = None
     notes: tuple[str, ...] = ()
@@ -190,12 +192,15 @@ def planted_of(
             extra["sampled"] = _sampled(job, made)
         if table.family:
             told("plant: family")
-            found, said = _family(job, one, given, draws, engine)
-            extra |= found
+            extra["family"], said = _family(job, one, given, draws, engine)
             notes.append(said)
+            if extra["family"] is not None:
+                told("plant: weights of the family")
+                extra["weights"], missing = _weights(job, extra["family"])
+                notes += missing
     if job.servo is not None:
         told("plant: servo")
-        found, said = _servo(job, model, band, extra.get("family", made), strict)
+        found, said = _servo(job, model, band, extra.get("family") or made, strict)
         extra |= found
         notes.append(said)
     return replace(base, notes=tuple(n for n in notes if n), **extra)
@@ -328,21 +333,38 @@ def _sampled(job: Job, made: Plant) -> Plant:
 
 def _family(
     job: Job, result: UpdateResult | None, given: dict[str, Any], draws: Draws | None, engine: Any
-) -> tuple[dict[str, Any], str]:
-    """Return family and weight, and why there is none; the plant is not lost for that."""
+) -> tuple[PlantFamily | None, str]:
+    """Return the family, or why there is none; the plant is not lost for that."""
     assert job.plant is not None
     if result is None:
-        return {}, "There is no family: the model is not updated, so nothing is known of how sure it is."
+        return None, "There is no family: the model is not updated, so nothing is known of how sure it is."
     from updyn.control.family import plant_family
-    from updyn.control.weight import uncertainty_weight
 
     wish = job.plant
     how: dict[str, Any] = {"n": wish.family, "seed": wish.seed, "draws": draws, "engine": engine, "route": wish.route}
     try:
-        family = plant_family(result, tolerance=wish.tolerance, **how, **given)
+        return plant_family(result, tolerance=wish.tolerance, **how, **given), ""
     except UpdynError as error:
-        return {}, f"There is no family: {error}"
-    try:
-        return {"family": family, "weight": uncertainty_weight(family)}, ""
-    except UpdynError as error:
-        return {"family": family}, f"No weight covers the family: {error}"
+        return None, f"There is no family: {error}"
+
+
+def _weights(job: Job, family: PlantFamily) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
+    """Return a weight for each channel of the servo's loops, or for each channel of the plant; and what is missing."""
+    from updyn.control.weight import uncertainty_weight
+
+    servo, everything = job.servo, list(np.ndindex(len(family.outputs), len(family.inputs)))
+    if servo is not None and servo.controller is not None:
+        torque = family.inputs[0] if servo.torque is None else servo.torque
+        read = {servo.velocity, servo.position}
+        chosen = [(i, j) for i, j in everything if family.outputs[i] in read and family.inputs[j] == torque]
+    else:
+        chosen = everything[:_WEIGHTS]
+    out, notes = {}, []
+    for i, j in chosen:
+        try:
+            out[i, j] = uncertainty_weight(family.channel(family.outputs[i], family.inputs[j]))
+        except UpdynError as error:
+            notes.append(f"No weight covers {family.outputs[i]} over {family.inputs[j]}: {error}")
+    if len(chosen) < len(everything) and (servo is None or servo.controller is None):
+        notes.append(f"Weights of the first {len(chosen)} of {len(everything)} channels were sought.")
+    return out, notes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from updyn.control.plant import Plant
+from updyn.control.weight import UncertaintyWeight
 from updyn.job.planted import Planted
 from updyn.report.plots import Figure
 from updyn.report.stacked import Panel, band_traces, curve, level_line, log_frequency, log_range, phases, stacked
@@ -22,9 +23,7 @@ def plant_figures(planted: Planted) -> dict[str, Figure]:
     if plant is None or planted.freq is None:
         return {}
     out = {bode_name(i, j): _bode(planted, plant, i, j) for i, j in channels(planted)}
-    if planted.weight is not None:
-        out |= {weight_name(i, j): _weight(planted, i, j) for i, j in channels(planted)}
-    return out
+    return out | {weight_name(i, j): _weight(found) for (i, j), found in planted.weights.items()}
 
 
 def channels(planted: Planted) -> list[tuple[int, int]]:
@@ -98,14 +97,12 @@ def degree_axis(values: object) -> dict[str, object]:
     return {"tick0": 0, "dtick": step, "range": [low - 0.15 * step, high + 0.15 * step]}
 
 
-def _weight(planted: Planted, i: int, j: int) -> Figure:
-    weight = planted.weight
-    assert weight is not None
-    radius = np.asarray(weight.radius)[:, i, j]
-    cover = np.abs(np.asarray(weight.at(weight.freq))[:, i, j])
+def _weight(found: UncertaintyWeight) -> Figure:
+    radius = np.asarray(found.radius)[:, 0, 0]
+    cover = np.abs(np.asarray(found.at(found.freq))[:, 0, 0])
     traces = [
-        curve(weight.freq, radius, "family", "@measured", width=3),
-        curve(weight.freq, cover, "weight |W|", "@after"),
+        curve(found.freq, radius, "family", "@measured", width=3),
+        curve(found.freq, cover, "weight |W|", "@after"),
     ]
     axis = log_range(np.concatenate([radius, cover]), 6.0)
-    return stacked([Panel("relative to the nominal plant", traces, axis)], log_frequency(weight.freq), 320)
+    return stacked([Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320)

@@ -174,34 +174,22 @@ def _conversions(planted: Planted) -> str:
 
 
 def _weights(planted: Planted, figures: Mapping[str, Figure]) -> str:
-    if planted.weight is None or planted.plant is None:
+    if not planted.weights or planted.plant is None:
         return ""
-    plant, places = planted.plant, []
-    for i, j in channels(planted):
+    plant, places, rows = planted.plant, [], []
+    kinds = ("", "", "", "", "", "note-cell")
+    for (i, j), found in planted.weights.items():
         name, heading = weight_name(i, j), f"{plant.outputs[i]} over {plant.inputs[j]}"
-        if name in figures:
-            place = m.figure(name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"])
-            places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
+        place = m.figure(name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"])
+        places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
+        ((weight,),) = found.weights
+        over = f"{w.number(weight.largest, 3)}, mean {w.number(weight.mean, 3)}"
+        farthest = [share(weight.peak), f"{w.number(weight.peak_at, 4)} Hz"]
+        rows.append(m.row([heading, *farthest, str(weight.order), over, weight.note], kinds))
     said = (
         "How far the plants of the family are from the nominal one, relative to it, and a stable minimum-phase weight "
         "of low order that covers them, for a robust design. Zeros, poles and gains are in control.json."
     )
-    kinds = ("", "", "", "", "", "note-cell")
-    rows = [
-        m.row(
-            [
-                f"{output} over {name}",
-                share(weight.peak),
-                f"{w.number(weight.peak_at, 4)} Hz",
-                str(weight.order),
-                f"{w.number(weight.largest, 3)}, mean {w.number(weight.mean, 3)}",
-                weight.note,
-            ],
-            kinds,
-        )
-        for output, row in zip(planted.weight.outputs, planted.weight.weights, strict=True)
-        for name, weight in zip(planted.weight.inputs, row, strict=True)
-    ]
     head = ["channel", "farthest", "at", "order of the weight", "weight over radius", "note"]
     drawn = m.details("Radius and weight over frequency", f'<div class="pair wide">{"".join(places)}</div>')
     return f"<h3>Uncertainty for a robust design</h3>{m.paragraph(said)}{m.table(head, rows, kinds=kinds)}{drawn}"
