@@ -110,7 +110,7 @@ def test_the_radius_is_that_of_the_closed_form(family, found) -> None:
 def test_the_weight_lies_above_on_other_lines_and_closely(family, found) -> None:
     level = np.maximum(true_radius(family, OTHER_LINES, found.kind), found.floor)
     size = np.abs(found.at(OTHER_LINES))
-    assert (size / level).min() > 1 - 1e-4
+    assert (size / level).min() >= 1.0
     for j, (w,) in enumerate(found.weights):
         on_lines = size[:, j, 0] / level[:, j, 0]
         assert on_lines.max() < 1.02 * w.largest
@@ -151,7 +151,7 @@ def test_more_order_lies_closer(family) -> None:
     load = family.channel("load", "torque")
     made = [uncertainty_weight(load, order=n).weights[0][0] for n in (0, 1, 3)]
     assert [w.order for w in made] == [0, 1, 3]
-    assert made[0].gain == pytest.approx(made[0].peak, rel=1e-3)
+    assert made[0].gain == pytest.approx(made[0].peak, rel=2e-3)
     assert made[0].mean > 2 * made[1].mean > 10 * made[2].mean
     short = uncertainty_weight(load, largest_order=1).weights[0][0]
     assert short.order == 1
@@ -223,17 +223,19 @@ def closed_loop(plant, gain: float, low_pass: float) -> np.ndarray:
     return np.linalg.eigvals(whole)
 
 
-def test_a_controller_within_the_bound_is_stable_with_every_member(family) -> None:
+@pytest.mark.parametrize("kind", ["multiplicative", "additive"])
+def test_a_controller_within_the_bound_is_stable_with_every_member(family, kind) -> None:
     """And not all that leave it are; sources in the docstring of `uncertainty_weight`."""
-    found = uncertainty_weight(family.channel("load", "torque"), order=4)
+    found = uncertainty_weight(family.channel("load", "torque"), order=4, kind=kind)
     s = 2j * np.pi * found.freq
     G, W = exact(s)[:, 1, 0], found.at(found.freq)[:, 0, 0]
     kept, lost = 0, 0
     for gain in np.geomspace(0.3, 100.0, 12):
         for corner in (10.0, 60.0, 400.0):
-            L = G * gain / (1 + s / corner)
+            K = gain / (1 + s / corner)
+            reaction = K * (G if kind == "multiplicative" else 1) / (1 + G * K)
             nominal = closed_loop(drive(), gain, corner).real.max() < 0
-            meets = nominal and (np.abs(W * L / (1 + L)) < 1).all()
+            meets = nominal and (np.abs(W * reaction) < 1).all()
             stable = [closed_loop(m, gain, corner).real.max() < 0 for m in family.members]
             if meets:
                 assert all(stable)

@@ -35,7 +35,7 @@ class Weight:
     note : str
         What to know of this channel.
     A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
-        In state space, sections in series, time in s.
+        In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in python-control.
     """
 
     zeros: _Complex

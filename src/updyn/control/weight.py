@@ -29,8 +29,8 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 KINDS = ("multiplicative", "additive")
-#: What rounding may take from a bound.
-_ROUNDING = 1e-9
+#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have between two of them.
+_MARGIN = 1e-3
 #: Times that lines are added where the weight comes closest.
 _ROUNDS = 3
 #: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
@@ -251,7 +251,7 @@ def _given(freq: ArrayLike) -> _Real:
 def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
     # Between the lines of the fit it may have come to lie below; the gain makes up for it.
-    lift = max(-float(excess.min()), 0.0) + _ROUNDING
+    lift = max(-float(excess.min()), 0.0) + _MARGIN
     spacing = np.gradient(np.log(lines)) if len(lines) > 1 else np.ones(1)
     mean = float(np.exp(spacing @ excess / spacing.sum() + lift))
     top = int(np.argmax(radius))
