@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from servo_cases import masses, rigid, two_masses
@@ -76,12 +78,22 @@ def test_tuned_has_the_margin_of_its_rule():
     np.testing.assert_allclose(poles, -w / 2, rtol=1e-5)
 
 
+def sum_of_inertias(plant):
+    return {2: 4.0, 4: 7.0, 6: 7.5}[plant.n_states]
+
+
 def test_inertia_is_that_of_the_rigid_body():
     assert inertia_of(two_masses(), "motor", "speed") == pytest.approx(7.0, rel=1e-9)
     assert inertia_of(two_masses(), "wind", "load") == pytest.approx(7.0, rel=1e-9)
     chain = masses((2.0, 5.0, 0.5), (3e3, 1e5), (0.1, 3.0))
     assert inertia_of(chain, "motor", "load speed") == pytest.approx(7.5, rel=1e-7)
     assert inertia_of(two_masses(ground=1e3), "motor", "speed") is None
+    # bearing friction: the rigid body has its pole at -c / J, and its inertia all the same
+    for free, friction in ((rigid(4.0), 3.0), (two_masses(), 5.0), (chain, 0.2)):
+        A, n = free.A.copy(), free.n_states // 2
+        A[n:, n:] -= friction / sum_of_inertias(free) * np.eye(n)
+        braked = replace(free, A=A)
+        assert inertia_of(braked, "motor", "speed") == pytest.approx(sum_of_inertias(free), rel=1e-7)
     with pytest.raises(updyn.errors.ModelError, match="no rigid-body motion"):
         updyn.Controller.tuned(two_masses(ground=1e3), 3.0, torque="motor", velocity="speed")
 

@@ -12,6 +12,7 @@ from updyn.control.servo.grid import Loop
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.stability import count_drifting, count_growing, nyquist_count
+from updyn.errors import ModelError
 
 __all__ = ["Judged", "judge", "judge_all"]
 
@@ -62,13 +63,29 @@ def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
     ----------
     cascade : Cascade
         Controller and plant.
+
+    Raises
+    ------
+    ModelError
+        If the torque does not move what the controller reads.
+    SolverError
+        If stability with dead time cannot be judged.
     """
+    _check_moves(cascade)
     zeros = cascade.zeros
     inner = judge(cascade, cascade.velocity, cascade.velocity, cascade.velocity_poles, zeros, False)
     if not cascade.has_position:
         return inner, None
     features = np.concatenate([zeros, inner.poles])
     return inner, judge(cascade, cascade.position, cascade.torque, cascade.poles, features, True)
+
+
+def _check_moves(cascade: Cascade) -> None:
+    wiring = cascade.wiring
+    size = np.abs(cascade.motion(1j * np.array([0.9, 11.3, 257.1, 4021.7])))[:, :, 0].max(axis=0)
+    for name, largest in ((wiring.velocity, size[0]), (wiring.position, size[1])):
+        if name is not None and not largest:
+            raise ModelError(f"torque {wiring.torque!r} does not move {name!r}: there is no loop to close")
 
 
 def judge(

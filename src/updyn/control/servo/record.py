@@ -36,6 +36,8 @@ class Loop:
         Of the nominal plant.
     family : ndarray of complex, shape (n_members, n_f)
         The loop function of each member of a family; no rows without one.
+    family_phase : ndarray of float, shape (n_members, n_f)
+        Its phase in degrees, as `phase`.
     members : tuple of Margins
         One a member.
     worst : mapping of str to Range
@@ -49,6 +51,7 @@ class Loop:
     phase: _Real
     margins: Margins
     family: _Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
+    family_phase: _Real = field(default_factory=lambda: np.zeros((0, 0)))
     members: tuple[Margins, ...] = ()
     worst: Mapping[str, Range] = field(default_factory=dict)
 

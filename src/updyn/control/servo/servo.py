@@ -19,7 +19,7 @@ from updyn.control.servo.record import Loop, Servo
 from updyn.control.servo.timing import Timed, timed
 from updyn.control.servo.tuning import inertia_of
 from updyn.control.servo.wind import Wind
-from updyn.errors import DataError, OptionError
+from updyn.errors import DataError, OptionError, UpdynError
 from updyn.frf import check_lines
 
 __all__ = ["servo"]
@@ -90,6 +90,8 @@ def servo(
         direct feed-through and the controller has no low-pass.
     DataError
         If lines or a series cannot be used.
+    ModelError
+        If the torque does not move what the controller reads.
     SolverError
         If stability with dead time cannot be judged.
 
@@ -109,10 +111,10 @@ def servo(
     wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
     cascade = Cascade(nominal, controller, wiring)
     judged = judge_all(cascade)
-    members = [(own := Cascade(p, controller, wiring), judge_all(own)) for p in others]
-    lines = _lines(freq, judged, [j for _, j in members])
+    members = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
+    lines = _lines(freq, judged, members)
     loops = [
-        _loop(name, j, lines, freq is None, [(c, _one(m[k])) for c, m in members])
+        _loop(name, j, lines, [_one(m[k]) for m in members])
         for k, (name, j) in enumerate(zip(("velocity", "position"), judged, strict=True))
         if j is not None
     ]
@@ -143,6 +145,13 @@ def servo(
     )
 
 
+def _member(number: int, plant: Plant, controller: Controller, wiring: Wiring) -> tuple[Judged, Judged | None]:
+    try:
+        return judge_all(Cascade(plant, controller, wiring))
+    except UpdynError as error:
+        raise type(error)(f"member {number} of the family: {error}") from error
+
+
 def _one(judged: Judged | None) -> Judged:
     assert judged is not None
     return judged
@@ -164,15 +173,31 @@ def _lines(
     return np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
 
 
-def _loop(name: str, judged: Judged, lines: _Real, resolved: bool, members: Sequence[tuple[Cascade, Judged]]) -> Loop:
+def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) -> Loop:
+    L, phase = _drawn(judged, lines)
+    drawn = [_drawn(own, lines) for own in members]
+    shape = len(members), len(lines)
+    margins = tuple(own.margins for own in members)
+    return Loop(
+        name=name,
+        freq=lines,
+        L=L,
+        phase=phase,
+        margins=judged.margins,
+        family=np.array([values for values, _ in drawn], dtype=np.complex128).reshape(shape),
+        family_phase=np.array([own for _, own in drawn], dtype=np.float64).reshape(shape),
+        members=margins,
+        worst=ranges(margins) if margins else {},
+    )
+
+
+def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
+    """Return the loop function at some lines and its phase in degrees, whose turns are those of the lines within."""
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
     phase = np.degrees(np.angle(L))
     dense = np.interp(np.log(w), np.log(judged.w), grid.phase_of(judged.w, judged.values))
-    phase = phase + 360.0 * np.round((dense - phase) / 360.0)
-    family = np.array([own.loop(1j * w) for _, own in members]).reshape(len(members), len(lines))
-    margins = tuple(own.margins for _, own in members)
-    return Loop(name, lines, L, phase, judged.margins, family, margins, ranges(margins) if margins else {})
+    return L, np.asarray(phase + 360.0 * np.round((dense - phase) / 360.0))
 
 
 def _bandwidth(cascade: Cascade, outer: Judged) -> float | None:

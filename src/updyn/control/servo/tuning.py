@@ -13,13 +13,18 @@ from updyn.group import is_number
 
 __all__ = ["inertia_of", "tuned"]
 
-#: Poles below this share of the highest stand at 0 but for rounding; where below the lowest other one, and at how
-#: many points, to look.
-_AT_REST, _BELOW, _POINTS = 1e-6, 0.03, 6
+#: Poles nearer to 0 than this share of the lowest oscillation are as good as at 0; smaller ones oscillate by rounding.
+_AT_REST = 1e-3
+#: Points on a circle about the slow poles, the ratio of the poles on either side of it that leaves room for it, and the
+#: least share of the mobility there that the slow poles have if something turns freely.
+_POINTS, _ROOM, _DOMINANT = 256, 1.5, 0.5
 
 
 def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
-    """Return the rigid-body inertia from a torque to a velocity: the limit of 1 / (s G(s)) as s goes to 0.
+    """Return the rigid-body inertia from a torque to a velocity.
+
+    Its reciprocal is the sum of the residues of the mobility at the slow poles: that at 0 of a body that turns freely,
+    that at -c / J of one with bearing friction c. It is taken from an integral on a circle about them.
 
     Parameters
     ----------
@@ -37,17 +42,27 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
     cascade = Cascade(
         plant, Controller(1.0, low_pass=1.0), Wiring.of(plant, Controller(1.0), torque, velocity, *[None] * 3)
     )
-    poles = np.abs(plant.poles)
-    moving = poles[poles > _AT_REST * poles.max(initial=0.0)]
-    s = _BELOW * (float(moving.min()) if len(moving) else 1.0)
-    points = s * 0.5 ** np.arange(_POINTS, dtype=np.complex128)
-    mobility: NDArray[np.float64] = (points * cascade.motion(points)[:, 0, 0]).real  # 1 / J + O(s)
-    limit = mobility
-    for k in range(1, _POINTS):  # Richardson: without its terms in s, s^2, ...
-        limit = (2.0**k * limit[1:] - limit[:-1]) / (2.0**k - 1.0)
-    if not limit[0] or abs(mobility[-1] - limit[0]) > 1e-2 * abs(limit[0]):
-        return None
-    return float(1.0 / limit[0])
+    best, share = None, _DOMINANT
+    for radius in _radii(plant.poles):
+        points = radius * np.exp(2j * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
+        mobility = points * cascade.motion(points)[:, 0, 0]
+        residue = float(mobility.mean().real)
+        own = abs(residue) / float(np.abs(mobility).mean())
+        if own > share:
+            best, share = 1.0 / residue, own
+    return best
+
+
+def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return radii of circles in the gaps below the first oscillation, in rad/s."""
+    size = np.abs(poles)
+    moving = size > 1e-6 * size.max(initial=0.0)
+    oscillating = size[moving & (np.abs(poles.imag) > 0.1 * size)]
+    first = float(oscillating.min()) if len(oscillating) else 10.0 * float(size[moving].max(initial=1.0))
+    low = _AT_REST * first
+    steps = np.unique(np.concatenate([[low], np.clip(size[size <= first], low, None), [first]]))
+    wide = steps[1:] > _ROOM * steps[:-1]
+    return np.asarray(np.sqrt(steps[1:] * steps[:-1])[wide])
 
 
 def tuned(
