@@ -177,6 +177,14 @@ class TestViscous:
 
 
 class TestRigidBody:
+    def test_no_damping_at_all(self) -> None:
+        k, m1, m2 = 5e4, 3.0, 1.0
+        plant = updyn.plant(springs([0.0, k], [m1, m2], [0.0, 0.0]), ["1:X"], ["2:X"], (0.1, 100.0), 0.01)
+        omega = np.sqrt(k * (1 / m1 + 1 / m2))
+        assert np.sort(np.abs(plant.poles)) == pytest.approx([0.0, 0.0, omega, omega], rel=1e-12, abs=1e-9)
+        s = 2j * np.pi * np.array([3.0, 70.0])
+        assert plant.at(s)[:, 0, 0] == pytest.approx(k / (s**2 * (m1 * m2 * s**2 + k * (m1 + m2))), rel=1e-9)
+
     def test_slope_and_double_integrator(self) -> None:
         model = springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04])
         plant = updyn.plant(model, ["1:X"], ["2:X"], (0.1, 100.0), 0.02)
@@ -212,6 +220,22 @@ def test_a_large_model_through_a_reduced_one() -> None:
     assert "reduced model" in plant.facts["motions"]
     assert off(plant, model, "receptance", np.linspace(0.1 * top, top, 500)) <= 0.02
     assert plant.n_states <= 24
+
+
+def test_a_channel_without_coupling() -> None:
+    """Two structures side by side: what is only rounding from one to the other is not asked for."""
+    one, mass = np.array([[5e4, -5e4], [-5e4, 9e4]]), np.eye(2)
+    zero = np.zeros((2, 2))
+    rotated = np.kron(np.array([[0.6, -0.8], [0.8, 0.6]]), np.eye(2))  # coordinates in which rounding mixes them
+    both = rotated @ np.block([[one, zero], [zero, 3 * one]]) @ rotated.T
+    model = updyn.Model.from_groups(
+        {"springs": updyn.Group(0.5 * (both + both.T), np.kron(np.eye(2), mass), 0.02)},
+        [f"{i}:X" for i in (1, 2, 3, 4)],
+    )
+    here, there = updyn.Port("here", {"1:X": 0.6, "3:X": 0.8}), updyn.Port("there", {"1:X": -0.8, "3:X": 0.6})
+    plant = updyn.plant(model, [here], [here, there], (5.0, 100.0), 0.02)
+    G = np.abs(plant.response([40.0]).values)[0, :, 0]
+    assert G[1] < 1e-7 * G[0]
 
 
 class TestPorts:

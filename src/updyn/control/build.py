@@ -304,18 +304,20 @@ def _task(
             f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the structure have no "
             "finite answer; begin it above"
         )
+    powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
+    lines = target_lines(_poles(space), (low, high))
     target = Target.of(
         model,
         inputs,
         outputs,
         quantities,
-        target_lines(_poles(space), (low, high)),
+        lines,
         slow=bool(space.omega[0] < 2.0 * np.pi * low),
+        potential=full(space, powers).potential(lines),
         solver=space.solver,
         tier=tier,
         backend=backend,
     )
-    powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     if not np.isfinite(target.values).all():
         raise SolverError("plant: the structure has no finite answer at a line of the band: it is not damped")
     return _Task(space, target, powers, (low, high)), quantities

@@ -61,7 +61,8 @@ class SecondOrder:
         """Return what leaving each mode out changes, its coupling to others aside."""
         space, s = self.space, imaginary(freq)
         square = np.where(self.always, 1.0, space.omega**2)
-        own = 1.0 / (square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)  # (n_f, r)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
+            own = 1.0 / (square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)  # (n_f, r)
         size = rates(self.powers, s)[:, :, 0]
         out = np.empty((len(space), len(space.outputs), len(space.inputs)))
         for i, power in enumerate(self.powers):
@@ -69,6 +70,26 @@ class SecondOrder:
             largest = np.abs(left * size[:, [i]]).max(axis=0)
             out[:, i] = largest[:, None] * np.abs(space.outputs[i][:, None] * space.inputs.T)
         return out
+
+    def potential(self, freq: _Real) -> _Real:
+        """Return how large each channel might be by what its two ports have each: |H_ij|^2 <= H_ii H_jj, by mode.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+
+        Returns
+        -------
+        ndarray of float, shape (n_y, n_u)
+        """
+        space, s = self.space, imaginary(freq)
+        square = space.omega**2
+        size = np.abs(rates(self.powers, s)[:, :, 0])
+        with np.errstate(divide="ignore"):  # a mode without damping, on a line
+            own = np.abs(1.0 / (square + s[:, None] * np.diag(self.damping) + s[:, None] ** 2))
+        peak = np.stack([np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))])
+        return np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2))
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""

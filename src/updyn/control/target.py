@@ -23,6 +23,10 @@ _BETWEEN = 200
 _AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0])
 #: A resonance counts down to this share of the highest one of its channel.
 _COUNTS = 0.1
+#: A channel below this share of what its two ports have each is one without coupling.
+_UNCOUPLED = 1e-7
+#: A pole nearer to the axis than this share of its size is one without damping.
+_UNDAMPED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +40,14 @@ class Target:
     values : ndarray of complex, shape (n_f, n_y, n_u)
         Output over input: of the whole model, or of a reduced one proved to 1e-8 where there is one.
     level : ndarray of float, shape (n_y, n_u)
-        Peak of each channel; 1 where there is no coupling at all.
+        Peak of each channel, or `floor` where it is no more than that.
     broad : ndarray of float, shape (n_y, n_u)
         The same on evenly spaced lines, as a measurement would have it: lower where a resonance is very sharp.
     seen : ndarray of float, shape (n_f, n_y, n_u)
         Size of the response as resonances are told by: with rigid-body motion or a mode below the band that of the
         accelerations, in which what is low in frequency does not hide the rest.
+    floor : ndarray of float, shape (n_y, n_u)
+        What is left of a channel without coupling: rounding, far below what its two ports have each.
     """
 
     freq: _Real
@@ -49,6 +55,7 @@ class Target:
     level: _Real
     broad: _Real
     seen: _Real
+    floor: _Real
 
     @classmethod
     def of(
@@ -60,6 +67,7 @@ class Target:
         freq: _Real,
         *,
         slow: bool,
+        potential: _Real,
         solver: ReducedSolver | None = None,
         tier: str | None = None,
         backend: str | None = None,
@@ -78,6 +86,8 @@ class Target:
             Lines in Hz.
         slow : bool
             Whether there is rigid-body motion, or a mode below the band.
+        potential : ndarray of float, shape (n_y, n_u)
+            Peak that each channel might have by what its two ports have each.
         solver : ReducedSolver, optional
             A proved reduced model, which answers where no tier is forced.
         tier, backend : str, optional
@@ -97,8 +107,8 @@ class Target:
         even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
         broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
         seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if slow else size
-        level, broad = (np.where(a > 0, a, 1.0) for a in (level, broad))
-        return cls(freq, values, level, broad, seen)
+        floor = np.where(potential > 0, _UNCOUPLED * potential, 1.0)
+        return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), seen, floor)
 
     def error(self, G: _Complex) -> float:
         """Return the largest error of a channel as a share of its peak.
@@ -150,6 +160,8 @@ class Target:
 
     def resonances(self, output: int, input: int, *, strict: bool = False) -> list[tuple[int, int]]:
         """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
+        if self.level[output, input] <= self.floor[output, input]:
+            return []
         seen = self.seen[:, output, input] if strict else np.abs(self.values[:, output, input])
         rises = np.diff(seen) > 0
         tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
@@ -177,7 +189,8 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
         In Hz, ascending, both ends included.
     """
     low, high = band
-    width = np.maximum(np.abs(poles.real), 1e-7 * np.abs(poles))
+    poles = poles[np.abs(poles.real) > _UNDAMPED * np.abs(poles)]  # at an undamped resonance there is no answer
+    width = np.abs(poles.real)
     around = ((np.abs(poles.imag)[:, None] + width[:, None] * _AROUND) / (2.0 * np.pi)).ravel()
     around = around[(around > low) & (around < high)]
     spread = np.geomspace(max(low, 1e-4 * high), high, _BETWEEN)
