@@ -43,9 +43,9 @@ class Target:
         Peak of each channel, or `floor` where it is no more than that.
     broad : ndarray of float, shape (n_y, n_u)
         The same on evenly spaced lines, as a measurement would have it: lower where a resonance is very sharp.
-    seen : ndarray of float, shape (n_f, n_y, n_u)
-        Size of the response as resonances are told by: with rigid-body motion or a mode below the band that of the
-        accelerations, in which what is low in frequency does not hide the rest.
+    lift : ndarray of float, shape (n_f, n_y, 1)
+        Factor by which resonances are told: with rigid-body motion or a mode below the band that to the accelerations,
+        in which what is low in frequency does not hide the rest.
     floor : ndarray of float, shape (n_y, n_u)
         What is left of a channel without coupling: rounding, far below what its two ports have each.
     """
@@ -54,7 +54,7 @@ class Target:
     values: _Complex
     level: _Real
     broad: _Real
-    seen: _Real
+    lift: _Real
     floor: _Real
 
     @classmethod
@@ -106,9 +106,9 @@ class Target:
         level = size.max(axis=0)
         even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
         broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
-        seen = size * (np.abs(s)[:, None] ** (2 - power))[:, :, None] if slow else size
+        lift = (np.abs(s)[:, None] ** ((2 - power) * slow))[:, :, None]
         floor = np.where(potential > 0, _UNCOUPLED * potential, 1.0)
-        return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), seen, floor)
+        return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), lift, floor)
 
     def error(self, G: _Complex) -> float:
         """Return the largest error of a channel as a share of its peak.
@@ -147,10 +147,9 @@ class Target:
         G : ndarray of complex, shape (n_f, n_y, n_u)
             An answer at the same lines.
         strict : bool
-            Whether a tenth by `seen` counts, or by the response itself.
+            Whether resonances and their heights are those of the response times `lift`, or of the response itself.
         """
-        size = np.abs(G)
-        own = np.abs(self.values)
+        own, size = self._seen(self.values, strict), self._seen(G, strict)
         worst = 0.0
         for i, j in np.ndindex(*self.level.shape):
             for first, last in self.resonances(i, j, strict=strict):
@@ -158,11 +157,14 @@ class Target:
                 worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
         return float(worst)
 
+    def _seen(self, H: _Complex, strict: bool) -> _Real:
+        return np.abs(H) * self.lift if strict else np.abs(H)
+
     def resonances(self, output: int, input: int, *, strict: bool = False) -> list[tuple[int, int]]:
         """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
         if self.level[output, input] <= self.floor[output, input]:
             return []
-        seen = self.seen[:, output, input] if strict else np.abs(self.values[:, output, input])
+        seen = self._seen(self.values, strict)[:, output, input]
         rises = np.diff(seen) > 0
         tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
         lows = np.concatenate([[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(seen) - 1]])
