@@ -86,6 +86,16 @@ def test_each_member_answers_as_its_own_model(unsure, family) -> None:
     )
 
 
+def test_the_words(family) -> None:
+    text = family.summary()
+    assert text.startswith("Family: 6 members of 2 unknowns, covariance")
+    low, high = (resonance(f(family.values[:, 0])) for f in (np.min, np.max))
+    assert text.splitlines()[-1].split() == ["2", *(f"{f:.6g}" for f in (family.nominal.modes[1], low, high))]
+    fewer = replace(family.members[0], modes=family.members[0].modes[:1])
+    mixed = replace(family, members=(fewer, *family.members[1:]), facts={"cut": {"a.loss_factor": 0.5}, "note": "So."})
+    assert "The plants have 4 states.\n50 % of the draws of a.loss_factor lie on its bound.\nSo." in mixed.summary()
+
+
 def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
     """Log-normal in the factor, normal in the loss factor: 4000 draws without their plants."""
     nominal = plant_family(unsure, **PORTS, n=1).nominal
@@ -193,14 +203,19 @@ def test_one_route_serves_all(unsure, monkeypatch) -> None:
         plant_family(unsure, **PORTS, n=2, route="modal")
 
 
-def test_a_member_without_damping_is_named(unsure) -> None:
-    drawn = Draws(
-        "bootstrap", tuple(unsure.parameters.names), np.array([[[1.2, 0.03], [1.1, 0.0]]]),
-        np.array([unsure.values[n] for n in unsure.parameters.names]), np.ones(2), unsure.parameters.lower,
-        unsure.parameters.upper, unsure.parameters.is_factor,
-    )  # fmt: skip
-    with pytest.raises((SolverError, ModelError), match=r"member 1 of the family .*shaft\.loss_factor = 0\)"):
-        plant_family(unsure, **PORTS, n=2, draws=drawn)
+def test_a_member_that_cannot_be_solved_is_named(unsure, monkeypatch) -> None:
+    plain = updyn.control.family.plant
+
+    def sometimes(model, *about, **options):
+        if model is not unsure.model:
+            raise SolverError("no finite answer at 3 Hz")
+        return plain(model, *about, **options)
+
+    monkeypatch.setattr(updyn.control.family, "plant", sometimes)
+    with pytest.raises(
+        SolverError, match=r"member 0 of the family \(.*, shaft\.loss_factor = 0\.0\d+\): no finite answer"
+    ):
+        plant_family(unsure, **PORTS, n=2)
 
 
 def test_what_is_not_understood_is_refused(unsure) -> None:
@@ -208,6 +223,8 @@ def test_what_is_not_understood_is_refused(unsure) -> None:
         plant_family(unsure, **PORTS, n=0)
     with pytest.raises(OptionError, match="seed = -1"):
         plant_family(unsure, **PORTS, seed=-1)
+    with pytest.raises(OptionError, match="band None; expected two lines"):
+        plant_family(unsure, **PORTS | {"band": None})
     with pytest.raises(OptionError, match="expected the result of an update, found Model"):
         plant_family(unsure.model, **PORTS)
     with pytest.raises(OptionError, match="ended as 'failed', not at a minimum"):

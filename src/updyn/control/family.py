@@ -154,6 +154,27 @@ class PlantFamily:
         size = np.abs(np.concatenate([self.nominal.response(freq).values[None], self.response(freq)]))
         return size.min(axis=0), size.max(axis=0)
 
+    def summary(self) -> str:
+        """Return the family as text: what it was drawn from, its errors, and how far its resonances move."""
+        said = [f"Family: {len(self)} members of {len(self.names)} unknowns, {self.facts.get('source', 'given')}"]
+        said += [
+            f"Largest error of a plant against its own model: {self.error:.2g} (allowed: {self.nominal.tolerance:g})"
+        ]
+        modes = [p.modes for p in self.members]
+        if len({len(m) for m in (self.nominal.modes, *modes)}) == 1 and len(self.nominal.modes):
+            low, high = np.min(modes, axis=0), np.max(modes, axis=0)
+            said.append(f"{'mode':>6}{'nominal Hz':>14}{'lowest':>14}{'highest':>14}")
+            rows = enumerate(zip(self.nominal.modes, low, high, strict=True), 1)
+            said += [f"{i:>6}{f:>14.6g}{a:>14.6g}{b:>14.6g}" for i, (f, a, b) in rows]
+        else:
+            counts = sorted({p.n_states for p in (self.nominal, *self.members)})
+            said.append(
+                f"The plants have {' to '.join(str(c) for c in (counts[0], counts[-1])[: len(counts)])} states."
+            )
+        cut = self.facts.get("cut", {})
+        said += [f"{100 * share:.0f} % of the draws of {name} lie on its bound." for name, share in cut.items()]
+        return "\n".join([*said, *filter(None, [self.facts.get("note", "")])])
+
     def channel(self, output: str, input: str) -> PlantFamily:
         """Return the family between one input and one output.
 
@@ -257,10 +278,8 @@ def plant_family(
     else:
         values, source, note = _from_draws(result, draws, int(n))
         cut = {}
-    making = _Making(
-        own.start, own.parameters, *ports, tuple(band), tolerance,
-        {"quantity": quantity if isinstance(quantity, str) else tuple(quantity), "tier": tier, "backend": backend},
-    )  # fmt: skip
+    options = {"quantity": quantity, "tier": tier, "backend": backend}
+    making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
     nominal = making.plant(own.model, route)
     with ExitStack() as ending:
         made = choose_engine(engine)
@@ -294,7 +313,7 @@ class _Making:
     parameters: ParameterSet
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
-    band: tuple[float, ...]
+    band: Sequence[float]
     tolerance: float
     options: Mapping[str, Any]
 

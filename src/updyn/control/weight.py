@@ -163,8 +163,10 @@ def uncertainty_weight(
     several while the others stay as they are. The members are draws: the bound holds for them, and for what they were
     drawn from as far as they stand for it.
 
-    A small shift of a sharp antiresonance of G_0 makes the multiplicative radius large there, however surely the plant
-    is known otherwise: the disc of the theory knows no phase. The note of the channel says where.
+    A small shift of a sharp antiresonance of G_0, or of a resonance by more than its width, makes the multiplicative
+    radius large there, however surely the plant is known otherwise: the disc of the theory knows no phase. The note of
+    the channel says where. A loop may then well be stable with every member without meeting |W T| < 1, as one from a
+    motor to its own speed; `updyn.servo` looks at the members one by one.
     """
     _check(family, order, kind, tolerance, largest_order, floor)
     roots = [p.poles for p in (family.nominal, *family.members)]
