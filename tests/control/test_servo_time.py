@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
 from servo_cases import LOAD, MOTOR, STIFFNESS, masses, rigid, speed_over_torque, two_masses
 
 import updyn
@@ -30,10 +31,16 @@ def closed_loops(controller):
     return control.minreal(ahead * K * G / s / (1 + whole), 1e-6, verbose=False)
 
 
+def stepped(system, time):
+    """The step response of python-control, which wants equal intervals, at other times."""
+    even, value = control.step_response(system, np.linspace(0, time[-1], 20_001))
+    return CubicSpline(even, value)(time)
+
+
 def test_step_of_the_reference_is_that_of_python_control():
     found = updyn.servo(two_masses(), CONTROLLER, **BOTH)
     step = found.step
-    _, want = control.step_response(closed_loops(CONTROLLER), step.time)
+    want = stepped(closed_loops(CONTROLLER), step.time)
     np.testing.assert_allclose(step.value, want, atol=1e-6 * np.abs(want).max())
     info = control.step_info(closed_loops(CONTROLLER), T=np.linspace(0, step.time[-1], 40_001))
     assert step.rise_time == pytest.approx(info["RiseTime"], abs=3e-4)
@@ -48,7 +55,7 @@ def test_step_of_the_reference_is_that_of_python_control():
 def test_feed_forward_steps_by_its_impulse_too():
     controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, feed_forward=0.5)
     found = updyn.servo(two_masses(), controller, **BOTH, step=0.1)
-    _, want = control.step_response(closed_loops(controller), found.step.time)
+    want = stepped(closed_loops(controller), found.step.time)
     np.testing.assert_allclose(found.step.value, 0.1 * want, atol=1e-7)
     np.testing.assert_allclose(
         found.reference, closed_loops(controller)(2j * np.pi * found.freq), rtol=1e-6, atol=1e-12
@@ -324,3 +331,34 @@ def test_dead_time_and_feed_through_together():
                 jump = R * 100.0 * 2 * np.pi * 60.0
                 assert a.step.value[0] == pytest.approx(jump / (1 + jump), rel=1e-9)
             assert a.disturbance_step.peak == pytest.approx(b.disturbance_step.peak, rel=1e-3)
+
+
+def test_fast_and_slow_motion_are_both_resolved():
+    # a drive with friction of its own at 2 kHz, and an integral of 20 s: 5 decades between the fastest and the slowest
+    plant = masses((1.0, 0.02), (1e6,), (3.0,))
+    controller = updyn.Controller(3e3, 20.0, 100.0)
+    step = updyn.servo(plant, controller, **FULL, disturbance_step=1.0).disturbance_step
+    assert len(step.time) < 30_000
+    s = control.tf("s")
+    K = 3e3 * (1 + 1 / (20.0 * s)) * (100.0 + s) / s
+    D11 = control.tf([1.0, 3.0, 1e6], [1]) + K * s
+    load = control.minreal(
+        D11 / (D11 * control.tf([0.02, 3.0, 1e6], [1]) - control.tf([3.0, 1e6], [1]) ** 2), 1e-9, verbose=False
+    )
+    poles = load.poles()
+    residues = np.array([load.num[0][0] @ p ** np.arange(len(load.num[0][0]))[::-1] for p in poles])
+    below = np.array([np.prod(p - np.delete(poles, i)) * load.den[0][0][0] for i, p in enumerate(poles)])
+    shares = residues / below / poles  # of exp(p t) in the step response
+    want = load.dcgain() + (shares * np.exp(np.outer(step.time, poles))).sum(axis=1).real
+    np.testing.assert_allclose(step.value, want, atol=1e-6 * np.abs(want).max())
+    assert step.settling_time is not None
+    assert np.diff(step.time).max() > 20 * np.diff(step.time).min()
+
+
+def test_a_response_of_drifting_goes_nowhere():
+    # the velocity loop without integral part under a steady torque: the angle drifts
+    found = updyn.servo(rigid(2.0), updyn.Controller(4.0), **NAMES, disturbance="wind", pointing="angle")
+    assert np.isnan(found.disturbance_step.final)
+    assert found.disturbance_step.settling_time is None
+    stiff = updyn.servo(rigid(2e9), updyn.Controller(4e9), **NAMES, disturbance="wind", pointing="angle")
+    assert np.isnan(stiff.disturbance_step.final)

@@ -89,7 +89,7 @@ class StepResponse:
     input, input_unit, output, output_unit : str
         What steps and what is read.
     time : ndarray of float, shape (n,)
-        In s.
+        In s, ascending, closer where the answer is faster: not equally spaced.
     value : ndarray of float, shape (n,)
         In `output_unit`.
     torque : ndarray of float, shape (n,)

@@ -82,8 +82,10 @@ def connect(blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _R
     """
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(b, name) for b in blocks)) for name in "ABCD")
     # y = C x + D (wires y + entries w)
-    solved = np.eye(len(D)) - D @ wires
-    if np.linalg.cond(solved) > 1e12:
+    around = D @ wires
+    solved = np.eye(len(D)) - around
+    largest = float(np.abs(np.linalg.eigvals(around)).max(initial=1.0))  # unlike a condition number, without units
+    if abs(np.linalg.det(solved)) < 1e-12 * largest:
         raise OptionError("the loop is algebraic: torque and motion feed each other without delay, with a gain of -1")
     C_all, D_all = np.linalg.solve(solved, C), np.linalg.solve(solved, D @ entries)
     taps = np.eye(len(D)) if taps is None else taps

@@ -11,11 +11,11 @@ from scipy.interpolate import CubicHermiteSpline
 
 from updyn.control.servo.state_space import StateSpace
 
-__all__ = ["StepFigures", "at_rest", "lasting", "march", "march_late", "step_figures", "step_series"]
+__all__ = ["StepFigures", "at_rest", "march", "march_late", "schedule", "step_figures", "step_series"]
 
 _Real = NDArray[np.float64]
 
-#: Fewest and most intervals of a record, and intervals in a radian of the fastest motion that shows.
+#: About the fewest and most intervals of a record, and intervals in a radian of the fastest motion that shows.
 _FEWEST, _MOST, _PER_RADIAN = 1000, 20_000, 12.0
 #: A mode shows if its share of the response exceeds the first; a record lasts until shares are below the second.
 _SHOWS, _SETTLED = 1e-3, 2e-3
@@ -149,15 +149,17 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
     s = 1e-5 * float(moving.min()) if len(moving) else 1e-5
     balanced, (scale, _) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
     b, c = system.B[:, input] / scale, system.C[output] * scale
-    near, nearer = (
+    far, near, nearer = (
         float(c @ np.linalg.solve(x * np.eye(len(balanced)) - balanced, b) + system.D[output, input])
-        for x in (s, 0.5 * s)
+        for x in (1e5 * s, s, 0.5 * s)
     )
-    return np.nan if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 1e-9 else 2.0 * nearer - near
+    return np.nan if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far) else 2.0 * nearer - near
 
 
-def lasting(system: StateSpace, output: int, input: int, impulse: bool = False) -> tuple[float, float]:
-    """Return how long a step response has to be recorded, and in which intervals, in s.
+def schedule(system: StateSpace, output: int, input: int, duration: float | None = None) -> list[tuple[int, float]]:
+    """Return in which intervals the answer to a step has to be recorded: numbers of them and lengths in s, in order.
+
+    They are as fine as the fastest mode asks for that still shows, and last until the slowest has settled.
 
     Parameters
     ----------
@@ -165,27 +167,43 @@ def lasting(system: StateSpace, output: int, input: int, impulse: bool = False) 
         A stable closed loop.
     output, input : int
         Positions.
-    impulse : bool
-        Whether it is the answer to an impulse instead.
+    duration : float, optional
+        In s, where it is not to be found.
     """
+    poles, share = _shares(system, output, input)
+    rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
+    largest = float(share.max(initial=0.0))
+    shows = share > _SHOWS * largest
+    if not shows.any():
+        return [(_FEWEST, (duration or 1.0) / _FEWEST)]
+    size, share, rate = np.abs(poles[shows]), share[shows], rate[shows]
+    settled = np.log(np.maximum(share / (_SETTLED * largest), np.e)) / rate
+    end = float(settled.max()) if duration is None else duration
+    gone = np.log(share / (_SHOWS * largest)) / rate
+    parts: list[tuple[int, float]] = []
+    now, left = 0.0, _MOST
+    for i in np.argsort(-size):
+        until = end if i == np.argmin(size) else min(float(gone[i]), end)
+        dt = min(1.0 / (_PER_RADIAN * float(size[i])), end / _FEWEST)
+        n = min(int(np.ceil((until - now) / dt - 1e-9)), left)
+        if n > 0:
+            parts.append((n, dt))
+            now, left = now + n * dt, left - n
+    return parts
+
+
+def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
+    """Return the poles, in rad/s, and how much each has of the answer of an output to a step of an input."""
     balanced, (scale, _) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
     poles, V = np.linalg.eig(balanced)
     b, c = system.B[:, input] / scale, system.C[output] * scale
     moving = np.abs(poles) > 1e-7 * np.abs(poles).max(initial=0.0)
     share = np.abs(c @ V * np.linalg.lstsq(V, b.astype(complex), rcond=None)[0])
-    share = np.where(moving, share / np.where(moving, 1.0 if impulse else np.abs(poles), 1.0), 0.0)
-    rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
-    largest = float(share.max(initial=0.0))
-    if not largest:
-        return 1.0, 1.0 / _FEWEST
-    shows = share > _SHOWS * largest
-    duration = float((np.log(np.maximum(share / (_SETTLED * largest), np.e))[shows] / rate[shows]).max())
-    interval = 1.0 / (_PER_RADIAN * float(np.abs(poles[shows]).max()))
-    return duration, float(np.clip(interval, duration / _MOST, duration / _FEWEST))
+    return poles, np.where(moving, share / np.where(moving, np.abs(poles), 1.0), 0.0)
 
 
 def step_series(
-    system: StateSpace, input: int, size: float, rate: int | None, duration: float, dt: float
+    system: StateSpace, input: int, size: float, rate: int | None, parts: list[tuple[int, float]]
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and their derivatives after a step of an input at time 0.
 
@@ -199,16 +217,19 @@ def step_series(
         Height.
     rate : int or None
         Position of the input that is the step's derivative: an impulse of the same size.
-    duration, dt : float
-        In s.
+    parts : list of (int, float)
+        Numbers of intervals and lengths in s.
     """
-    n = int(np.ceil(duration / dt - 1e-9)) + 1
-    u = np.zeros((n, system.B.shape[1]))
-    u[:, input] = size
+    u = np.zeros(system.B.shape[1])
+    u[input] = size
     start = np.zeros(system.n_states) if rate is None else system.B[:, rate] * size
-    states, outputs = march(system, u, dt, start)
-    slopes = (states @ system.A.T + u @ system.B.T) @ system.C.T
-    return np.asarray(np.arange(n) * dt, dtype=np.float64), outputs, slopes
+    time, states = np.zeros(1), start[None]
+    for n, dt in parts:
+        more = march(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
+        time = np.concatenate([time, time[-1] + dt * np.arange(1, n + 1)])
+        states = np.concatenate([states, more[1:]])
+    outputs = states @ system.C.T + system.D @ u
+    return time, outputs, (states @ system.A.T + system.B @ u) @ system.C.T
 
 
 @dataclass(frozen=True, slots=True)

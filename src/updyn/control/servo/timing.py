@@ -11,7 +11,7 @@ from updyn.control.servo.judged import Judged
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.record import StepResponse, WindResponse
 from updyn.control.servo.state_space import StateSpace
-from updyn.control.servo.time_response import at_rest, lasting, march, march_late, step_figures, step_series
+from updyn.control.servo.time_response import at_rest, march, march_late, schedule, step_figures, step_series
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError
 from updyn.group import is_number
@@ -26,8 +26,8 @@ _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
 #: Share of the variance of the error that the series of a wind may leave out at its upper end, and its longest length.
 _LEFT_OUT, _LONGEST = 1e-4, 2**16
-#: With exact dead time: how much finer the intervals are, and the most of them.
-_FINER, _LONGEST_STEP = 4.0, 200_000
+#: With exact dead time: how much finer the intervals are, and the most of them. How many samples are kept, about.
+_FINER, _LONGEST_STEP, _KEPT = 4.0, 200_000, 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +107,10 @@ def _reference_step(
     time, outputs, slopes = _record(cascade, system, _POSITION, at, size, rate, duration)
     final = size * at_rest(system, _POSITION, at)
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
+    time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
-        "reference", float(size), name, unit, name, unit, time, outputs[:, _POSITION], outputs[:, _TORQUE], final,
-        figures.rise_time, figures.overshoot, figures.settling_time, figures.peak, figures.peak_time,
+        "reference", float(size), name, unit, name, unit, time, value, torque, final, figures.rise_time,
+        figures.overshoot, figures.settling_time, figures.peak, figures.peak_time,
     )  # fmt: skip
 
 
@@ -117,14 +118,13 @@ def _record(
     cascade: Cascade, system: StateSpace, output: int, at: int, size: float, rate: int | None, duration: float | None
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs of `Cascade.closed` and derivatives after a step; the dead time exact where it can be."""
-    long, dt = lasting(system, output, at)
-    long = long if duration is None else float(duration)
-    dt = min(dt, long / 1000)
+    parts = schedule(system, output, at, None if duration is None else float(duration))
     delay = cascade.controller.dead_time
     opened = cascade.opened() if delay else None
-    late = int(np.ceil(_FINER * delay / dt))
-    if opened is None or not 0 < long * late / delay < _LONGEST_STEP:
-        return step_series(system, at, size, rate, long, dt)
+    late = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
+    long = sum(n * dt for n, dt in parts)
+    if opened is None or long * late > _LONGEST_STEP * delay:
+        return step_series(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
     start = np.zeros(opened.n_states) if rate is None else opened.B[:, 1 + rate] * size
@@ -134,14 +134,22 @@ def _record(
     return time, outputs[:, order], slopes[:, order]
 
 
+def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
+    """Return a record of at most about `_KEPT` samples, the first ones and every so many of the others."""
+    every = max(1, round(len(time) / _KEPT))
+    keep = np.unique(np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)]))
+    return time[keep], value[keep], torque[keep]
+
+
 def _disturbance_step(cascade: Cascade, system: StateSpace, size: float, duration: float | None) -> StepResponse:
     name, unit, output, output_unit = _disturbance_names(cascade)
     time, outputs, slopes = _record(cascade, system, _POINTING, _DISTURBANCE, size, None, duration)
     final = size * at_rest(system, _POINTING, _DISTURBANCE)
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
+    time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
-        "disturbance", float(size), name, unit, output, output_unit, time, outputs[:, _POINTING], outputs[:, _TORQUE],
-        final, None, None, figures.settling_time, figures.peak, figures.peak_time,
+        "disturbance", float(size), name, unit, output, output_unit, time, value, torque, final, None, None,
+        figures.settling_time, figures.peak, figures.peak_time,
     )  # fmt: skip
 
 
