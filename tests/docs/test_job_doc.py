@@ -35,7 +35,7 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
-from updyn.job.servo_tables import ControllerTable, NotchTable, WindTable
+from updyn.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, WindTable
 from updyn.updating.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
@@ -83,6 +83,7 @@ TABLES = tables()
         ("[servo]", ServoTable),
         ("[servo.controller]", ControllerTable),
         ("[[servo.controller.notch]]", NotchTable),
+        ("[[servo.nonlinear]]", NonlinearTable),
         ("[servo.wind]", WindTable),
         ("[output]", OutputTable),
     ],

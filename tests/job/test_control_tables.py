@@ -171,6 +171,15 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
         ),
         ("wind = { mean_speed = 9, coefficient = 1 }\n", 13, "servo.wind without disturbance"),
         ('disturbance = "gust"\nwind = { mean_speed = 9, coefficient = 1 }\n', 14, "expected roughness or turbulence"),
+        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlsh"\nat = "5:X"\n', 18, "did you mean 'backlash'"),
+        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\ngap = 1\n', 18, "needs mesh"),
+        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "5:X"\nlevel = 1\ngap = 1\n', 21, "belong"),
+        (
+            CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\nmesh = "prat2"\ngap = 1\n',
+            20,
+            "part2",
+        ),
+        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "55:X"\nlevel = 1\n', 19, "55:X is not"),
         ("step = 0\nduration = -1\n", 14, "expected a number above 0"),
     ],
 )

@@ -53,6 +53,13 @@ kv = 1.5
 dead_time = 0.001
 low_pass = 60
 notch = [{ frequency = 24, width = 10 }]
+[[servo.nonlinear]]
+kind = "backlash"
+mesh = "rim"
+at = "2:RZ"
+gap = 0.004
+frequency = 20
+duration = 0.5
 """
 
 
@@ -244,6 +251,33 @@ def test_an_unstable_loop_says_so(made):
     assert "Unstable: velocity loop: plants 0, 1, 2, 3" in text
     assert "step" not in figures
     assert control_record(replace(planted, servo=wild))["servo"]["stable"] is False
+
+
+def test_backlash_is_that_of_the_library(made, parts):
+    _, planted = made
+    (found,) = planted.nonlinear
+    gap = updyn.opened(planted.model, "rim", "2:RZ")
+    assert found.law == gap.backlash(0.004, frequency=20.0)
+    ports = planted.plant.input_ports[:1], planted.plant.output_ports
+    plant = updyn.plant(
+        gap.model,
+        [*ports[0], gap.port],
+        [*ports[1], gap.port],
+        (1.0, 90.0),
+        quantity=["mobility", "receptance", "receptance"],
+    )
+    cycles = updyn.limit_cycles(plant, controller(), found.law, "gap", torque="M<i>", velocity="speed", position="dish")
+    assert [c.frequency for c in found.cycles] == pytest.approx([c.frequency for c in cycles], rel=1e-6)
+    assert found.simulation.time[-1] == pytest.approx(0.5, abs=1e-3)
+    time, twist = trace(parts[1]["nonlinear-0"], "twist")
+    assert time[-1] == pytest.approx(found.simulation.time[-1], rel=1e-6)
+    inside = np.interp(time, found.simulation.time, found.simulation.reading)
+    np.testing.assert_allclose(twist, inside, atol=2e-4 * np.abs(inside).max())
+    text = {a: t for a, _, t in parts[0]}["servo"]
+    assert "Backlash in &#x27;rim&#x27;, 0.004 rad at 2:RZ" in text
+    record = control_record(planted)["nonlinear"][0]
+    assert record["law"]["gap"] == 0.004
+    assert len(record["cycles"]) == len(cycles)
 
 
 # -- record and page -------------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ def describe_planted(made: Planted) -> str:
     ]
     lines += ["", table(head, rows)]
     lines += [f"note: {note}" for note in made.notes]
-    lines += [f"\n{found.summary()}" for found in (made.servo, made.drive) if found is not None]
+    lines += [f"\n{found.summary()}" for found in (made.servo, *made.nonlinear, made.drive) if found is not None]
     return "\n".join(lines)
 
 

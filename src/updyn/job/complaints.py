@@ -22,7 +22,7 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
-from updyn.job.servo_tables import ControllerTable, NotchTable, ServoTable, WindTable
+from updyn.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, ServoTable, WindTable
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = ["complaints"]
@@ -118,6 +118,7 @@ _TABLES = {
     "servo": ServoTable,
     "controller": ControllerTable,
     "notch": NotchTable,
+    "nonlinear": NonlinearTable,
     "wind": WindTable,
     "output": OutputTable,
 }

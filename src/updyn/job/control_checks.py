@@ -128,6 +128,12 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
         if label is not None:
             with located(job, "servo", key):
                 models[number].dofs.match([label], key)
+    for at, each in enumerate(() if job.servo is None else job.servo.nonlinear):
+        with located(job, "servo", "nonlinear", at, "at"):
+            models[number].dofs.match([each.at], "DOF")
+        if each.mesh is not None:
+            with located(job, "servo", "nonlinear", at, "mesh"):
+                models[number].group(each.mesh)
     high = band_of_plant(job, data[number])[1]
     if table.sampling is not None and high > 0.5 / table.sampling.dt:
         half = 0.5 / table.sampling.dt
@@ -160,7 +166,8 @@ def _check_servo(job: Job) -> None:
         with _about(job, "servo", "wind"):
             servo.wind.wind()
     if servo.controller is None:
-        loose = next((k for k in ("torque", "velocity", "position", "disturbance") if getattr(servo, k)), None)
+        keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
+        loose = next((k for k in keys if getattr(servo, k)), None)
         if loose is not None or servo.motor is None:
             text = "servo: expected [servo.controller] with kp or crossover, or motor and load for the drive's figures"
             raise job.error(text, "servo", *([] if loose is None else [loose]))
@@ -175,6 +182,9 @@ def _check_servo(job: Job) -> None:
             table.notch()
     with _about(job, "servo", "controller"):
         servo.controller.check()
+    for number, each in enumerate(servo.nonlinear):
+        with _about(job, "servo", "nonlinear", number):
+            each.check()
 
 
 @contextmanager

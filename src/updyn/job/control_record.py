@@ -12,7 +12,7 @@ from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.io.values_text import plain
 from updyn.job.planted import Planted
-from updyn.job.servo_record import drive_record, servo_record
+from updyn.job.servo_record import drive_record, nonlinear_record, servo_record
 
 __all__ = ["control_record", "write_control_record"]
 
@@ -33,7 +33,7 @@ def control_record(planted: Planted) -> dict[str, Any]:
         none: ``error``, ``peak_error``, ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``,
         ``poles`` (``re``, ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each;
         ``conversions`` of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where not
-        asked for; ``notes``;
+        asked for; ``nonlinear``, limit cycles; ``notes``;
         ``versions``.
     """
     return {
@@ -52,6 +52,7 @@ def control_record(planted: Planted) -> dict[str, Any]:
         "sampled": None if planted.sampled is None else _sampled(planted.sampled),
         "family": _family(planted),
         "servo": None if planted.servo is None else servo_record(planted.servo),
+        "nonlinear": [nonlinear_record(found) for found in planted.nonlinear],
         "drive": None if planted.drive is None else drive_record(planted.drive),
         "notes": list(planted.notes),
         "versions": {"updyn": __version__},

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from updyn.control.servo.drive_figures import DriveFigures
     from updyn.control.servo.record import Servo
     from updyn.control.weight import UncertaintyWeight
+    from updyn.job.nonlinear_of import Nonlinear
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
 
@@ -83,6 +84,8 @@ class Planted:
         The controller of ``[servo]`` on the plant, or on the family.
     drive : DriveFigures or None
         The figures of the drive.
+    nonlinear : tuple of Nonlinear
+        The loop with backlash or friction.
     notes : tuple of str
         What a reader should know, in sentences.
     """
@@ -104,6 +107,7 @@ class Planted:
     weights: Mapping[tuple[int, int], UncertaintyWeight] = field(default_factory=dict)
     servo: Servo | None = None
     drive: DriveFigures | None = None
+    nonlinear: tuple[Nonlinear, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -210,13 +214,17 @@ def _servo(
     job: Job, model: Model, band: tuple[float, float], plant: Plant | PlantFamily | None, strict: bool
 ) -> tuple[dict[str, Any], str]:
     """Return drive and servo, and why one of them is not there."""
+    from updyn.job.nonlinear_of import nonlinear_of
     from updyn.job.servo_of import drive_of, servo_of
 
     out: dict[str, Any] = {}
     try:
         out["drive"] = drive_of(job, model, band)
         if plant is not None:
-            out["servo"] = servo_of(job, plant)
+            out["servo"] = found = servo_of(job, plant)
+            if found is not None:
+                nominal = plant if isinstance(plant, Plant) else plant.nominal
+                out["nonlinear"] = nonlinear_of(job, model, nominal, found)
     except UpdynError as error:
         if strict:
             raise

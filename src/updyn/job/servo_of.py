@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from updyn.control.servo.drive_figures import DriveFigures
     from updyn.control.servo.record import Servo
 
-__all__ = ["drive_of", "servo_of"]
+__all__ = ["drive_of", "located_in", "servo_of"]
 
 
 def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
@@ -41,7 +41,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
         return None
     from updyn.control.servo.drive import drive_figures
 
-    with _about(job, "servo"):
+    with located_in(job, "servo"):
         return drive_figures(model, wish.motor, wish.load, ratio=wish.ratio, band=band)
 
 
@@ -69,9 +69,9 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
     torque = nominal.inputs[0] if wish.torque is None else wish.torque
     assert wish.velocity is not None
-    with _about(job, "servo", "controller"):
+    with located_in(job, "servo", "controller"):
         controller = wish.controller.controller(nominal, torque, wish.velocity, wish.position)
-    with _about(job, "servo"):
+    with located_in(job, "servo"):
         return servo(
             plant,
             controller,
@@ -88,7 +88,8 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
 
 
 @contextmanager
-def _about(job: Job, *place: str) -> Iterator[None]:
+def located_in(job: Job, *place: str | int) -> Iterator[None]:
+    """Give an error the line of the key of a table that it is about."""
     try:
         yield
     except JobError:

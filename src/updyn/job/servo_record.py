@@ -8,8 +8,9 @@ from typing import Any
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.io.values_text import plain
+from updyn.job.nonlinear_of import Nonlinear
 
-__all__ = ["drive_record", "servo_record"]
+__all__ = ["drive_record", "nonlinear_record", "servo_record"]
 
 _STEP = ("of", "size", "input", "input_unit", "output", "output_unit", "final", "rise_time", "overshoot",
          "settling_time", "peak", "peak_time")  # fmt: skip
@@ -82,3 +83,34 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
     if drive.bandwidth is not None:
         out["bandwidth"]["rule"] = drive.bandwidth.rule
     return out
+
+
+def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
+    """Return a loop with backlash or friction as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    found : Nonlinear
+        What the job gave.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``where``, ``law`` (its numbers); ``linear_stable``; ``cycles``, one dict each with what
+        `updyn.control.nonlinear.balance.LimitCycle` holds but the describing function; ``simulation``, None where there
+        is none: ``verdict``, ``amplitude``, ``frequency`` and so on; ``begun``, ``disputed`` and ``note``.
+    """
+    ended = found.simulation
+    names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
+    cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")
+    return {
+        "kind": found.kind,
+        "where": found.where,
+        "law": plain(asdict(found.law)),
+        "linear_stable": bool(found.cycles.linear_stable),
+        "cycles": [{name: plain(getattr(c, name)) for name in cycle} for c in found.cycles],
+        "simulation": None if ended is None else {name: plain(getattr(ended, name)) for name in names},
+        "begun": found.begun,
+        "disputed": found.disputed,
+        "note": found.note,
+    }

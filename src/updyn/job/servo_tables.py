@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from updyn.control.servo.controller import Controller, Notch
     from updyn.control.servo.wind import Wind
 
-__all__ = ["ControllerTable", "NotchTable", "ServoTable", "WindTable"]
+__all__ = ["ControllerTable", "NonlinearTable", "NotchTable", "ServoTable", "WindTable"]
 
 #: Keys of the controller that are of the rule by which it is sized.
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
@@ -160,6 +160,36 @@ class WindTable(Table):
         return Wind(**self.model_dump())
 
 
+class NonlinearTable(Table):
+    """``[[servo.nonlinear]]``: backlash in a mesh, or dry friction at a DOF."""
+
+    kind: Literal["backlash", "friction"]
+    at: str
+    mesh: str | None = None
+    gap: float | None = Field(default=None, gt=0)
+    frequency: float | None = Field(default=None, gt=0)
+    level: float | None = Field(default=None, gt=0)
+    breakaway: float | None = Field(default=None, gt=0)
+    duration: float | None = Field(default=None, gt=0)
+
+    def check(self) -> None:
+        """Check that the keys are those of the kind.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or belongs to the other kind.
+        """
+        own = {"backlash": ("mesh", "gap"), "friction": ("level",)}[self.kind]
+        others = {"backlash": ("level", "breakaway"), "friction": ("mesh", "gap", "frequency")}[self.kind]
+        for key in own:
+            if getattr(self, key) is None:
+                raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}")
+        for key in others:
+            if getattr(self, key) is not None:
+                raise OptionError(f"nonlinear: {key} does not belong to kind {self.kind!r}")
+
+
 class ServoTable(Table):
     """``[servo]``: which ports the loop uses, the controller, and what acts on it."""
 
@@ -176,3 +206,4 @@ class ServoTable(Table):
     duration: float | None = Field(default=None, gt=0)
     wind: WindTable | None = None
     controller: ControllerTable | None = None
+    nonlinear: Annotated[tuple[NonlinearTable, ...], BeforeValidator(tables_of("servo.nonlinear")), Strict(False)] = ()

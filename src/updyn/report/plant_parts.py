@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from updyn.job.planted import Planted
+from updyn.report.nonlinear import nonlinear_figures
 from updyn.report.plant_figures import plant_figures
 from updyn.report.plots import Figure
 from updyn.report.sections_plant import plant_section
@@ -24,7 +25,8 @@ def plant_parts(planted: Planted) -> tuple[list[tuple[str, str, str]], dict[str,
     if planted.servo is not None:
         plant = planted.plant
         assert plant is not None
-        figures |= servo_figures(planted.servo, plant.input_units[plant.inputs.index(planted.servo.torque)])
+        figures |= nonlinear_figures(planted.nonlinear)
+        figures |= servo_figures(planted.servo, plant)
     made = [
         ("plant", "Plant", plant_section(planted, figures)),
         ("servo", "Servo", servo_section(planted, figures)),

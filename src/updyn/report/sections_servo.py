@@ -11,6 +11,7 @@ from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.job.planted import Planted
 from updyn.report import markup as m
 from updyn.report import words as w
+from updyn.report.nonlinear import nonlinear_part
 from updyn.report.plots import Figure
 
 __all__ = ["servo_section"]
@@ -26,6 +27,7 @@ def servo_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
     parts = ['<section id="servo"><h2>Servo</h2>']
     if planted.servo is not None:
         parts += _servo(planted.servo, figures)
+        parts += [nonlinear_part(number, found, figures) for number, found in enumerate(planted.nonlinear)]
     if planted.drive is not None:
         parts.append(_drive(planted.drive))
     return "".join(parts) + "</section>"

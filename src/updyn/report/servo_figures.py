@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.plant import Plant
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.report.plant_figures import degree_axis
 from updyn.report.plots import Figure, label, numbers
@@ -27,15 +28,16 @@ _MODULUS = 0.5
 _Real = NDArray[np.float64]
 
 
-def servo_figures(servo: Servo, torque_unit: str) -> dict[str, Figure]:
+def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
     """Return every figure that has something to show, by the name of its place in the page."""
+    torque_unit = plant.input_units[plant.inputs.index(servo.torque)]
     out: dict[str, Figure] = {}
     high = _REACH * float(servo.plant["band"][1])
     for loop in servo.loops:
         at = _drawn(loop, high)
         out[f"bode-{loop.name}"] = _bode(loop, at)
         out[f"nichols-{loop.name}"] = _nichols(loop, at)
-    out["closed-loop"] = _closed(servo, _drawn(servo.loops[-1], high))
+    out["closed-loop"] = _closed(servo, plant, _drawn(servo.loops[-1], high))
     for name, step in (("step", servo.step), ("disturbance-step", servo.disturbance_step)):
         if step is not None:
             out[name] = _step(step, torque_unit)
@@ -182,7 +184,7 @@ def _half_turns(turn: _Real) -> tuple[float, ...]:
 
 
 # -- closed loop -----------------------------------------------------------------------------------------------
-def _closed(servo: Servo, at: NDArray[np.intp]) -> Figure:
+def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # those of the loop and of the reference are the same
     named = "position" if servo.position_loop is not None else "velocity"
@@ -195,9 +197,22 @@ def _closed(servo: Servo, at: NDArray[np.intp]) -> Figure:
     both = np.concatenate([_db(servo.reference[at]), _db(S)])
     panels = [Panel("closed loop (dB)", traces, _db_axis(both, -60.0), 1.0, (0.0,))]
     if servo.compliance is not None and servo.disturbance is not None:
-        compliance = curve(freq, np.abs(servo.compliance[at]), f"compliance to {servo.disturbance}", "@fourth")
-        panels.append(Panel("compliance", [compliance], log_range(np.abs(servo.compliance[at]), 6.0), 0.8))
+        unit = _compliance_unit(servo, plant)
+        name = f"compliance to {servo.disturbance}"
+        compliance = curve(freq, np.abs(servo.compliance[at]), name, "@fourth", unit=unit)
+        panels.append(Panel(f"compliance ({unit})", [compliance], log_range(np.abs(servo.compliance[at]), 6.0), 0.8))
     return stacked(panels, log_frequency(freq), 280 + 180 * (len(panels) - 1) + 60, marks)
+
+
+def _compliance_unit(servo: Servo, plant: Plant) -> str:
+    """Return the unit of position (of velocity, without a position loop) over disturbance."""
+    assert servo.disturbance is not None
+    read = servo.velocity if servo.position_loop is None or servo.position is None else servo.position
+    quantity = "mobility" if servo.position_loop is None else "receptance"
+    top = plant.output_ports[plant.outputs.index(read)].motion_unit(quantity)
+    below = plant.input_units[plant.inputs.index(servo.disturbance)]
+    top, below = (f"({u})" if "/" in u or " " in u else u for u in (top, below))
+    return f"{top}/{below}"
 
 
 # -- over time -------------------------------------------------------------------------------------------------
