@@ -1,0 +1,180 @@
+"""Does the updated model predict how a servo behaves on the true structure, where the drawings do not?
+
+The azimuth axis of `updyn demo antenna` (`updyn.demos.antenna_servo`): motor torque, encoders on motor and turntable,
+P position loop over PI velocity loop with a notch. One controller as the drawings would have it set, one with its notch
+where the updated model has the resonance, each on the model of the drawings, the updated one, and the hidden truth:
+margins of the plants, and of the truth once more line by line, from `updyn.response` and roots of |L| = 1, without any
+plant. Then what the update leaves unsure: margins over a family of plants, a weight above it, and whether the loop is
+robust by it; and the pointing error of the dish under wind.
+
+    OMP_NUM_THREADS=1 python benchmarks/servo.py [--run FOLDER of a finished updyn demo antenna] [--members 10]
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import brentq
+
+import updyn
+from updyn.control.servo.controller import Controller, Notch
+from updyn.control.servo.record import Servo
+from updyn.demos.antenna import TRUTH
+from updyn.demos.antenna_servo import (
+    BAND,
+    CONTROLLER,
+    FIGURES,
+    INPUTS,
+    MOTOR,
+    OUTPUTS,
+    QUANTITIES,
+    RATIO,
+    TURNTABLE,
+    azimuth_plant,
+    azimuth_servo,
+)
+from updyn.model import Model
+from updyn.updating.result import UpdateResult
+
+_TWO_PI = 2.0 * np.pi
+WIND = updyn.Wind(mean_speed=12.0, coefficient=3.0, roughness=0.01)
+
+
+def updated(run: Path | None) -> UpdateResult:
+    """The update of the demo, rotors free."""
+    if run is not None:
+        return updyn.read_result(run / "rotors free" / "run.nc")
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "updyn", "demo", "antenna", "--out", folder], check=True)
+        return updyn.read_result(Path(folder) / "rotors free" / "run.nc")
+
+
+# -- line by line ------------------------------------------------------------------------------------------
+class Exact:
+    """Loops of a controller on a model, from its frequency response with structural damping."""
+
+    def __init__(self, model: Model, controller: Controller) -> None:
+        self.model, self.controller = model, controller
+        freq = np.unique(np.concatenate([np.geomspace(*BAND, 200), np.arange(5.0, 11.0, 0.03)]))
+        self.freq = freq
+        self.values = np.array([self.loops(f) for f in freq])
+
+    @cache  # noqa: B019
+    def loops(self, freq: float) -> tuple[complex, complex]:
+        """Loop functions of the velocity and of the position loop at a line in Hz."""
+        H = updyn.response(self.model, [freq], [MOTOR, TURNTABLE], [MOTOR]).values[0, :, 0] / RATIO
+        s = 2j * np.pi * freq
+        torque = complex(self.controller.torque(s))
+        velocity = torque * s * H[0] / RATIO
+        return velocity, self.controller.kv * torque * H[1] / (1.0 + velocity)
+
+    def figures(self, loop: int) -> dict[str, float]:
+        L = self.values[:, loop]
+        gains = self.roots(lambda f: abs(self.loops(f)[loop]) - 1.0, np.abs(L) - 1.0)
+        turns = self.roots(lambda f: self.loops(f)[loop].imag, L.imag)
+        negative = [abs(x) for f in turns if (x := self.loops(f)[loop].real) < 0]
+        phases = [np.degrees(np.angle(-self.loops(f)[loop])) for f in gains]
+        at = int(np.abs(1.0 + L).argmin())
+        near = np.linspace(self.freq[at - 1], self.freq[at + 1], 41)
+        return {
+            "crossover": gains[0],
+            "phase_margin": min(phases, key=abs),
+            "gain_margin_db": min(-20.0 * np.log10(x) for x in negative if x < 1.0),
+            "modulus_margin": min(abs(1.0 + self.loops(f)[loop]) for f in near),
+        }
+
+    def roots(self, function: Callable[[float], float], values: np.ndarray) -> list[float]:
+        at = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))
+        return [float(brentq(function, self.freq[i], self.freq[i + 1], xtol=1e-9)) for i in at]
+
+
+# -- tables ------------------------------------------------------------------------------------------------
+def figures_of(servo: Servo, loop: int) -> dict[str, float]:
+    margins = servo.loops[loop].margins
+    return {name: getattr(margins, name) if margins.stable else float("nan") for *_, name in FIGURES}
+
+
+def table(models: dict[str, Model], plants: dict[str, updyn.Plant], controller: Controller) -> None:
+    servos = {name: azimuth_servo(p, controller) for name, p in plants.items()}
+    exact = Exact(models["truth"], controller)
+    print(f"| | {' | '.join(servos)} | truth, line by line | drawings off | updated off |")
+    print("|---|" + "---|" * (len(servos) + 3))
+    for at, loop in enumerate(("velocity", "position")):
+        found = {name: figures_of(s, at) for name, s in servos.items()}
+        right = exact.figures(at)
+        for what, unit, name in FIGURES:
+            cells = [f"{values[name]:.4g}" for values in found.values()] + [f"{right[name]:.4g}"]
+            off = [100 * (found[one][name] / right[name] - 1.0) for one in ("drawings", "updated")]
+            print(
+                f"| {loop} loop, {what}{f', {unit}' if unit else ''} | {' | '.join(cells)} | {off[0]:+.1f} % | "
+                f"{off[1]:+.2f} % |"
+            )
+    widths = [f"{s.bandwidth:.4g}" for s in servos.values()]
+    print(f"| bandwidth, Hz | {' | '.join(widths)} | | | |", flush=True)
+
+
+def family(result: UpdateResult, controller: Controller, members: int) -> None:
+    made = updyn.plant_family(result, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, n=members)
+    servo = azimuth_servo(made, controller)
+    print(f"\n{members} members, all within {100 * made.error:.2g} % of their models; least and largest margins")
+    for loop in servo.loops:
+        for name, r in loop.worst.items():
+            print(f"  {loop.name} {name}: {r.smallest:.5g} to {r.largest:.5g}")
+    own = made.channel("speed", "torque")
+    weight = updyn.uncertainty_weight(own)
+    (w,) = weight.weights[0]
+    print(weight.summary())
+    loop = servo.velocity_loop
+    T = loop.L / (1.0 + loop.L)
+    product = np.abs(w.at(loop.freq) * T)
+    at = int(product.argmax())
+    print(f"  |W T| of the velocity loop: at most {product[at]:.3g}, at {loop.freq[at]:.3g} Hz")
+
+
+def wind(plants: dict[str, updyn.Plant], controller: Controller) -> None:
+    print("\npointing error of the dish under wind of 12 m/s, rms about its mean by the spectrum, in arc seconds")
+    for name, p in plants.items():
+        servo = updyn.servo(
+            p, controller, torque="torque", velocity="speed", position="azimuth", disturbance="wind", pointing="dish",
+            step=None, disturbance_step=None, wind=WIND,
+        )  # fmt: skip
+        assert servo.wind is not None
+        print(f"  {name}: {np.degrees(servo.wind.rms_expected) * 3600:.4g}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, help="folder of a finished updyn demo antenna; otherwise it is run")
+    parser.add_argument("--members", type=int, default=10)
+    args = parser.parse_args()
+    result = updated(args.run)
+    models = {"drawings": result.start, "updated": result.model, "truth": result.start.scaled(TRUTH)}
+    plants = {name: azimuth_plant(model) for name, model in models.items()}
+    drives = {
+        name: updyn.drive_figures(model, MOTOR, TURNTABLE, ratio=RATIO, band=BAND) for name, model in models.items()
+    }
+    print("torque to motor speed: antiresonances and resonances in Hz")
+    for name, drive in drives.items():
+        pairs = ", ".join(f"{p.antiresonance:.4g} / {p.resonance:.4g}" for p in drive.pairs)
+        print(f"  {name}: {pairs}; inertia at the load {drive.inertia * RATIO**2:.5g} kg m2; {plants[name]}")
+    retuned = replace(
+        CONTROLLER,
+        notches=(Notch.of_width(round(drives["updated"].pairs[-1].resonance, 2), width=1.9, depth=0.05),),
+    )
+    for title, controller in (("as the drawings would have it", CONTROLLER), ("by the updated model", retuned)):
+        print(f"\ncontroller {title}:\n{controller.summary()}\n")
+        table(models, plants, controller)
+    wind(plants, retuned)
+    family(result, retuned, args.members)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""The azimuth servo of the antenna: its plant, a controller that was set from the drawings, and what its margins are.
+
+The motor's torque and speed are counted at the load. An encoder on the motor closes the velocity loop, one on the
+turntable the position loop; the wind turns the dish. The elevation motor is free, as in the test with free rotors.
+
+The controller is sized for a crossover of 7 Hz from the inertia of the drawings. Its notch stands at the resonance of
+torque to motor speed that the drawings have there, 9.55 Hz, and is as narrow as one would dare that trusts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from updyn.control.build import plant
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+from updyn.control.servo.controller import Controller, Notch
+from updyn.control.servo.margins import Margins
+from updyn.control.servo.record import Servo
+from updyn.control.servo.servo import servo
+from updyn.demos.antenna_model import AZIMUTH, NODES
+from updyn.model import Model
+
+__all__ = ["BAND", "CONTROLLER", "FIGURES", "azimuth_plant", "azimuth_servo", "job_tables", "margins_table"]
+
+MOTOR, TURNTABLE, HUB = f"{AZIMUTH['motor']}:RZ", f"{NODES['turntable']}:RZ", f"{NODES['hub']}:RZ"
+RATIO = -800.0  # the ring turns the other way
+BAND = (0.5, 62.0)  # Hz
+INPUTS = (Port.geared(MOTOR, RATIO, "torque"), Port.at(HUB, "wind"))
+OUTPUTS = (Port.geared(MOTOR, RATIO, "speed"), Port.at(TURNTABLE, "azimuth"), Port.at(HUB, "dish"))
+QUANTITIES = ("mobility", "receptance", "receptance")
+
+CONTROLLER = Controller(
+    kp=1.05e5,  # N m s/rad at the load
+    ti=0.136,
+    kv=5.5,
+    notches=(Notch.of_width(9.55, width=1.9, depth=0.05),),
+    low_pass=60.0,
+    dead_time=0.0025,
+)
+
+#: What a table of margins has of each loop: name, unit, attribute of `Margins`.
+FIGURES = (
+    ("crossover", "Hz", "crossover"),
+    ("phase margin", "deg", "phase_margin"),
+    ("gain margin", "dB", "gain_margin_db"),
+    ("modulus margin", "", "modulus_margin"),
+)
+
+
+def azimuth_plant(model: Model) -> Plant:
+    """Return the plant of the azimuth axis.
+
+    Parameters
+    ----------
+    model : Model
+        The antenna with its rotors free.
+
+    Returns
+    -------
+    Plant
+        Torque at the motor, counted at the load, and torque of the wind at the hub, in N m; speed of the motor, counted
+        at the load, in rad/s, angles of turntable and hub in rad.
+    """
+    return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES)
+
+
+def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
+    """Return what a controller makes of a plant of `azimuth_plant`; without responses over time."""
+    return servo(
+        made, controller, torque="torque", velocity="speed", position="azimuth", disturbance="wind", pointing="dish",
+        step=None, disturbance_step=None,
+    )  # fmt: skip
+
+
+def margins_table(models: Mapping[str, Model]) -> str:
+    """Return the margins of the controller on several models, side by side.
+
+    Parameters
+    ----------
+    models : mapping of str to Model
+        Antennas by the heading of their column.
+    """
+    found = {name: azimuth_servo(azimuth_plant(model)) for name, model in models.items()}
+    lines = [f"{'':<34}" + "".join(f"{name:>10}" for name in found)]
+    for at, loop in enumerate(("velocity", "position")):
+        for what, unit, attribute in FIGURES:
+            label = f"{loop} loop, {what}{f' in {unit}' if unit else ''}"
+            lines.append(f"{label:<34}" + "".join(_cell(s.loops[at].margins, attribute) for s in found.values()))
+    return "\n".join(lines)
+
+
+def _cell(margins: Margins, attribute: str) -> str:
+    value = getattr(margins, attribute)
+    return f"{'unstable' if not margins.stable else '-' if value is None else f'{value:.3f}':>10}"
+
+
+def job_tables() -> str:
+    """Return the tables of a job that ask for this plant and this controller."""
+    (notch,) = CONTROLLER.notches
+    return f"""\
+[plant]  # the azimuth axis; torque and speed of the motor are counted at the load
+inputs = [{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}, {{ name = "wind", dof = "{HUB}" }}]
+quantity = ["{'", "'.join(QUANTITIES)}"]
+band = [{BAND[0]:g}, {BAND[1]:g}]
+test = "rotors free"
+
+[[plant.outputs]]
+name = "speed"
+dof = "{MOTOR}"
+ratio = {RATIO:g}
+
+[[plant.outputs]]
+name = "azimuth"  # encoder on the turntable
+dof = "{TURNTABLE}"
+
+[[plant.outputs]]
+name = "dish"
+dof = "{HUB}"
+
+[servo]
+torque = "torque"
+velocity = "speed"
+position = "azimuth"
+disturbance = "wind"
+pointing = "dish"
+motor = "{MOTOR}"
+load = "{TURNTABLE}"
+ratio = {RATIO:g}
+
+[servo.wind]
+mean_speed = 12.0
+coefficient = 3.0  # N m per (m/s)^2
+roughness = 0.01
+
+[servo.controller]  # set from the drawings
+kp = {CONTROLLER.kp:g}
+ti = {CONTROLLER.ti:g}
+kv = {CONTROLLER.kv:g}
+low_pass = {CONTROLLER.low_pass:g}
+dead_time = {CONTROLLER.dead_time:g}
+
+[[servo.controller.notch]]
+frequency = {notch.frequency:g}
+width = {notch.width:g}
+depth = {notch.depth:g}
+"""
