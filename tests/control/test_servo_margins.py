@@ -90,6 +90,8 @@ def test_p_on_a_rigid_body_has_a_position_loop_of_second_order():
     below = 1 - 2 * zeta**2
     bandwidth = wn * np.sqrt(below + np.sqrt(below**2 + 1))  # Franklin, Powell & Emami-Naeini: of (s^2 + 2 zeta wn s)
     assert found.bandwidth == pytest.approx(bandwidth / (2 * np.pi), rel=1e-11)
+    assert found.position_loop.bandwidth == pytest.approx(found.bandwidth, rel=1e-12)
+    assert found.velocity_loop.bandwidth == pytest.approx(w / (2 * np.pi), rel=1e-7)  # w / (s + w)
     np.testing.assert_allclose(np.sort(found.poles.real), [-2, -2], rtol=1e-6)
 
 
@@ -323,6 +325,58 @@ def test_torque_that_moves_nothing_is_told():
     )
     with pytest.raises(updyn.errors.ModelError, match="does not move '2:RZ'"):
         quick(plant, PI_, torque="1:RZ", velocity="2:RZ")
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 2e-3])
+@pytest.mark.parametrize("name", ["velocity", "position"])
+def test_margins_are_where_the_loop_turns_unstable(name, dead_time):
+    def at(kp=100.0, kv=8.0, late=0.0):
+        controller = updyn.Controller(kp, 0.3, kv, low_pass=60.0, dead_time=dead_time + late)
+        return getattr(quick(two_masses(), controller, **BOTH), f"{name}_loop").margins
+
+    m = at()
+    gain = "kp" if name == "velocity" else "kv"
+    start = {"kp": 100.0, "kv": 8.0}
+    for factor, stable in ((0.9999, True), (1.0001, False)):
+        if np.isfinite(m.gain_margin):
+            assert at(**{gain: start[gain] * m.gain_margin * factor}).stable is stable
+        if name == "velocity":
+            assert at(late=m.delay_margin * factor).stable is stable
+
+
+@pytest.mark.parametrize("units", [1e-9, 1e6, 1e12])
+def test_units_change_nothing(units):
+    plant = two_masses()
+    scaled = updyn.Plant(
+        plant.A,
+        plant.B / units,
+        plant.C,
+        plant.D,
+        plant.input_ports,
+        plant.output_ports,
+        plant.quantities,
+        plant.band,
+        0.02,
+        0.0,
+        0.0,
+        "by hand",
+        1,
+    )
+    names = {**BOTH, "disturbance": "wind", "pointing": "load"}
+    for dead_time in (0.0, 2e-3):
+        controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=dead_time)
+        a = updyn.servo(plant, controller, **names, duration=0.5)
+        b = updyn.servo(
+            scaled, updyn.Controller(100.0 * units, 0.3, 3.0, low_pass=60.0, dead_time=dead_time), **names, duration=0.5
+        )
+        assert b.plant["inertia"] == pytest.approx(7.0 * units, rel=1e-9)
+        for one, other in zip(a.loops, b.loops, strict=True):
+            assert other.margins.phase_margin == pytest.approx(one.margins.phase_margin, rel=1e-9)
+            assert other.margins.gain_margin == pytest.approx(one.margins.gain_margin, rel=1e-9)
+            assert other.margins.drifting == one.margins.drifting
+        assert b.step.overshoot == pytest.approx(a.step.overshoot, rel=1e-4)
+        assert b.disturbance_step.peak * units == pytest.approx(a.disturbance_step.peak, rel=1e-4)
+        assert b.disturbance_step.final * units == pytest.approx(a.disturbance_step.final, rel=1e-5)
 
 
 # -- Bode and Nichols --------------------------------------------------------------------------------------

@@ -34,6 +34,9 @@ class Loop:
         Of L in degrees, continuous in frequency; it starts at -90 times the number of integrations.
     margins : Margins
         Of the nominal plant.
+    bandwidth : float or None
+        First line in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None where the closed loop is
+        unstable or it does not fall.
     family : ndarray of complex, shape (n_members, n_f)
         The loop function of each member of a family; no rows without one.
     family_phase : ndarray of float, shape (n_members, n_f)
@@ -41,8 +44,7 @@ class Loop:
     members : tuple of Margins
         One a member.
     worst : mapping of str to Range
-        Smallest and largest of each figure over the nominal plant's family, by the name in `Margins`; empty without a
-        family.
+        Smallest and largest of each figure over the members, by the name in `Margins`; empty without a family.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Loop:
     L: _Complex
     phase: _Real
     margins: Margins
+    bandwidth: float | None = None
     family: _Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
     family_phase: _Real = field(default_factory=lambda: np.zeros((0, 0)))
     members: tuple[Margins, ...] = ()

@@ -135,7 +135,7 @@ def servo(
         position_loop=loops[1] if len(loops) > 1 else None,
         freq=lines,
         reference=cascade.reference(s),
-        bandwidth=_bandwidth(cascade, outer) if outer.margins.stable else None,
+        bandwidth=_bandwidth(cascade.reference, outer),
         compliance=None if disturbance is None else cascade.compliance(s),
         poles=outer.poles,
         step=over_time.step,
@@ -184,6 +184,7 @@ def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) ->
         L=L,
         phase=phase,
         margins=judged.margins,
+        bandwidth=_bandwidth(lambda s: (L := judged.loop(s)) / (1.0 + L), judged),
         family=np.array([values for values, _ in drawn], dtype=np.complex128).reshape(shape),
         family_phase=np.array([own for _, own in drawn], dtype=np.float64).reshape(shape),
         members=margins,
@@ -200,14 +201,16 @@ def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
     return L, np.asarray(phase + 360.0 * np.round((dense - phase) / 360.0))
 
 
-def _bandwidth(cascade: Cascade, outer: Judged) -> float | None:
-    """Return where the closed loop first falls 3 dB below its value at rest, in Hz."""
-    rest = abs(cascade.reference(1e-4j * outer.w[:1])[0])
+def _bandwidth(closed: grid.Loop, judged: Judged) -> float | None:
+    """Return where a closed loop first falls 3 dB below its value at rest, in Hz; None where it is unstable."""
+    if not judged.margins.stable:
+        return None
+    rest = abs(closed(1e-4j * judged.w[:1])[0])
 
     def above(w: _Real) -> _Real:
-        return np.asarray(np.abs(cascade.reference(1j * w)) / rest - np.sqrt(0.5))
+        return np.asarray(np.abs(closed(1j * w)) / rest - np.sqrt(0.5))
 
-    found = grid.level(above, outer.w, above(outer.w))
+    found = grid.level(above, judged.w, above(judged.w))
     return None if found is None else found / _TWO_PI
 
 

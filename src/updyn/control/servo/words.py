@@ -40,11 +40,12 @@ def servo_text(servo: Servo) -> str:
     parts.append(indent(servo.controller.summary(), "  "))
     for loop in servo.loops:
         parts += [f"{loop.name} loop", indent(loop.margins.summary(), "  ")]
+        if loop.bandwidth is not None:
+            parts.append(f"  bandwidth       {loop.bandwidth:.6g} Hz (-3 dB, closed)")
         if loop.members:
             parts.append(indent(_family(loop), "  "))
-    outer = "velocity" if servo.position_loop is None else "position"
-    if servo.bandwidth is not None:
-        parts.append(f"bandwidth of the closed {outer} loop (-3 dB)  {servo.bandwidth:.6g} Hz")
+    if servo.bandwidth is not None and servo.controller.feed_forward:
+        parts.append(f"bandwidth from the reference, with feed-forward (-3 dB)  {servo.bandwidth:.6g} Hz")
     for step in (servo.step, servo.disturbance_step):
         if step is not None:
             parts.append(_step(step))
