@@ -91,6 +91,13 @@ def test_the_terminal_shows_what_a_run_found_besides(ran: Path) -> None:
     assert said.index("part4.stiffness") < said.index("Profile likelihood") < said.index("Results in")
 
 
+def test_check_says_what_the_plant_will_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(folder / "job.toml")]) == 0
+    out, _ = capsys.readouterr()
+    assert "Plant from 1 to 30 Hz, tolerance 2 %: 1 input (12:X), 2 outputs (tip, twist)" in out
+    assert "goes beyond the data, 0.6349 to 22.7 Hz" in out
+
+
 def test_the_plant_of_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = folder / "job.toml"
     job.write_text(job.read_text().replace("band = [1.0, 30.0]", 'band = [1.0, 20.0]\nfiles = "drive.npz"'))

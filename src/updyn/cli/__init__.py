@@ -18,7 +18,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from updyn import __version__
 from updyn.cli.comparing import compare
-from updyn.cli.planting import describe_planted, plant
+from updyn.cli.planting import describe_planted, describe_wish, plant
 from updyn.errors import InputError, UpdynError, UpdynWarning
 
 if TYPE_CHECKING:
@@ -134,6 +134,8 @@ def check(job: Path, /) -> int:
         _say(f"\n{test.name}\n{test.matching}" if test.name else f"\n{test.matching}")
     _say("")
     _say(describe_parameters(ready.parameters))
+    if asked := describe_wish(ready):
+        _say(f"\n{asked}")
     if chosen is not None:
         _say(f"\nSelected before the fit:\n{chosen.summary()}")
     _say("\nAt the start of the unknowns:")

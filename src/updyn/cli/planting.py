@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from updyn.job.planted import Planted
+    from updyn.job.prepare import Prepared
 
-__all__ = ["describe_planted", "plant"]
+__all__ = ["describe_planted", "describe_wish", "plant"]
 
 
 def plant(
@@ -77,11 +78,10 @@ def describe_planted(made: Planted) -> str:
     if found is None:
         lines.append(made.message)
     else:
-        rigid = f"{found.rigid} rigid-body modes" if found.rigid != 1 else "1 rigid-body mode"
-        flexible = len(found.modes) - found.rigid
         lines += [
-            f"{found.n_states} states, {len(found.inputs)} inputs, {len(found.outputs)} outputs; {rigid}, "
-            f"{flexible} flexible modes",
+            f"{_counted(found.n_states, 'state')}, {_counted(len(found.inputs), 'input')}, "
+            f"{_counted(len(found.outputs), 'output')}; {_counted(found.rigid, 'rigid-body mode')}, "
+            f"{_counted(len(found.modes) - found.rigid, 'flexible mode')}",
             f"error {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)} of the height of a "
             f"resonance; tolerance {_percent(made.tolerance)}",
             f"route: {found.route}",
@@ -106,6 +106,31 @@ def describe_planted(made: Planted) -> str:
     lines += [f"note: {note}" for note in made.notes]
     lines += [f"\n{found.summary()}" for found in (made.servo, *made.nonlinear, made.drive) if found is not None]
     return "\n".join(lines)
+
+
+def describe_wish(ready: Prepared) -> str:
+    """Return what a job asks for with ``[plant]`` and ``[servo]``, as text; empty where it asks for nothing."""
+    from updyn.job.control_checks import band_of_plant, beyond_the_data, part_of_plant
+
+    table, servo = ready.job.plant, ready.job.servo
+    if table is None:
+        return ""
+    test = ready.tests[part_of_plant(ready.job)]
+    band = band_of_plant(ready.job, test.frf)
+    names = ", ".join(p.name for p in table.input_ports), ", ".join(p.name for p in table.output_ports)
+    lines = [
+        f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}: "
+        f"{_counted(len(table.inputs), 'input')} ({names[0]}), {_counted(len(table.outputs), 'output')} ({names[1]})"
+    ]
+    if servo is not None and servo.controller is not None:
+        positioned = f" and {servo.position}" if servo.position else ""
+        lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}{positioned}")
+    said = beyond_the_data(band, test.frf)
+    return "\n".join([*lines, *([f"note: {said}"] if said else [])])
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _percent(share: float) -> str:

@@ -173,9 +173,9 @@ def _in_time(
     """Return the loop in time, from where it began, and why it is not there."""
     from updyn.control.nonlinear.simulate import simulate
 
-    if not cycles and not cycles.linear_stable:
-        return None, "", "It is not simulated: the loop is unstable without the nonlinearity."
     found = _largest(cycles)
+    if found is None and not cycles.linear_stable:
+        return None, "", "It is not simulated: the loop is unstable without it, and no stable limit cycle is predicted."
     how: dict[str, Any]
     if found is not None:
         how = {"start": found, "scale": _OUTSIDE}

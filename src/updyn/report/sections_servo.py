@@ -35,7 +35,12 @@ def servo_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
 
 # -- the loop ---------------------------------------------------------------------------------------------------
 def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
-    parts = [m.paragraph(_verdict(servo), "lead"), m.note(*servo.notes), _tiles(servo), _controller(servo)]
+    parts = [
+        m.paragraph(_verdict(servo), "lead"),
+        m.note(*map(_sentence, servo.notes)),
+        _tiles(servo),
+        _controller(servo),
+    ]
     parts.append(_margins(servo))
     for loop in servo.loops:
         caption = (
@@ -172,8 +177,14 @@ def _margins(servo: Servo) -> str:
     bad = [
         f"{loop.name} loop: plants {_listed(loop.unstable_members)}" for loop in servo.loops if loop.unstable_members
     ]
-    more = m.note(f"Unstable: {'; '.join(bad)}. The worst are of the stable ones.") if bad else ""
+    some = any(0 < len(loop.unstable_members) < len(loop.members) for loop in servo.loops)
+    rest = " The worst are of the stable ones." if some else ""
+    more = m.note(f"Unstable: {'; '.join(bad)}.{rest}") if bad else ""
     return m.table(head, rows, caption=caption, kinds=kinds) + more
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def _listed(members: tuple[int, ...]) -> str:

@@ -116,7 +116,7 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     members = loop.family[:_MEMBERS, at]
     for number, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
-        line = _along(turns, _db(member), loop.freq[at], "family", "@after-faint", 1.2)
+        line = _along(turns, _db(member), loop.freq[at], "family", "@measured", 0.8)
         traces.append(line | {"showlegend": number == 0})
     traces.append(_along(turn, _db(L), loop.freq[at], "L, nominal", "@after", 1.8))
     centres = _critical(turn[shown] if shown.any() else turn)
