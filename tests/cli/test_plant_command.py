@@ -12,6 +12,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.demos import find_demo
+from updyn.elements.constraints import add_masses
 from updyn.io.plant_file import PLANT_FORMATS
 from updyn.job.control_tables import PLANT_SUFFIXES
 
@@ -184,3 +185,84 @@ def test_folders_and_jobs_that_cannot_be(folder: Path, capsys: pytest.CaptureFix
 
 def test_suffixes_are_those_of_the_writers() -> None:
     assert set(PLANT_SUFFIXES) == {s for f in PLANT_FORMATS if "write_plant" in f.can for s in f.suffixes}
+
+
+# -- [servo] ---------------------------------------------------------------------------------------------------
+SERVO = """
+[servo]
+velocity = "tip"
+motor = "12:X"
+load = "1:X"
+[servo.controller]
+"""
+
+
+def test_a_servo_that_cannot_be_is_an_error_of_plant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The chain is held at one end: nothing turns freely, so no gain can be sized by an inertia."""
+    job = folder / "job.toml"
+    job.write_text(job.read_text() + SERVO + "crossover = 2.0\n")
+    before = {p: p.stat().st_mtime_ns for p in (folder / "job").iterdir()}
+    assert main(["plant", str(job)]) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    line = job.read_text().splitlines().index("crossover = 2.0")
+    assert f"job.toml:{line}: " in err  # the table, whose first key that the message names is none
+    assert "no rigid-body motion" in err
+    assert {p: p.stat().st_mtime_ns for p in (folder / "job").iterdir()} == before
+
+
+def test_a_run_keeps_its_plant_where_the_servo_cannot_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job = folder / "job.toml"
+    job.write_text(job.read_text().partition("[uncertainty]")[0] + SERVO + "crossover = 2.0\n")
+    assert main(["run", str(job)]) == 0
+    out, _ = capsys.readouterr()
+    assert "note: [servo] is left out:" in out
+    assert updyn.read_plant(folder / "job" / "plant.json").outputs == ("tip", "twist")
+    found = record(folder / "job")
+    assert (found["servo"], found["met"]) == (None, True)
+
+
+def test_a_servo_is_printed_and_recorded(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    job = folder / "job.toml"
+    job.write_text(job.read_text() + SERVO + "kp = 20\ndead_time = 0.001\n")
+    assert main(["plant", str(job)]) == 0
+    out, _ = capsys.readouterr()
+    assert "velocity loop" in out
+    assert "Drive from 12:X (motor) to 1:X (load)" in out
+    found = record(folder / "job")["servo"]
+    plant = updyn.read_plant(folder / "job" / "plant.json")
+    controller = updyn.Controller(20.0, dead_time=0.001)
+    servo = updyn.servo(plant, controller, torque="12:X", velocity="tip")
+    assert found["velocity_loop"]["margins"]["modulus_margin"] == pytest.approx(
+        servo.velocity_loop.margins.modulus_margin, rel=1e-6
+    )
+    assert found["stable"] == servo.stable
+    assert 'data-figure="bode-velocity"' in (folder / "job" / "plant.html").read_text(encoding="utf-8")
+
+
+# -- several tests -----------------------------------------------------------------------------------------------
+def test_the_plant_of_one_of_several_tests(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One test with an added mass: the plant is of the configuration that is named."""
+    model = updyn.read_model(folder / "chain.h5")
+    loaded = add_masses(model, {"12:X": 5.0})
+    for name, one in (("plain", model), ("loaded", loaded)):
+        frf = updyn.response(one, np.linspace(1.0, 20.0, 40), ["12:X", "5:X"], ["12:X"])
+        updyn.write_frf(frf, folder / f"{name}.npz")
+    tests = '[[test]]\nname = "loaded"\nfile = "loaded.npz"\nmasses = { "12:X" = 5.0 }\n'
+    tests += '[[test]]\nname = "plain"\nfile = "plain.npz"\n'
+    job = folder / "several.toml"
+    text = JOB.replace('[test]\nfile = "chain.uff"\n', tests).replace("starts = 0", "starts = 0\nnoise = 'flat'")
+    text = text.replace("noise = 'flat'", "noise = { relative = 0.01 }").replace("[plant]", "[plant]\ntest = 'plain'")
+    job.write_text(text)
+    assert main(["run", str(job)]) == 0
+    out = folder / "several"
+    assert off(updyn.read_model(out / "plain" / "model.h5"), updyn.read_plant(out / "plant.json")).max() <= 0.021
+    job.write_text(text.replace("test = 'plain'", "test = 'loaded'"))
+    assert main(["plant", str(job), "--out", str(folder / "elsewhere")]) == 0
+    said = capsys.readouterr().out
+    assert "as it stood in test 'loaded', with its added masses" in said
+    plant = updyn.read_plant(folder / "elsewhere" / "plant.json")
+    assert off(updyn.read_model(out / "loaded" / "model.h5"), plant).max() <= 0.021
+    assert off(updyn.read_model(out / "plain" / "model.h5"), plant).max() > 0.1
+    job.write_text(text.replace("test = 'plain'", "test = 'plan'"))
+    assert main(["plant", str(job)]) == 2
+    assert "did you mean 'plain'" in " ".join(capsys.readouterr().err.split())
