@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -266,3 +267,24 @@ def test_the_plant_of_one_of_several_tests(folder: Path, capsys: pytest.CaptureF
     job.write_text(text.replace("test = 'plain'", "test = 'plan'"))
     assert main(["plant", str(job)]) == 2
     assert "did you mean 'plain'" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_family_is_of_the_draws_that_there_are(folder: Path) -> None:
+    job = folder / "job.toml"
+    text = job.read_text().partition("[uncertainty]")[0].replace("sampling =", "family = 2\nsampling =")
+    text = re.sub(r"outputs = .*\nquantity = .*\n", 'outputs = ["12:X"]\n', text)
+    text = text.replace("band = [1.0, 30.0]", "band = [1.0, 5.0]")  # one resonance: its weight is found at once
+    job.write_text(text + '[uncertainty]\nkind = "bootstrap"\nn = 3\n')
+    assert main(["run", str(job)]) == 0
+    draws = updyn.read_uncertainty(folder / "job" / "uncertainty.nc")
+    first = record(folder / "job")["family"]
+    assert main(["plant", str(job)]) == 0
+    again = record(folder / "job")["family"]
+    assert first == again
+    assert (first["members"], first["facts"]["source"]) == (2, "bootstrap")
+    assert len(draws) == 3
+    shutil.rmtree(folder / "job")
+    assert main(["plant", str(job)]) == 0
+    found = record(folder / "job")
+    assert found["family"] is None
+    assert any("the model is not updated" in note for note in found["notes"])

@@ -90,7 +90,8 @@ def describe_planted(made: Planted) -> str:
             late = f", input late by {made.sampled.delay} intervals" if made.sampled.delay else ""
             lines.append(f"sampled every {made.sampled.dt:g} s: {made.sampled.n_states} states{late}")
         if made.family is not None:
-            lines.append(f"family: {len(made.family)} plants, error at most {_percent(made.family.error)}")
+            lines.append(made.family.summary())
+            lines += [weight.summary() for weight in made.weights.values()]
     rows = [
         [c.name, _percent(c.error), _percent(c.peak_error), "used" if found and c.name == found.route else "", c.note]
         for c in made.conversions
