@@ -1,0 +1,322 @@
+"""How well does a plant answer, and with how few states?
+
+Gear train of Bao, Wang & Cheng (2010), 12-DOF chain, antenna of `updyn demo antenna` with its hidden values; one
+force, displacements and velocities. Every error is measured again, against `updyn.response` on lines of the script's
+own (evenly and geometrically spaced, then closer around every maximum), beside what the plant
+states. Side by side: the conversions of structural damping, computed here once more from dense matrices; and the order
+against the tolerance, with the order that balanced truncation of the whole plant needs for the same.
+
+    OMP_NUM_THREADS=1 python benchmarks/plant.py [--cases chain,antenna]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from cases import chain12, gear_train
+
+import updyn
+from updyn.control.build import _task, conversions
+from updyn.control.conversion import Matrices
+from updyn.control.order import VIEWS
+from updyn.control.plant import Plant
+from updyn.control.ports import as_ports
+from updyn.control.target import Target
+from updyn.demos.antenna import TRUTH
+from updyn.demos.antenna_model import AZIMUTH, ELEVATION, antenna
+from updyn.model import Model
+
+TOLERANCES = (0.1, 0.05, 0.02, 0.01, 0.005)
+QUANTITIES = {"receptance": "displacement", "mobility": "velocity"}
+REFUSED = ("diagonal", "single-frequency")
+
+
+@dataclass
+class Bench:
+    """A structure between a force and some motions, in a band."""
+
+    name: str
+    model: Model
+    force: str
+    motions: list[str]
+    band: tuple[float, float]
+    turning: tuple[str, ...] = ()  # held, they leave no rigid-body motion
+
+    def exact(self, freq: np.ndarray) -> np.ndarray:
+        """Displacements, by a factorisation a line; shape (n_f, n_y)."""
+        return updyn.response(self.model, freq, self.motions, [self.force]).values[:, :, 0]
+
+    @cached_property
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lines and displacements there, closer around every maximum until its neighbours are as high to 0.5 %."""
+        freq = np.unique(np.concatenate([np.linspace(*self.band, 377), np.geomspace(*self.band, 377)]))
+        H = self.exact(freq)
+        while True:
+            size = np.abs(H) * freq[:, None] ** 2
+            at = maxima(size)
+            beside = np.minimum(size[at - 1], size[at + 1])
+            rough = at[
+                ((size[at] > 1.005 * beside) & (size[at] > 0.01 * size.max(axis=0)) & summits(size, at)).any(axis=1)
+            ]
+            if not len(rough):
+                break
+            more = np.concatenate([np.linspace(freq[i - 1], freq[i + 1], 9)[1:-1] for i in rough])
+            more = np.setdiff1d(more, freq)
+            if not len(more):  # as close as numbers go
+                break
+            order = np.argsort(np.concatenate([freq, more]))
+            freq, H = np.concatenate([freq, more])[order], np.concatenate([H, self.exact(more)])[order]
+        return freq, H
+
+    def values(self, quantity: str) -> np.ndarray:
+        freq, H = self.lines
+        return H if quantity == "receptance" else 2j * np.pi * freq[:, None] * H
+
+    def error(self, G: np.ndarray, quantity: str) -> float:
+        """Largest error of a channel as a share of its peak."""
+        H = self.values(quantity)
+        return float((np.abs(G - H) / np.abs(H).max(axis=0)).max())
+
+    def peak_error(self, G: np.ndarray, quantity: str) -> float:
+        """Largest error of the height of a resonance, down to a tenth of the highest of its channel."""
+        H, worst = np.abs(self.values(quantity)), 0.0
+        weight = self.lines[0][:, None] ** (2.0 if quantity == "receptance" else 1.0) if self.turning else 1.0
+        for j in range(H.shape[1]):
+            seen = (weight * H)[:, j]
+            lows = np.concatenate([[0], np.flatnonzero((seen[1:-1] < seen[:-2]) & (seen[1:-1] < seen[2:])) + 1, [-1]])
+            lows[-1] = len(seen) - 1
+            for top in maxima(seen[:, None]):
+                if seen[top] >= 0.1 * seen.max():
+                    part = slice(lows[lows < top][-1], lows[lows > top][0] + 1)
+                    worst = max(worst, abs(np.abs(G[part, j]).max() / H[part, j].max() - 1.0))
+        return worst
+
+
+def summits(size: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Which columns have a maximum at some positions."""
+    return (size[at] > size[at - 1]) & (size[at] >= size[at + 1])
+
+
+def maxima(size: np.ndarray) -> np.ndarray:
+    """Positions of the inner maxima of any column."""
+    return np.flatnonzero(summits(size, np.arange(1, len(size) - 1)).any(axis=1)) + 1
+
+
+def benches() -> Iterator[Bench]:
+    yield Bench(
+        "gear train", gear_train().true, "2:RZ", ["1:RZ", "2:RZ", "3:RZ", "4:RZ"], (1 / np.pi, 500 / np.pi)
+    )  # 2 to 1000 rad/s, as in the paper
+    chain = chain12()
+    low, high = float(chain.clean.freq[0]), float(chain.clean.freq[-1])
+    yield Bench("chain", chain.true, "2:X", ["2:X", "7:X", "11:X"], (low, high))
+    motors = tuple(f"{train['motor']}:RZ" for train in (AZIMUTH, ELEVATION))
+    yield Bench("antenna", antenna().scaled(TRUTH), motors[0], [motors[0], "3:RZ", "4:RZ"], (0.5, 60.0), motors)
+
+
+# -- what a plant is worth ---------------------------------------------------------------------------------
+def plants(bench: Bench) -> None:
+    for quantity, word in QUANTITIES.items():
+        made = updyn.plant(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
+        G = made.response(bench.lines[0]).values[:, :, 0]
+        moving = made.poles[np.abs(made.poles) > 1e-6 * np.abs(made.poles).max()]
+        print(
+            f"| {bench.name}, {word} | {made.route} | {made.n_states} | {100 * made.error:.2g} | "
+            f"{100 * bench.error(G, quantity):.2g} | {100 * made.peak_error:.2g} | "
+            f"{100 * bench.peak_error(G, quantity):.2g} | {len(made.poles) - len(moving)} | {moving.real.max():.2g} |",
+            flush=True,
+        )
+
+
+def rigid_body(bench: Bench) -> None:
+    """Inertia and drag at the force: those of the plant from 1 / (s G) = J s + c far below all modes, and exactly."""
+    model, held = bench.model, model_rows(bench.model, bench.turning)
+    free = np.setdiff1d(np.arange(model.n_dofs), held)
+    K, M, C = (sp.csc_array(x) for x in (model.stiffness, model.mass, model.viscous))
+    R = np.zeros((model.n_dofs, len(held)))
+    R[held] = np.eye(len(held))
+    R[free] = -spla.spsolve(K[free][:, free], K[free][:, held].toarray())
+    at = R[model_rows(model, [bench.force])[0]]
+    exact = [float(1.0 / (at @ np.linalg.solve(R.T @ (X @ R), at))) for X in (M, C)]
+    made = updyn.plant(bench.model, [bench.force], [bench.force], bench.band)
+    s = 2j * np.pi * np.array([1e-4, 1e-3])
+    G = made.at(s)[:, 0, 0]
+    answer = 1.0 / (s * G)
+    found = [float(answer[1].imag / s[1].imag), float(answer[0].real)]
+    slope = np.log10(np.abs(G[1] / G[0]))
+    print(f"\n{bench.name}: slope of the displacement between 1e-4 and 1e-3 Hz {slope:.4f}; at the force")
+    for what, a, b, unit in zip(("inertia", "drag"), found, exact, ("kg m2", "N m s/rad"), strict=True):
+        print(f"  {what} {a:.6g} {unit}, exactly {b:.6g}: off by {abs(a / b - 1.0):.1g}")
+
+
+def model_rows(model: Model, labels: list[str] | tuple[str, ...]) -> np.ndarray:
+    return model.dofs.match(list(labels)).index
+
+
+# -- conversions -------------------------------------------------------------------------------------------
+def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
+    """The conversions once more, of dense matrices with all modes."""
+    model = bench.model
+    K, M = model.stiffness.toarray(), model.mass.toarray()
+    D, C = model.structural.toarray(), model.viscous.toarray()
+    square, phi = scipy.linalg.eigh(K, M)
+    omega = np.sqrt(np.maximum(square, 0.0))
+    freq = bench.lines[0]
+    s = 2j * np.pi * freq
+    out, into = (phi[model_rows(model, labels)] for labels in (bench.motions, [bench.force]))
+    damping = phi.T @ D @ phi
+    middle = 2 * np.pi * np.sqrt(max(bench.band[0], 1e-3 * bench.band[1]) * bench.band[1])
+    own = damping / np.sqrt(np.outer(omega, omega))
+    found = {}
+    for name, X in (("modal", own), ("diagonal", np.diag(np.diag(own))), ("single-frequency", damping / middle)):
+        Z = s[:, None, None] * (X + phi.T @ C @ phi) + np.diag(square) + (s**2)[:, None, None] * np.eye(len(omega))
+        found[name] = (out @ np.linalg.solve(Z, np.broadcast_to(into.T, (len(s), *into.T.shape))))[:, :, 0]
+    if not C.any():
+        squares, shapes = scipy.linalg.eig(K + 1j * D, M)  # of the poles squared, the sign changed
+        shapes = shapes / np.sqrt(np.einsum("im,ij,jm->m", shapes, M, shapes))
+        poles = 1j * np.sqrt(squares)
+        a, b = (shapes[model_rows(model, labels)] for labels in (bench.motions, [bench.force]))
+        R = a * b / (2.0 * poles)
+        found["complex"] = np.stack(
+            [(r / (s[:, None] - poles) + r.conj() / (s[:, None] - poles.conj())).sum(axis=1) for r in R], axis=1
+        )
+    return found if quantity == "receptance" else {name: s[:, None] * G for name, G in found.items()}
+
+
+def side_by_side(bench: Bench) -> None:
+    for quantity, word in QUANTITIES.items():
+        stated = conversions(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
+        own = by_hand(bench, quantity) if bench.model.n_dofs < 100 else {}
+        cells = []
+        for one in stated:
+            cell = f"{100 * one.error:.2g} / {100 * one.peak_error:.2g}" if np.isfinite(one.error) else "refused"
+            if one.name in own:
+                G = own[one.name]
+                cell += f" ({100 * bench.error(G, quantity):.2g} / {100 * bench.peak_error(G, quantity):.2g})"
+            cells.append(cell)
+        print(f"| {bench.name}, {word} | " + " | ".join(cells) + " |", flush=True)
+
+
+# -- order -------------------------------------------------------------------------------------------------
+def respond(matrices: Matrices, freq: np.ndarray) -> np.ndarray:
+    A, B, C, D = matrices
+    s = 2j * np.pi * freq
+    if not len(A):
+        return np.broadcast_to(D.astype(complex), (len(s), *D.shape))
+    solved = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
+    return C @ solved + D
+
+
+def split(matrices: Matrices) -> tuple[Matrices, Matrices]:
+    """Poles at 0, and the rest: ordered Schur form, and a Sylvester equation that takes them apart."""
+    A, B, C, D = matrices
+    least = 1e-6 * np.abs(np.linalg.eigvals(A)).max()
+    T, Q, n = scipy.linalg.schur(A, sort=lambda re, im: np.hypot(re, im) < least)
+    X = scipy.linalg.solve_sylvester(T[:n, :n], -T[n:, n:], -T[:n, n:])
+    B, C = Q.T @ B, C @ Q
+    rest = T[n:, n:], B[n:], C[:, n:] + C[:, :n] @ X, D
+    return (T[:n, :n], B[:n] - X @ B[n:], C[:, :n], np.zeros_like(D)), rest
+
+
+def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
+    """Balanced truncation (Moore 1981) by square roots; or with the static answer kept (Fernando & Nicholson 1982)."""
+    A, B, C, D = matrices
+    roots = []
+    for a, b in ((A, B), (A.T, C.T)):
+        values, vectors = np.linalg.eigh(scipy.linalg.solve_continuous_lyapunov(a, -b @ b.T))
+        roots.append(vectors * np.sqrt(np.maximum(values, 0.0)))
+    U, sigma, Vt = np.linalg.svd(roots[1].T @ roots[0])
+    use = sigma > 1e-13 * sigma[0]
+    right = roots[0] @ Vt[use].T / np.sqrt(sigma[use])
+    left = roots[1] @ U[:, use] / np.sqrt(sigma[use])
+    a, b, c = left.T @ A @ right, left.T @ B, C @ right
+
+    def cut(r: int, static: bool) -> Matrices:
+        if not static or r == len(a):
+            return a[:r, :r], b[:r], c[:, :r], D
+        rest = np.linalg.solve(a[r:, r:], np.hstack([a[r:, :r], b[r:]]))
+        x, y = rest[:, :r], rest[:, r:]
+        return a[:r, :r] - a[:r, r:] @ x, b[:r] - a[:r, r:] @ y, c[:, :r] - c[:, r:] @ x, D - c[:, r:] @ y
+
+    return cut
+
+
+def order_needed(bench: Bench, quantity: str, route: str, made: list[Plant]) -> list[int | None]:
+    """States of balanced truncations that are as good as some plants, by the plant's own lines and figures."""
+    ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
+    task, _ = _task(bench.model, *ports, bench.band, quantity, None, None)
+    target, conversion = task.target, task.conversion(route)
+    freq = target.freq
+    still, rest = split(conversion.matrices(np.ones(len(conversion.frequency), dtype=np.bool_)))
+    rigid, cut = respond(still, freq), balanced(rest)
+    views = [first_view(target, p) for p in made]  # truncations are looked at as the plant was
+    needed: list[int | None] = [None] * len(made)
+    for r in range(min(len(rest[0]), 60) + 1):
+        for static in (False, True):
+            reduced = cut(r, static)
+            if len(reduced[0]) < r:
+                continue
+            G = rigid + respond(reduced, freq)
+            reached = [judged(target, G, view) for view in VIEWS]
+            for k, p in enumerate(made):
+                if needed[k] is None and reached[views[k]] <= p.tolerance:
+                    needed[k] = r + len(still[0])
+        if None not in needed:
+            break
+    return needed
+
+
+def judged(target: Target, G: np.ndarray, view: tuple[bool, bool]) -> float:
+    beside, slow = view
+    return max(target.worst(G) if beside else target.error(G), target.peak_error(G, strict=slow))
+
+
+def first_view(target: Target, plant: Plant) -> int:
+    """The most demanding view in which a plant holds its tolerance."""
+    G = plant.response(target.freq).values
+    return next(i for i, view in enumerate(VIEWS) if judged(target, G, view) <= plant.tolerance * (1 + 1e-6))
+
+
+def orders(bench: Bench) -> None:
+    for quantity, word in QUANTITIES.items():
+        made = [
+            updyn.plant(bench.model, [bench.force], bench.motions, bench.band, t, quantity=quantity) for t in TOLERANCES
+        ]
+        by_route = {r: order_needed(bench, quantity, r, made) for r in sorted({p.route for p in made})}
+        cells = [f"{p.n_states} {p.route} ({by_route[p.route][k] or '-'})" for k, p in enumerate(made)]
+        print(f"| {bench.name}, {word} | " + " | ".join(cells) + " |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", default="gear train,chain,antenna")
+    chosen = parser.parse_args().cases.split(",")
+    some = [b for b in benches() if b.name in chosen]
+    print("tolerance 2 %; errors in % of a channel's peak and of a resonance's height, stated and measured here")
+    print("| | route | states | error | own | peak error | own | poles at 0 | largest other Re, rad/s |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for bench in some:
+        plants(bench)
+    for bench in some:
+        if bench.turning:
+            rigid_body(bench)
+    print("\nconversions with all modes, error / peak error in %, in brackets by hand on the script's own lines")
+    print("| | modal | complex | biot | diagonal | single frequency |")
+    print("|---|---|---|---|---|---|")
+    for bench in some:
+        side_by_side(bench)
+    print("\nstates by tolerance, in brackets those of a balanced truncation")
+    print("| | " + " | ".join(f"{100 * t:g} %" for t in TOLERANCES) + " |")
+    print("|---|" + "---|" * len(TOLERANCES))
+    for bench in some:
+        orders(bench)
+
+
+if __name__ == "__main__":
+    main()
