@@ -18,7 +18,7 @@ from updyn.job.planted import lines_of, planted_of
 from updyn.report import write_plant_page
 from updyn.report.plant_parts import plant_parts
 from updyn.report.sections_plant import share
-from updyn.report.stacked import log_frequency, phases
+from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
 [model]
@@ -173,7 +173,7 @@ def test_tables_of_the_plant(made, parts):
     for pole in poles:
         assert f"{abs(pole) / (2 * np.pi):.5g}" in text
         assert f"{-pole.real / abs(pole):.3g}" in text
-    assert "1 rigid-body mode at 0" in text
+    assert "1 rigid-body mode with a pole at 0" in text
     assert "goes beyond the data, 2 to 80 Hz" in text
 
 
@@ -231,7 +231,18 @@ def test_responses_over_time(made, parts):
     assert time[-1] == pytest.approx(servo.step.time[-1], rel=1e-6)
     assert parts[1]["step"]["layout"]["yaxis2"]["title"]["text"] == "command (N m)"
     time, error = trace(parts[1]["wind"], servo.wind.output)
-    assert np.sqrt(np.mean(error**2)) == pytest.approx(servo.wind.rms, rel=0.05)
+    assert np.abs(error).max() == pytest.approx(servo.wind.peak, rel=1e-6)
+    assert time[-1] == pytest.approx(servo.wind.time[-1], rel=1e-6)
+
+
+def test_no_peak_is_lost_where_points_are_left_out():
+    value = np.random.default_rng(0).standard_normal(50_001)
+    value[31_234], value[7] = 9.0, -8.0
+    at = with_peaks(value, 1000)
+    assert len(at) <= 1002
+    assert (at[0], at[-1]) == (0, 50_000)
+    assert {31_234, 7} <= set(at.tolist())
+    np.testing.assert_array_equal(with_peaks(value[:900], 1000), np.arange(900))
 
 
 def test_an_unstable_loop_says_so(made):

@@ -56,6 +56,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
 def _loop(loop: Loop) -> dict[str, Any]:
     return {
         "margins": plain(asdict(loop.margins)),
+        "bandwidth": plain(loop.bandwidth),
         "worst": {name: plain(asdict(spread)) for name, spread in loop.worst.items()},
         "unstable_members": list(loop.unstable_members),
     }

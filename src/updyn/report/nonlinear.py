@@ -13,7 +13,7 @@ from updyn.job.nonlinear_of import Nonlinear
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.plots import Figure, label, numbers
-from updyn.report.stacked import Panel, stacked
+from updyn.report.stacked import Panel, stacked, with_peaks
 
 __all__ = ["nonlinear_figures", "nonlinear_part"]
 
@@ -93,25 +93,27 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
     if ended.frequency:
         span = min(span, _SHOWN / ended.frequency)
     inside = np.flatnonzero(ended.time >= ended.time[-1] - span)
-    at = inside if len(inside) <= _POINTS else inside[np.linspace(0, len(inside) - 1, _POINTS).round().astype(np.intp)]
-    time = ended.time[at]
+    time = ended.time[inside]
     reads = "twist" if found.kind == "backlash" else "velocity"
     torque = "N m" if ended.unit.startswith("rad") else "N"
     marks = (-found.law.half, found.law.half) if isinstance(found.law, Backlash) else ()
     panels = [
-        Panel(f"{reads} ({ended.unit})", [_line(time, ended.reading[at], reads, ended.unit, "@after")], {}, 1.2, marks),
-        Panel(f"torque ({torque})", [_line(time, ended.torque[at], "torque", torque, "@third")], {}, 0.8),
+        Panel(
+            f"{reads} ({ended.unit})", [_line(time, ended.reading[inside], reads, ended.unit, "@after")], {}, 1.2, marks
+        ),
+        Panel(f"torque ({torque})", [_line(time, ended.torque[inside], "torque", torque, "@third")], {}, 0.8),
     ]
     return stacked(panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 380)
 
 
 def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, Any]:
+    at = with_peaks(y, _POINTS)
     return {
         "type": "scatter",
         "mode": "lines",
         "name": label(name),
-        "x": numbers(x),
-        "y": numbers(y),
+        "x": numbers(x[at]),
+        "y": numbers(y[at]),
         "line": {"color": colour, "width": 1.6},
         "hovertemplate": f"%{{x:.5g}} s: {label(name)} %{{y:.4g}} {unit}<extra></extra>",
     }

@@ -144,7 +144,9 @@ def _pole_table(plant: Plant) -> str:
         inside = "" if plant.band[0] <= f <= plant.band[1] else "outside the band"
         rows.append(m.row([w.number(f, 5), w.number(z, 3), what, inside], ("", "", "text", "text")))
     said = (
-        f"Poles of the plant; {w.counted(plant.rigid, 'rigid-body mode')} at 0" if plant.rigid else "Poles of the plant"
+        f"Poles of the plant; {w.counted(plant.rigid, 'rigid-body mode')} with a pole at 0"
+        if plant.rigid
+        else "Poles of the plant"
     )
     said += f". The first {_LISTED} of {len(rest)}" if len(rest) > _LISTED else ""
     kinds = ("", "", "text", "text")

@@ -99,14 +99,15 @@ def _verdict(servo: Servo) -> str:
 
 
 def _tiles(servo: Servo) -> str:
+    smallest = "smallest of all loops and plants" if servo.velocity_loop.members else "smallest of the loops"
     outer, inner = servo.loops[-1].margins, servo.velocity_loop.margins
     tiles = [("Bandwidth", _hz(servo.bandwidth), f"closed {servo.loops[-1].name} loop, −3 dB")]
     if servo.position_loop is not None:
         tiles.append(("Position crossover", _hz(outer.crossover), "|L| falls through 1"))
     tiles.append(("Velocity crossover", _hz(inner.crossover), "|L| falls through 1"))
-    tiles.append(("Phase margin", _degrees(_worst_of(servo, "phase_margin")), "smallest of all loops and plants"))
+    tiles.append(("Phase margin", _degrees(_worst_of(servo, "phase_margin")), smallest))
     gain = _worst_of(servo, "gain_margin")
-    tiles.append(("Gain margin", _db(gain), "smallest of all loops and plants"))
+    tiles.append(("Gain margin", _db(gain), smallest))
     modulus = _worst_of(servo, "modulus_margin")
     tiles.append(("Modulus margin", w.number(modulus, 3), "smallest |1 + L|; above 0.5 is usual"))
     if servo.wind is not None:
@@ -172,6 +173,10 @@ def _margins(servo: Servo) -> str:
                 cells += [say(value), "–" if none else str(which)]
         if any(cell != "–" for cell in cells[1:]):
             rows.append(m.row(cells, kinds))
+    closed = ["bandwidth, closed, −3 dB"]
+    for loop in servo.loops:
+        closed += [_hz(loop.bandwidth), "–"] + (["–", "–"] if loop.members else [])
+    rows.append(m.row(closed, kinds))
     caption = "Margins; a dash: there is none, as the loop is unstable or nothing bounds it"
     caption += ". Plants of the family are counted from 0" if servo.loops[0].members else ""
     bad = [

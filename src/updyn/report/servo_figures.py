@@ -12,7 +12,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.report.plant_figures import degree_axis
 from updyn.report.plots import Figure, label, numbers
-from updyn.report.stacked import Panel, band_traces, curve, log_frequency, log_range, stacked
+from updyn.report.stacked import Panel, band_traces, curve, log_frequency, log_range, stacked, with_peaks
 
 __all__ = ["servo_figures"]
 
@@ -56,9 +56,9 @@ def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
     ends = [loop.freq[near].min(), loop.freq[near].max()] if near.any() else []
     ends += [f for f in (*marks, m.modulus_margin_at) if f is not None and math.isfinite(f)]
     if len(ends) < 2:
-        return _even(len(loop.freq), _LINES)
+        return with_peaks(size, _LINES)
     inside = np.flatnonzero((loop.freq >= 0.95 * min(ends)) & (loop.freq <= 1.05 * max(ends)))
-    return inside[_even(len(inside), _LINES)]
+    return inside[with_peaks(size[inside], _LINES)]
 
 
 def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
@@ -217,22 +217,19 @@ def _compliance_unit(servo: Servo, plant: Plant) -> str:
 
 # -- over time -------------------------------------------------------------------------------------------------
 def _step(step: StepResponse, unit: str) -> Figure:
-    at = _even(len(step.time), _POINTS)
-    time = step.time[at]
-    value = _timed(time, step.value[at], step.output, step.output_unit, "@after")
+    value = _timed(step.time, step.value, step.output, step.output_unit, "@after")
     final = [] if not math.isfinite(step.final) else [step.final]
     panels = [
         Panel(f"{label(step.output)} ({_unit(step.output_unit)})", [value], {}, 1.2, tuple(final)),
-        Panel(f"command ({unit})", [_timed(time, step.torque[at], "command", unit, "@third")], {}, 0.8),
+        Panel(f"command ({unit})", [_timed(step.time, step.torque, "command", unit, "@third")], {}, 0.8),
     ]
-    return stacked(panels, {"title": {"text": "time (s)"}, "range": [0.0, float(time[-1])]}, 400)
+    return stacked(panels, {"title": {"text": "time (s)"}, "range": [0.0, float(step.time[-1])]}, 400)
 
 
 def _wind(wind: WindResponse) -> Figure:
-    at = _even(len(wind.time), _POINTS)
-    time = wind.time[at]
-    push = _timed(time, wind.disturbance[at], wind.input, wind.input_unit, "@fourth")
-    error = _timed(time, wind.error[at], wind.output, wind.output_unit, "@after")
+    time = wind.time
+    push = _timed(time, wind.disturbance, wind.input, wind.input_unit, "@fourth")
+    error = _timed(time, wind.error, wind.output, wind.output_unit, "@after")
     panels = [
         Panel(f"{label(wind.input)} ({_unit(wind.input_unit)})", [push], {}, 0.8),
         Panel(f"{label(wind.output)}, error ({_unit(wind.output_unit)})", [error], {}, 1.2),
@@ -242,12 +239,13 @@ def _wind(wind: WindResponse) -> Figure:
 
 def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
     shown = f"%{{x:.5g}} s: {label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
+    at = with_peaks(value, _POINTS)
     return {
         "type": "scatter",
         "mode": "lines",
         "name": label(name),
-        "x": numbers(time),
-        "y": numbers(value),
+        "x": numbers(time[at]),
+        "y": numbers(value[at]),
         "line": {"color": colour, "width": 1.6},
         "hovertemplate": f"{shown}<extra></extra>",
     }
@@ -274,7 +272,3 @@ def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
     low, high = max(min(low, -12.0), lowest), min(max(high, 6.0), _LOUD)
     step = next((s for s in (3, 6, 10, 20) if (high - low) / s <= 8), 40)
     return {"dtick": step, "tick0": 0, "range": [low - 0.3 * step, high + 0.3 * step]}
-
-
-def _even(count: int, limit: int) -> NDArray[np.intp]:
-    return np.arange(count) if count <= limit else np.unique(np.linspace(0, count - 1, limit).round().astype(np.intp))

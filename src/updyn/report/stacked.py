@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.report.plots import Figure, label, log_step, numbers
 
-__all__ = ["Panel", "band_traces", "curve", "level_line", "log_frequency", "log_range", "phases", "stacked"]
+__all__ = [
+    "Panel",
+    "band_traces",
+    "curve",
+    "level_line",
+    "log_frequency",
+    "log_range",
+    "phases",
+    "stacked",
+    "with_peaks",
+]
 
 _GAP = 0.035
+#: Plotly's own would write 2µ.
+_POWERS = {"exponentformat": "power", "showexponent": "all"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +75,14 @@ def stacked(panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequ
         name = "" if number == 1 else str(number)
         bottom = max(top - room * panel.share / total, 0.0)
         title = {"title": {"text": panel.title, "font": {"size": 12}}}
-        layout[f"yaxis{name}"] = {"domain": [bottom, top], "anchor": "x", "zeroline": False, **title, **panel.axis}
+        layout[f"yaxis{name}"] = {
+            "domain": [bottom, top],
+            "anchor": "x",
+            "zeroline": False,
+            **_POWERS,
+            **title,
+            **panel.axis,
+        }
         traces += [trace | {"xaxis": "x", "yaxis": f"y{name}"} for trace in panel.traces]
         shapes += [_across(f"y{name}", at) for at in panel.marks]
         top = bottom - _GAP
@@ -157,6 +177,29 @@ def band_traces(
             "fillcolor": "@after-faint",
         },
     ]
+
+
+def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
+    """Return which of many values to draw so that no peak is lost: the least and the greatest of each stretch.
+
+    Parameters
+    ----------
+    values : array_like of float, shape (n,)
+        In order.
+    limit : int
+        How many at most.
+
+    Returns
+    -------
+    ndarray of int
+        Positions, ascending; all where they are not more.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if len(array) <= limit:
+        return np.arange(len(array))
+    edges = np.linspace(0, len(array), limit // 2).round().astype(np.intp)
+    found = [f(array[a:b]) + a for a, b in pairwise(edges) for f in (np.argmin, np.argmax)]
+    return np.unique([0, *found, len(array) - 1])
 
 
 def phases(first: NDArray[np.complex128], *others: NDArray[np.complex128]) -> list[NDArray[np.float64]]:
