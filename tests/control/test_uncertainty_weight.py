@@ -121,6 +121,22 @@ def test_the_weight_lies_above_on_other_lines_and_closely(family, found) -> None
     assert own.max(axis=0)[:, 0] == pytest.approx([w.largest for (w,) in found.weights], rel=1e-9)
 
 
+def test_very_sharp_resonances_are_bounded_between_the_lines_too() -> None:
+    """Damping below 1e-4: the peaks are thinner than lines of any even spacing."""
+    k = STIFFNESS * np.array([0.97, 0.99, 1.005, 1.02])
+    sharp = PlantFamily(drive(c=0.01), tuple(drive(x, 0.01) for x in k))
+    found = uncertainty_weight(sharp, order=4)
+    poles = np.concatenate([p.poles[p.poles.imag > 1] for p in (sharp.nominal, *sharp.members)])
+    zeros = np.roots([LOAD, 0.01, STIFFNESS])[:1]
+    steps = np.random.default_rng(0).normal(0.0, 1.5, 200)
+    freq = np.unique([(abs(r) + abs(r.real) * steps) / (2 * np.pi) for r in (*poles, *zeros)])
+    nominal = exact(2j * np.pi * freq, c=0.01)
+    away = np.max([np.abs(exact(2j * np.pi * freq, x, 0.01) - nominal) for x in k], axis=0)
+    size = np.abs(found.at(freq)) / np.maximum(away / np.abs(nominal), found.floor)
+    assert size.min() >= 1.0
+    assert found.radius.max() > 100.0
+
+
 def test_the_weight_is_stable_minimum_phase_and_the_same_in_state_space(found) -> None:
     for (w,) in found.weights:
         assert w.poles.real.max() < 0

@@ -24,6 +24,8 @@ _BEYOND = 10.0
 _STILL = 1e-6
 #: Lines that are added about a place divide the gaps beside it by so many.
 _ZOOM = 8
+#: Places that are looked at once.
+_LOOKED = 40
 
 
 def _name(number: int) -> str:
@@ -133,16 +135,30 @@ def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None
     return np.where(peak > 0.0, plain if floor is None else floor, 0.0)
 
 
-def closest(lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound]) -> _Real:
-    """Return lines between those there are, where a weight comes closest to what it bounds."""
+def closest(lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float) -> _Real:
+    """Return lines between those there are, where a weight comes closest to what it bounds.
+
+    Parameters
+    ----------
+    lines : ndarray of float, shape (n_f,)
+        In Hz.
+    radius, floors, bounds
+        What is bounded, from where on, and by what.
+    within : float
+        How near to the closest place others are looked at, in log |W|.
+
+    Returns
+    -------
+    ndarray of float
+        In Hz.
+    """
     more: list[_Real] = []
     for (i, j), bound in bounds.items():
         level = np.maximum(radius[:, i, j], floors[i, j])
         close = np.log(level) - bound.log_magnitude(2 * np.pi * lines)
         inner = np.flatnonzero((close[1:-1] >= close[:-2]) & (close[1:-1] >= close[2:])) + 1
-        # Far below the weight nothing can happen between two lines that would bring it up to it.
-        inner = inner[close[inner] > close.max() - 0.5]
-        for k in inner:
+        inner = inner[close[inner] > close.max() - within]
+        for k in inner[np.argsort(-close[inner], kind="stable")[:_LOOKED]]:
             more.append(np.linspace(lines[k - 1], lines[k], _ZOOM + 1)[1:-1])
             more.append(np.linspace(lines[k], lines[k + 1], _ZOOM + 1)[1:-1])
     return np.setdiff1d(np.concatenate(more), lines) if more else np.zeros(0)

@@ -32,7 +32,9 @@ KINDS = ("multiplicative", "additive")
 #: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have between two of them.
 _MARGIN = 1e-3
 #: Times that lines are added where the weight comes closest.
-_ROUNDS = 3
+_ROUNDS = 4
+#: How near to the closest place others are looked at in the last of them, in log |W|; five times that in each before.
+_CLOSE = 0.005
 #: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
 _MISSED = 0.02
 _NONE = np.zeros(0, dtype=np.complex128)
@@ -178,15 +180,16 @@ def uncertainty_weight(
     refuse_unbounded(family, lines, radius, kind)
     floors = floors_of(family, radius, kind, floor)
     bounds = {at: _fit(lines, radius, floors, at, order, tolerance, largest_order) for at in channels if floors[at] > 0}
-    for _ in range(_ROUNDS if given is None else 0):
-        more = closest(lines, radius, floors, bounds)
+    for left in range(_ROUNDS - 1 if given is None else -1, -1, -1):
+        more = closest(lines, radius, floors, bounds, _CLOSE * 5.0**left)
         if not more.size:
             break
         merged = np.concatenate([lines, more])
         radius = np.concatenate([radius, radius_of(family, more, kind)])
         ascending = np.argsort(merged, kind="stable")
         lines, radius = merged[ascending], radius[ascending]
-        for at, bound in bounds.items():
+        # The last rounds look closer at a weight that stays.
+        for at, bound in bounds.items() if left >= 2 else ():
             level = np.log(np.maximum(radius[:, *at], floors[at]))
             if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _MISSED:
                 bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)

@@ -13,6 +13,7 @@ larger in the mean (3.5 instead of 1.8), and lost in rounding from order 5 on.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,14 @@ from scipy.optimize import linprog
 __all__ = ["Bound", "fit_above"]
 
 _Real = NDArray[np.float64]
+_Lines = tuple[_Real, _Real, _Real]
 
 #: What the largest excess counts beside the mean.
 _SHARE = 0.1
 #: Damping of sections, from a sharp resonance to two real roots far apart.
 _DAMPING = (1e-5, 1e2)
-#: Lines on which sections are tried.
-_POOLED = 120
+#: Lines on which sections are tried: the fewest, and the most.
+_POOLED = (120, 250)
 #: Frequencies at which a new section is tried.
 _PLACES = 9
 #: Half the way between the zeros and poles of a new step, in log frequency.
@@ -35,12 +37,17 @@ _STEP = 0.7
 #: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many lines.
 _HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
 _SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
-_TOUCHED = 2
+_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
+_TOUCHED = 3
+#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
+_GAP = 0.3
 #: Starts that are followed to their end.
 _FOLLOWED = 2
 _STEPS = 60
 #: Times that lines are taken up, and how near to the closest one they are, in log |W|.
 _EXCHANGES, _NEAR = 3, 0.05
+#: Less than this below, it is raised.
+_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,15 +99,14 @@ def fit_above(omega: _Real, level: _Real, order: int | None, tolerance: float, l
     weight = np.gradient(np.log(omega)) if len(omega) > 1 else np.ones(1)
     weight = weight / weight.sum()
     few = _pooled(omega, y, weight)
-    whole = _raised(Bound(0, np.array([y.max()]), 0.0, 0.0), omega, y, weight)
-    even = whole
+    even = best = _raised(Bound(0, np.array([y.max()]), 0.0, 0.0), omega, y, weight)
     for tried in _orders(largest_order if order is None else order):
-        if whole.order == order or (order is None and whole.mean <= 1.0 + tolerance):
+        if order is None and best.mean <= 1.0 + tolerance:
             break
-        grown = _grown(even, tried, *few)
-        even = grown if tried % 2 == 0 else even
-        whole = _raised(grown, omega, y, weight)
-    return _polished(whole, few, omega, y, weight)
+        whole, few = _polished(_grown(even, tried, *few), few, omega, y, weight)
+        even = whole if tried % 2 == 0 else even
+        best = whole if order is not None or whole.mean < best.mean else best
+    return best
 
 
 def _orders(last: int) -> list[int]:
@@ -108,13 +114,14 @@ def _orders(last: int) -> list[int]:
     return sorted({n for n in (1, *range(2, last + 1, 2), last) if 0 < n <= last})
 
 
-def _pooled(omega: _Real, y: _Real, weight: _Real) -> tuple[_Real, _Real, _Real]:
+def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
     """Return fewer lines: of each run the one that is highest, with the weight of all."""
     # Half by their number, which is dense about resonances, half by log frequency, in which the mean is taken.
     share = np.linspace(0.0, 0.5, len(omega)) + 0.5 * np.log(omega / omega[0]) / max(
         np.log(omega[-1] / omega[0]), 1e-300
     )
-    cuts = np.flatnonzero(np.diff(np.floor(share * _POOLED))) + 1
+    count = int(np.clip(len(omega) // 16, *_POOLED))
+    cuts = np.flatnonzero(np.diff(np.floor(share * count))) + 1
     runs = np.split(np.arange(len(omega)), cuts)
     at = np.array([run[np.argmax(y[run])] for run in runs])
     return omega[at], y[at], np.array([weight[run].sum() for run in runs])
@@ -132,7 +139,8 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
         starts += [np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)]
         humps = [(w, *d) for w in places for d in _HUMPS]
-        humps += [(w, *d) for w in _touched(base, omega, y) for d in (*_HUMPS, *_SPIKES)]
+        touched, free = _touched_and_free(base, omega, y, weight)
+        humps += [(w, *d) for w in touched for d in (*_HUMPS, *_SPIKES)] + [(w, *d) for w in free for d in _DIPS]
         starts += [np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps]
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
     best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
@@ -140,10 +148,20 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
     return Bound(order, min(ended, key=lambda one: one[1])[0], 0.0, 0.0)
 
 
-def _touched(bound: Bound, omega: _Real, y: _Real) -> list[float]:
-    """Return log frequencies at which a bound rests on what it bounds: a section there lets it down elsewhere."""
+def _touched_and_free(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> tuple[list[float], list[float]]:
+    """Return log frequencies at which a bound rests on what it bounds, and middles of the widest gaps beneath it.
+
+    A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it down there.
+    """
     excess = bound.log_magnitude(omega) - y
-    return [float(np.log(omega[i])) for i in np.argsort(excess, kind="stable")[:_TOUCHED]]
+    touched = np.argsort(excess, kind="stable")[:_TOUCHED]
+    # Gaps lie between places that are nearly touched; their size is their area over log frequency.
+    near = np.flatnonzero(excess < _GAP * excess.max())
+    ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
+    areas = [(float(weight[i : j + 1] @ excess[i : j + 1]), i, j) for i, j in pairwise(ends) if j > i + 1]
+    gaps = sorted(areas, reverse=True)[:_TOUCHED]
+    x = np.log(omega)
+    return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
 
 
 def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
@@ -155,11 +173,13 @@ def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
     return Bound(bound.order, p, float(np.exp(excess.max() + lift)), float(np.exp(weight @ excess + lift)))
 
 
-def _polished(bound: Bound, few: tuple[_Real, _Real, _Real], omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Take up the lines at which the fit on few of them lies below, and fit again."""
-    best, p = bound, bound.p
-    for _ in range(_EXCHANGES if bound.order else 0):
+def _polished(bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real) -> tuple[Bound, _Lines]:
+    """Take up the lines at which the fit on few of them lies below, and fit again; return these lines too."""
+    best, p = _raised(bound, omega, y, weight), bound.p
+    for _ in range(_EXCHANGES):
         excess = _model(p, bound.order, omega)[0] - y
+        if excess.min() > -_BELOW:
+            break
         inner = np.flatnonzero((excess[1:-1] <= excess[:-2]) & (excess[1:-1] <= excess[2:])) + 1
         lowest = inner[excess[inner] < excess.min() + _NEAR]
         at, above, share = few
@@ -168,9 +188,8 @@ def _polished(bound: Bound, few: tuple[_Real, _Real, _Real], omega: _Real, y: _R
         few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
         p, _ = _descend(p, bound.order, *few, _STEPS)
         now = _raised(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
-        if now.mean < best.mean:
-            best = now
-    return best
+        best = now if now.mean < best.mean else best
+    return best, few
 
 
 def _descend(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int) -> tuple[_Real, float]:
