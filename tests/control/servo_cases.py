@@ -1,12 +1,15 @@
-"""Two inertias on a shaft, with torques on both and every kind of output; and the same as transfer functions."""
+"""Inertias on a shaft, with torques on both ends and every kind of output; the same for python-control."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import control
 import numpy as np
+import pytest
 
+import updyn
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 
@@ -63,3 +66,45 @@ def speed_over_torque() -> tuple[np.ndarray, np.ndarray]:
     """Numerator and denominator of the two masses from motor torque to motor speed, in powers of s."""
     below = [MOTOR * LOAD, (MOTOR + LOAD) * DAMPING, (MOTOR + LOAD) * STIFFNESS, 0.0]
     return np.array([LOAD, DAMPING, STIFFNESS]), np.array(below)
+
+
+NAMES = {"torque": "motor", "velocity": "speed"}
+BOTH = {**NAMES, "position": "angle"}
+PI_ = updyn.Controller(kp=170.0, ti=0.2)
+NOTCHED = updyn.Controller(
+    170.0, ti=0.2, kv=6.0, notches=(updyn.Notch(9.0, 0.1, 0.5),), low_pass=60.0, low_pass_damping=0.7
+)
+
+
+def quick(plant, controller, **names):
+    return updyn.servo(plant, controller, step=None, disturbance_step=None, **names)
+
+
+def as_control(controller):
+    """The controller as python-control has it, without dead time."""
+    s = control.tf("s")
+    out = controller.kp * (1 + 1 / (controller.ti * s)) if controller.ti else control.tf([controller.kp], [1])
+    for n in controller.notches:
+        w = 2 * np.pi * n.frequency
+        out *= (s**2 + 2 * n.zero_damping * w * s + w**2) / (s**2 + 2 * n.pole_damping * w * s + w**2)
+    if controller.low_pass:
+        w = 2 * np.pi * controller.low_pass
+        d = controller.low_pass_damping
+        out *= w / (s + w) if d is None else w**2 / (s**2 + 2 * d * w * s + w**2)
+    return out
+
+
+def compare(margins, L, rtol=1e-7):
+    gm, pm, sm, wpc, wgc, _ = control.stability_margins(L, returnall=True)
+    real = np.flatnonzero(wpc > 0)
+    order = real[np.argsort(wpc[real])]
+    np.testing.assert_allclose(margins.phase_crossings, wpc[order] / (2 * np.pi), rtol=rtol)
+    np.testing.assert_allclose(margins.gain_margins, gm[order], rtol=100 * rtol)
+    order = np.argsort(wgc)
+    np.testing.assert_allclose(margins.gain_crossings, wgc[order] / (2 * np.pi), rtol=rtol)
+    np.testing.assert_allclose(margins.phase_margins, pm[order], rtol=1e-5, atol=1e-5)
+    assert margins.stable == bool(
+        (control.feedback(control.minreal(L, 1e-9, verbose=False), 1).poles().real < 1e-9).all()
+    )
+    if margins.stable:
+        assert margins.modulus_margin == pytest.approx(min(sm.min(), 1.0), rel=1e-6)  # 1 where L has vanished

@@ -1,45 +1,31 @@
-"""Margins of the loops: by hand for a rigid body, by python-control for two masses, and by the turns of L."""
+"""Margins of the loops: by hand for a rigid body, by python-control for two masses; Bode and Nichols; families."""
 
 from __future__ import annotations
 
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
-from servo_cases import DAMPING, LOAD, MOTOR, STIFFNESS, masses, rigid, speed_over_torque, two_masses
+from servo_cases import (
+    BOTH,
+    DAMPING,
+    LOAD,
+    MOTOR,
+    NAMES,
+    NOTCHED,
+    PI_,
+    STIFFNESS,
+    as_control,
+    compare,
+    masses,
+    quick,
+    rigid,
+    speed_over_torque,
+    two_masses,
+)
 
 import updyn
 from updyn.control.family import PlantFamily
-from updyn.control.servo.judged import judge_all
-from updyn.control.servo.loops import Cascade, Wiring
-from updyn.control.servo.stability import count_drifting, count_growing, nyquist_count
-
-NAMES = {"torque": "motor", "velocity": "speed"}
-BOTH = {**NAMES, "position": "angle"}
-PI_ = updyn.Controller(kp=170.0, ti=0.2)
-NOTCHED = updyn.Controller(
-    170.0, ti=0.2, kv=6.0, notches=(updyn.Notch(9.0, 0.1, 0.5),), low_pass=60.0, low_pass_damping=0.7
-)
-
-
-def quick(plant, controller, **names):
-    return updyn.servo(plant, controller, step=None, disturbance_step=None, **names)
-
-
-def as_control(controller):
-    """The controller as python-control has it, without dead time."""
-    s = control.tf("s")
-    out = controller.kp * (1 + 1 / (controller.ti * s)) if controller.ti else control.tf([controller.kp], [1])
-    for n in controller.notches:
-        w = 2 * np.pi * n.frequency
-        out *= (s**2 + 2 * n.zero_damping * w * s + w**2) / (s**2 + 2 * n.pole_damping * w * s + w**2)
-    if controller.low_pass:
-        w = 2 * np.pi * controller.low_pass
-        d = controller.low_pass_damping
-        out *= w / (s + w) if d is None else w**2 / (s**2 + 2 * d * w * s + w**2)
-    return out
 
 
 # -- a rigid body, by hand ---------------------------------------------------------------------------------
@@ -126,22 +112,6 @@ def test_position_loop_is_that_of_python_control(kv, ti):
     compare(loop.margins, L, 1e-6)
 
 
-def compare(margins, L, rtol=1e-7):
-    gm, pm, sm, wpc, wgc, _ = control.stability_margins(L, returnall=True)
-    real = np.flatnonzero(wpc > 0)
-    order = real[np.argsort(wpc[real])]
-    np.testing.assert_allclose(margins.phase_crossings, wpc[order] / (2 * np.pi), rtol=rtol)
-    np.testing.assert_allclose(margins.gain_margins, gm[order], rtol=100 * rtol)
-    order = np.argsort(wgc)
-    np.testing.assert_allclose(margins.gain_crossings, wgc[order] / (2 * np.pi), rtol=rtol)
-    np.testing.assert_allclose(margins.phase_margins, pm[order], rtol=1e-5, atol=1e-5)
-    assert margins.stable == bool(
-        (control.feedback(control.minreal(L, 1e-9, verbose=False), 1).poles().real < 1e-9).all()
-    )
-    if margins.stable:
-        assert margins.modulus_margin == pytest.approx(min(sm.min(), 1.0), rel=1e-6)  # 1 where L has vanished
-
-
 def test_every_crossing_of_a_resonance_is_found():
     plant = two_masses(damping=0.02)  # 0.02 % of damping: a peak of 5 mHz at half its height
     found = quick(plant, PI_, **NAMES)
@@ -175,208 +145,6 @@ def test_a_resonance_that_only_just_reaches_gain_1_is_found():
     for excess, crossings in ((1e-6, 3), (-1e-6, 1)):
         m = quick(plant, updyn.Controller((1 + excess) / -best.fun), **NAMES).velocity_loop.margins
         assert len(m.gain_crossings) == crossings
-
-
-# -- instability -------------------------------------------------------------------------------------------
-def test_an_unstable_loop_says_so():
-    # the speed of the load fed back: the resonance turns unstable (noncollocated)
-    found = quick(two_masses(), PI_, torque="motor", velocity="load speed")
-    m = found.velocity_loop.margins
-    assert not m.stable
-    assert m.unstable_poles == 2
-    for name in (
-        "gain_margin",
-        "gain_reduction",
-        "phase_margin",
-        "delay_margin",
-        "modulus_margin",
-        "peak_sensitivity",
-        "gain_margin_db",
-        "gain_reduction_db",
-    ):
-        assert getattr(m, name) is None
-    assert len(m.gain_crossings)
-    assert found.bandwidth is None
-    assert not found.stable
-    assert "UNSTABLE" in found.summary()
-    assert "no response over time" in found.notes[-1]
-
-
-def test_a_port_counted_the_wrong_way_is_told():
-    plant = two_masses()
-    turned = updyn.Plant(
-        plant.A,
-        -plant.B,
-        plant.C,
-        plant.D,
-        plant.input_ports,
-        plant.output_ports,
-        plant.quantities,
-        plant.band,
-        0.02,
-        0.0,
-        0.0,
-        "by hand",
-        1,
-    )
-    found = quick(turned, PI_, **NAMES)
-    assert not found.stable
-    assert "turn one of the two ports round" in found.notes[0]
-    with pytest.raises(updyn.errors.ModelError, match="the negative way"):
-        updyn.Controller.tuned(turned, 2.0, **NAMES)
-
-
-def test_conditionally_stable_loop_has_a_lower_gain_margin():
-    # PI on a rigid body begins at -180 deg; a notch below the crossover takes it further down while the gain is high
-    def at(kp):
-        return updyn.Controller(kp, 2.0, notches=updyn.Notch(0.1, 0.05, 0.5), low_pass=20.0)
-
-    found = quick(rigid(1.0), at(20.0), **NAMES).velocity_loop.margins
-    assert found.stable
-    compare(found, as_control(at(20.0)) * control.tf([1], [1, 0]))
-    assert 0 < found.gain_reduction < 1
-    assert found.gain_margin == np.inf
-    for factor, steady in ((1.001, False), (0.999, True)):
-        lower = quick(rigid(1.0), at(20.0 * found.gain_reduction / factor), **NAMES).velocity_loop.margins
-        assert lower.stable is steady
-    assert f"gain reduction  {found.gain_reduction_db:.4g} dB" in found.summary()
-
-
-@given(
-    J=st.lists(st.floats(0.1, 10.0), min_size=1, max_size=4),
-    stiff=st.floats(1e2, 1e5),
-    loss=st.floats(1e-4, 1e-2),
-    kp=st.floats(0.5, 500.0),
-    ti=st.one_of(st.none(), st.floats(0.02, 2.0)),
-    kv=st.one_of(st.none(), st.floats(0.1, 40.0)),
-    low=st.floats(5.0, 200.0),
-    end=st.booleans(),
-)
-@settings(max_examples=60, deadline=None, derandomize=True)
-def test_turns_of_the_loop_function_count_the_eigenvalues(J, stiff, loss, kp, ti, kv, low, end):
-    n = len(J) - 1
-    plant = masses(J, [stiff] * n, [loss * stiff] * n)
-    controller = updyn.Controller(kp, ti, kv, low_pass=low)
-    names = {"torque": "motor", "velocity": "load speed" if end else "speed"}
-    if kv is not None:
-        names["position"] = "angle"
-    cascade = Cascade(
-        plant, controller, Wiring.of(plant, controller, **{"position": None, **names}, pointing=None, disturbance=None)
-    )
-    for judged, position in zip(judge_all(cascade), (False, True), strict=True):
-        if judged is None:
-            continue
-        poles = cascade.closed(0, position=position).poles
-        scale = judged.w[0] / 0.02
-        if (np.abs(poles.real) < 1e-6 * np.abs(poles))[np.abs(poles) > 1e-5 * scale].any():
-            continue  # on the axis, but for rounding
-        own = cascade.poles if position else cascade.velocity_poles
-        whole = cascade.torque if position else cascade.velocity
-        drifting = count_drifting(poles, scale)
-        assert nyquist_count(whole, judged.w, own, drifting) == count_growing(poles, scale)
-
-
-@given(
-    dead_time=st.floats(1e-4, 8e-2),
-    kp=st.floats(5.0, 800.0),
-    kv=st.floats(0.5, 20.0),
-    stiff=st.floats(3e2, 3e4),
-    low=st.floats(10.0, 200.0),
-    end=st.booleans(),
-)
-@settings(max_examples=40, deadline=None, derandomize=True)
-def test_turns_with_dead_time_are_those_of_a_high_approximation(dead_time, kp, kv, stiff, low, end):
-    plant = two_masses(stiffness=stiff, damping=1e-3 * stiff)
-    controller = updyn.Controller(kp, 0.3, kv, low_pass=low, dead_time=dead_time)
-    wiring = Wiring.of(plant, controller, "motor", "load speed" if end else "speed", "angle", None, None)
-    cascade = Cascade(plant, controller, wiring)
-    for judged, position in zip(judge_all(cascade), (False, True), strict=True):
-        poles = cascade.closed(12, position=position).poles
-        poles = poles[np.abs(poles) > 1e-6]
-        slow = np.abs(poles) < 8 / dead_time  # where an approximation of order 12 is exact
-        if (np.abs(poles.real) < 1e-5 * np.abs(poles)).any() or (poles[~slow].real > 0).any():
-            continue
-        assert judged.margins.unstable_poles == (poles[slow].real > 0).sum()
-
-
-def test_undamped_modes_are_judged():
-    found = quick(two_masses(damping=0.0), PI_, **NAMES).velocity_loop  # damped by the controller alone
-    assert found.margins.stable
-    assert len(found.margins.gain_crossings) == 3
-    far = quick(two_masses(damping=0.0), PI_, torque="motor", velocity="load speed").velocity_loop
-    assert far.margins.unstable_poles == 2
-
-
-def test_torque_that_moves_nothing_is_told():
-    A = np.diag([-1.0, -2.0])
-    plant = updyn.Plant(
-        A,
-        np.eye(2)[:, :1],
-        np.eye(2)[1:],
-        np.zeros((1, 1)),
-        (updyn.Port.at("1:RZ"),),
-        (updyn.Port.at("2:RZ"),),
-        ("mobility",),
-        (0.0, 1.0),
-        0.02,
-        0.0,
-        0.0,
-        "by hand",
-    )
-    with pytest.raises(updyn.errors.ModelError, match="does not move '2:RZ'"):
-        quick(plant, PI_, torque="1:RZ", velocity="2:RZ")
-
-
-@pytest.mark.parametrize("dead_time", [0.0, 2e-3])
-@pytest.mark.parametrize("name", ["velocity", "position"])
-def test_margins_are_where_the_loop_turns_unstable(name, dead_time):
-    def at(kp=100.0, kv=8.0, late=0.0):
-        controller = updyn.Controller(kp, 0.3, kv, low_pass=60.0, dead_time=dead_time + late)
-        return getattr(quick(two_masses(), controller, **BOTH), f"{name}_loop").margins
-
-    m = at()
-    gain = "kp" if name == "velocity" else "kv"
-    start = {"kp": 100.0, "kv": 8.0}
-    for factor, stable in ((0.9999, True), (1.0001, False)):
-        if np.isfinite(m.gain_margin):
-            assert at(**{gain: start[gain] * m.gain_margin * factor}).stable is stable
-        if name == "velocity":
-            assert at(late=m.delay_margin * factor).stable is stable
-
-
-@pytest.mark.parametrize("units", [1e-9, 1e6, 1e12])
-def test_units_change_nothing(units):
-    plant = two_masses()
-    scaled = updyn.Plant(
-        plant.A,
-        plant.B / units,
-        plant.C,
-        plant.D,
-        plant.input_ports,
-        plant.output_ports,
-        plant.quantities,
-        plant.band,
-        0.02,
-        0.0,
-        0.0,
-        "by hand",
-        1,
-    )
-    names = {**BOTH, "disturbance": "wind", "pointing": "load"}
-    for dead_time in (0.0, 2e-3):
-        controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=dead_time)
-        a = updyn.servo(plant, controller, **names, duration=0.5)
-        b = updyn.servo(
-            scaled, updyn.Controller(100.0 * units, 0.3, 3.0, low_pass=60.0, dead_time=dead_time), **names, duration=0.5
-        )
-        assert b.plant["inertia"] == pytest.approx(7.0 * units, rel=1e-9)
-        for one, other in zip(a.loops, b.loops, strict=True):
-            assert other.margins.phase_margin == pytest.approx(one.margins.phase_margin, rel=1e-9)
-            assert other.margins.gain_margin == pytest.approx(one.margins.gain_margin, rel=1e-9)
-            assert other.margins.drifting == one.margins.drifting
-        assert b.step.overshoot == pytest.approx(a.step.overshoot, rel=1e-4)
-        assert b.disturbance_step.peak * units == pytest.approx(a.disturbance_step.peak, rel=1e-4)
-        assert b.disturbance_step.final * units == pytest.approx(a.disturbance_step.final, rel=1e-5)
 
 
 # -- Bode and Nichols --------------------------------------------------------------------------------------

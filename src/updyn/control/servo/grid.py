@@ -38,6 +38,8 @@ _TURN, _HALVINGS = 0.7, 40
 _MOST_LINES = 60_000
 #: Parts of the imaginary part that are rounding.
 _ROUNDING = 1e-11
+#: What may be left of a function at its root, and how large a gain is taken to be infinite.
+_RESOLVED, _INFINITE = 1e-5, 1e8
 _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
 
@@ -127,6 +129,9 @@ def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Compl
 def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
     """Return where |L| = 1, in rad/s, ascending.
 
+    Crossings so close to a pole on the axis that rounding hides them, of an undamped mode that L hardly sees, are left
+    out; what the mode does is for the poles of the closed loop to say.
+
     Parameters
     ----------
     loop : callable
@@ -138,7 +143,7 @@ def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
     """
     above = np.abs(values) >= 1.0
     at = np.flatnonzero(above[1:] != above[:-1])
-    return _roots(lambda x: np.log(np.abs(loop(1j * x))), w, at)
+    return _roots(lambda x: np.log(np.abs(loop(1j * x))), w, at)[0]
 
 
 def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
@@ -150,7 +155,9 @@ def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
     side = side[last]
     at = np.flatnonzero((side[1:] * side[:-1] < 0) & (values.real[1:] < 0) & (values.real[:-1] < 0))
     at = at[np.abs(share[at + 1]) >= _ROUNDING]
-    return _roots(lambda x: (v := loop(1j * x)).imag / np.abs(v), w, last[at], at + 1)
+    found = _roots(lambda x: (v := loop(1j * x)).imag / np.abs(v), w, last[at], at + 1)[0]
+    size = np.abs(loop(1j * found))
+    return found[(size < _INFINITE) & (size > 1.0 / _INFINITE)]  # the phase jumps at a pole or zero on the axis
 
 
 def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[float, float]:
@@ -176,7 +183,7 @@ def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[
 def level(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> float | None:
     """Return where a function first falls through 0, in rad/s, or None; parameters as of `least`."""
     at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
-    return float(_roots(function, w, at)[0]) if len(at) else None
+    return float(_roots(function, w, at)[1][0]) if len(at) else None
 
 
 def phase_of(w: _Real, values: _Complex) -> _Real:
@@ -214,15 +221,20 @@ def _peaks(values: _Real) -> NDArray[np.intp]:
 
 def _minimum(function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]) -> _Real:
     """Return where a function is smallest, near each of some positions."""
-    found = elementwise.find_minimum(function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = elementwise.find_minimum(function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60)
     return np.asarray(np.where(np.isfinite(found.x), found.x, w[at]))
 
 
 def _roots(
     function: Callable[[_Real], _Real], w: _Real, at: NDArray[np.intp], ends: NDArray[np.intp] | None = None
-) -> _Real:
+) -> tuple[_Real, _Real]:
+    """Return where a function is 0 between positions and the next (or `ends`): those that it resolves, and all."""
     if not len(at):
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     ends = at + 1 if ends is None else ends
-    found = elementwise.find_root(function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200)
-    return np.sort(np.asarray(found.x))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = elementwise.find_root(function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200)
+        x = np.sort(np.asarray(found.x))
+        left = np.abs(function(x))
+    return x[left < _RESOLVED], x

@@ -19,8 +19,9 @@ __all__ = ["Judged", "judge", "judge_all"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-#: How far lines reach beyond the features of the loop, and how small the loop gain is to be there.
-_BELOW, _ABOVE, _SMALL = 0.02, 10.0, 0.05
+#: How far lines reach beyond the features of the loop, how small the loop gain is to be there, and how far they reach
+#: beyond where it has become so, with dead time.
+_BELOW, _ABOVE, _SMALL, _BEYOND = 0.02, 10.0, 0.05, 4.0
 #: Lowest feature that counts, as a share of the highest: below it is rounding of a pole at 0.
 _SMALLEST = 1e-7
 
@@ -149,6 +150,11 @@ def _lines(
             break
         high *= 2.0
     dense = features if beside is None else np.concatenate([features, beside])
+    if delay:  # turns of a gain that has vanished are not followed
+        w = grid.frequencies(dense, low, high)
+        large = np.flatnonzero(~(np.maximum(np.abs(loop(1j * w)), np.abs(whole(1j * w))) <= _SMALL))
+        if len(large):
+            high = min(high, _BEYOND * float(w[large[-1]]))
     return grid.resolved(loop, grid.frequencies(dense, low, high, delay))
 
 

@@ -22,6 +22,10 @@ _Complex = NDArray[np.complex128]
 _TO_VELOCITY = {"receptance": 1, "mobility": 0, "accelerance": -1}
 
 
+#: On a pole of the plant nothing is finite; whoever asks leaves such a line out.
+_quiet = np.errstate(divide="ignore", invalid="ignore", over="ignore")
+
+
 @dataclass(frozen=True, slots=True)
 class Wiring:
     """Which input and outputs of a plant a servo uses.
@@ -134,25 +138,30 @@ class Cascade:
         return self.controller.kv is not None
 
     # -- in frequency ------------------------------------------------------------------------------------------
+    @_quiet
     def motion(self, s: ArrayLike) -> _Complex:
         """Return velocity, position and pointing over torque and disturbance, shape (n, 3, 1 or 2)."""
         s = np.asarray(s, dtype=np.complex128)
         return np.asarray(self._transfer.at(s) * s[:, None, None] ** self._powers[:, None])
 
+    @_quiet
     def velocity(self, s: ArrayLike) -> _Complex:
         """Return L of the velocity loop, the position loop open, shape (n,)."""
         return np.asarray(self.controller.torque(s) * self.motion(s)[:, 0, 0])
 
+    @_quiet
     def position(self, s: ArrayLike) -> _Complex:
         """Return L of the position loop, the velocity loop closed, shape (n,)."""
         G, K = self.motion(s), self.controller.torque(s)
         return np.asarray(self._kv * K * G[:, 1, 0] / (1.0 + K * G[:, 0, 0]))
 
+    @_quiet
     def torque(self, s: ArrayLike) -> _Complex:
         """Return L broken at the torque, both loops closed, shape (n,)."""
         G = self.motion(s)
         return np.asarray(self.controller.torque(s) * (G[:, 0, 0] + self._kv * G[:, 1, 0]))
 
+    @_quiet
     def reference(self, s: ArrayLike) -> _Complex:
         """Return the closed loop from the reference to position (velocity, without a position loop), shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)
@@ -162,6 +171,7 @@ class Cascade:
         ahead = self._kv + self.controller.feed_forward * s
         return np.asarray(ahead * K * G[:, 1, 0] / (1.0 + K * (G[:, 0, 0] + self._kv * G[:, 1, 0])))
 
+    @_quiet
     def compliance(self, s: ArrayLike) -> _Complex:
         """Return the closed loop from the disturbance to the pointing, shape (n,)."""
         G, K = self.motion(s), self.controller.torque(s)

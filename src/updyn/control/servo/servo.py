@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller
@@ -21,6 +20,9 @@ from updyn.control.servo.tuning import inertia_of
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
 from updyn.frf import check_lines
+
+if TYPE_CHECKING:
+    from updyn.control.family import PlantFamily
 
 __all__ = ["servo"]
 
@@ -101,9 +103,7 @@ def servo(
     >>> found = updyn.servo(plant, controller, torque="M", velocity="speed", position="angle")  # doctest: +SKIP
     >>> print(found.summary())  # doctest: +SKIP
     """
-    nominal, others = (plant.nominal, plant.members) if isinstance(plant, PlantFamily) else (plant, ())
-    if not isinstance(nominal, Plant):
-        raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(plant).__name__}")
+    nominal, others = _plants(plant)
     if not isinstance(controller, Controller):
         raise OptionError(f"servo: expected a Controller, found {type(controller).__name__}")
     if wind is not None and disturbance is None:
@@ -145,6 +145,16 @@ def servo(
     )
 
 
+def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
+    if isinstance(given, Plant):
+        return given, ()
+    from updyn.control.family import PlantFamily  # draws, and with them scipy.stats: slow to load, seldom wanted
+
+    if not isinstance(given, PlantFamily):
+        raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(given).__name__}")
+    return given.nominal, given.members
+
+
 def _member(number: int, plant: Plant, controller: Controller, wiring: Wiring) -> tuple[Judged, Judged | None]:
     try:
         return judge_all(Cascade(plant, controller, wiring))
@@ -165,12 +175,28 @@ def _lines(
         given = check_lines(np.atleast_1d(np.asarray(freq)))
         if given[0] == 0:
             raise DataError("freq: the first line is 0 Hz, where a loop with integration is not finite; leave it out")
+        lost = given[~_drawable(given, judged, members)]
+        if len(lost):
+            raise DataError(f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; leave it out")
         return given
     own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
     peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
     more = np.concatenate(peaks) if peaks else np.zeros(0)
     more = more[(more > own[0]) & (more < own[-1])]
-    return np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
+    lines = np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
+    return lines[_drawable(lines, judged, members)]
+
+
+def _drawable(
+    lines: _Real, judged: Sequence[Judged | None], members: Sequence[Sequence[Judged | None]]
+) -> NDArray[np.bool_]:
+    """Tell at which lines every loop function has a magnitude and a phase."""
+    good = np.ones(len(lines), dtype=bool)
+    for one in (*judged, *(own for m in members for own in m)):
+        if one is not None:
+            L = one.loop(2j * np.pi * lines)
+            good &= np.isfinite(L) & (L != 0)
+    return good
 
 
 def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) -> Loop:

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError
 
-__all__ = ["StateSpace", "connect", "delay_approximation"]
+__all__ = ["StateSpace", "balanced", "connect", "delay_approximation"]
 
 _Real = NDArray[np.float64]
+
+#: Largest scale of a state, as a power of 2.
+_LARGEST = 40.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,9 +57,31 @@ class StateSpace:
     @property
     def poles(self) -> NDArray[np.complex128]:
         """Eigenvalues of A in rad/s, shape (n,)."""
-        if not len(self.A):
-            return np.zeros(0, dtype=np.complex128)
-        return np.asarray(np.linalg.eigvals(scipy.linalg.matrix_balance(self.A)[0]), dtype=np.complex128)
+        return np.asarray(np.linalg.eigvals(balanced(self.A)[0]), dtype=np.complex128)
+
+
+def balanced(A: _Real) -> tuple[_Real, _Real]:
+    """Return A in states of like size, and the scales: x = scale * (its states), powers of 2.
+
+    The scales of parts that act one way only have no bounds of their own; they are given some.
+
+    Parameters
+    ----------
+    A : ndarray of float, shape (n, n)
+        Of a system.
+
+    Returns
+    -------
+    A : ndarray of float, shape (n, n)
+    scale : ndarray of float, shape (n,)
+    """
+    if not len(A):
+        return A, np.ones(0)
+    with np.errstate(invalid="ignore"):  # scipy takes the scales for positions, too, and drops them again
+        scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
+    power = np.log2(scale)
+    scale = np.exp2(np.clip(np.round(power - np.median(power)), -_LARGEST, _LARGEST))
+    return A * scale / scale[:, None], scale
 
 
 def connect(blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _Real | None = None) -> StateSpace:

@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from updyn.control.servo.state_space import StateSpace
+from updyn.control.servo.state_space import StateSpace, balanced
 
 __all__ = ["StepFigures", "at_rest", "march", "march_late", "schedule", "step_figures", "step_series"]
 
@@ -73,14 +73,14 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     n, m = B.shape
     if n == 0:
         return A, B, B
-    balanced, (scale, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    even, scale = balanced(A)
     scaled = B / scale[:, None]
     # Powers of 2, so that nothing is rounded, of the inputs too.
     size = np.abs(scaled).max(axis=0)
-    wanted = max(float(np.abs(balanced).max()), 1.0 / dt)
+    wanted = max(float(np.abs(even).max()), 1.0 / dt)
     unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
     both = np.zeros((n + 2 * m, n + 2 * m))
-    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = balanced * dt, scaled / unit * dt, np.eye(m)
+    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = even * dt, scaled / unit * dt, np.eye(m)
     whole = scipy.linalg.expm(both)[:n]
     back = scale[:, None]
     return back * whole[:, :n] / scale, back * whole[:, n : n + m] * unit, back * whole[:, n + m :] * unit
@@ -147,10 +147,10 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
     poles = np.abs(system.poles)
     moving = poles[poles > 1e-7 * poles.max(initial=0.0)]
     s = 1e-5 * float(moving.min()) if len(moving) else 1e-5
-    balanced, (scale, _) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
+    even, scale = balanced(system.A)
     b, c = system.B[:, input] / scale, system.C[output] * scale
     far, near, nearer = (
-        float(c @ np.linalg.solve(x * np.eye(len(balanced)) - balanced, b) + system.D[output, input])
+        float(c @ np.linalg.solve(x * np.eye(len(even)) - even, b) + system.D[output, input])
         for x in (1e5 * s, s, 0.5 * s)
     )
     return np.nan if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far) else 2.0 * nearer - near
@@ -194,8 +194,8 @@ def schedule(system: StateSpace, output: int, input: int, duration: float | None
 
 def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
     """Return the poles, in rad/s, and how much each has of the answer of an output to a step of an input."""
-    balanced, (scale, _) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
-    poles, V = np.linalg.eig(balanced)
+    even, scale = balanced(system.A)
+    poles, V = np.linalg.eig(even)
     b, c = system.B[:, input] / scale, system.C[output] * scale
     moving = np.abs(poles) > 1e-7 * np.abs(poles).max(initial=0.0)
     share = np.abs(c @ V * np.linalg.lstsq(V, b.astype(complex), rcond=None)[0])

@@ -27,7 +27,7 @@ _POSITION, _TORQUE, _POINTING = range(3)
 #: Share of the variance of the error that the series of a wind may leave out at its upper end, and its longest length.
 _LEFT_OUT, _LONGEST = 1e-4, 2**16
 #: With exact dead time: how much finer the intervals are, and the most of them. How many samples are kept, about.
-_FINER, _LONGEST_STEP, _KEPT = 4.0, 200_000, 5000
+_FINER, _LONGEST_STEP, _KEPT = 4.0, 60_000, 5000
 
 
 @dataclass(frozen=True, slots=True)

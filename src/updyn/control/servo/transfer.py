@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
-from updyn.control.servo.state_space import StateSpace
+from updyn.control.servo.state_space import StateSpace, balanced
 
 __all__ = ["Transfer", "channel_zeros"]
 
@@ -42,8 +42,8 @@ class Transfer:
         for k in range(n_parts):
             own = np.flatnonzero(part == k)
             A = system.A[np.ix_(own, own)]
-            balanced, (scale, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
-            T, Z = scipy.linalg.schur(balanced, output="complex")
+            even, scale = balanced(A)
+            T, Z = scipy.linalg.schur(even, output="complex")
             parts.append((T, Z.conj().T @ (system.B[own] / scale[:, None]), (system.C[:, own] * scale) @ Z))
         return cls(tuple(parts), system.D)
 
@@ -93,17 +93,17 @@ def channel_zeros(system: StateSpace) -> _Complex:
     n = system.n_states
     if n == 0:
         return np.zeros(0, dtype=np.complex128)
-    balanced, (scale, _) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
+    even, scale = balanced(system.A)
     B, C = system.B / scale[:, None], system.C * scale
-    size = max(float(np.abs(balanced).max()), 1e-300)
+    size = max(float(np.abs(even).max()), 1e-300)
     B = B * (size / max(float(np.abs(B).max()), 1e-300))
     gain = size / max(float(np.abs(C).max()), 1e-300)
     D = system.D * (size / max(float(np.abs(system.B / scale[:, None]).max()), 1e-300)) * gain
-    pencil = np.block([[balanced, B], [C * gain, D]])
+    pencil = np.block([[even, B], [C * gain, D]])
     mass = np.zeros_like(pencil)
     mass[:n, :n] = np.eye(n)
     alpha, beta = scipy.linalg.eigvals(pencil, mass, homogeneous_eigvals=True)
-    largest = max(float(np.abs(np.linalg.eigvals(balanced)).max()), 1e-300)
+    largest = max(float(np.abs(np.linalg.eigvals(even)).max()), 1e-300)
     with np.errstate(divide="ignore", invalid="ignore"):
         zeros = alpha / beta
     return np.asarray(zeros[np.isfinite(zeros) & (np.abs(zeros) < 1e3 * largest)], dtype=np.complex128)
