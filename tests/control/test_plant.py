@@ -68,6 +68,14 @@ class TestWithinTheTolerance:
         assert off(plant, model, "receptance", np.geomspace(1.0, 150.0, 2000)) <= 0.0105
         assert plant.poles.real.max() < 0
 
+    def test_a_tighter_tolerance_never_takes_fewer_states(self) -> None:
+        model, outputs = true_model(), ["1:RZ", "2:RZ", "3:RZ", "4:RZ"]
+        made = [
+            updyn.plant(model, ["2:RZ"], outputs, (1.0, 150.0), t, quantity="mobility") for t in (0.1, 0.05, 0.02, 0.01)
+        ]
+        sizes = [p.n_states for p in made]
+        assert sizes == sorted(sizes)
+
     def test_one_more_state_is_not_spent(self, chain: updyn.Model) -> None:
         sizes = [updyn.plant(chain, ["2:X"], ["4:X"], (0.5, 20.0), t).n_states for t in (0.2, 0.05, 0.016)]
         assert sizes == sorted(sizes)
@@ -165,7 +173,7 @@ class TestViscous:
         ports = as_ports(model.dofs, "input")
         space = modal_space(model, ports, ports, (0.05, 60.0))
         powers = np.full(n, ["receptance", "mobility", "accelerance"].index(quantity))
-        for made in (full(space, powers), complex_modes(space, powers)):
+        for made in (full(space, powers), complex_modes(space, powers, 60.0)):
             kept = np.ones(len(made.frequency), dtype=bool)
             A, B, C, D = made.matrices(kept)
             s = 2j * np.pi * lines

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.control.biot import biot
 from updyn.control.complex_modes import complex_modes
 from updyn.control.conversion import Conversion
-from updyn.control.order import VIEWS, Kept, fewest
+from updyn.control.order import Kept, fewest
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.control.second_order import diagonal, full, single_frequency
@@ -71,7 +71,7 @@ class _Task:
         if route == "modal":
             return full(self.space, self.powers)
         if route == "complex":
-            return complex_modes(self.space, self.powers)
+            return complex_modes(self.space, self.powers, self.band[1])
         if route == "biot":
             return biot(self.space, full(self.space, self.powers), self.band, terms)
         if route == "diagonal":
@@ -171,8 +171,8 @@ def plant(
         quantities,
         task.band,
         float(tolerance),
-        found.error,
-        found.error,
+        float(found.errors[0]),
+        float(found.errors[1]),
         found.conversion.name,
         task.space.rigid,
         np.concatenate(
@@ -200,15 +200,15 @@ def _checked(made: Plant, target: Target) -> Plant:
 
 
 def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
-    """Return the first route that holds the tolerance, in the most demanding view in which one does."""
+    """Return the first route that holds the tolerance in every respect, or else in those that a plant states."""
     reached: dict[str, float] = {}
     refused: dict[str, ModelError] = {}
-    for view in range(len(VIEWS)):
+    for lenient in (False, True):
         for route in (r for r in routes if r not in refused):
             try:
                 for conversion in task.tried(route):
-                    found = fewest(conversion, task.target, tolerance, view=view)
-                    if found.error <= tolerance:
+                    found = fewest(conversion, task.target, tolerance, lenient=lenient)
+                    if found.holds:
                         return found
                     reached[route] = min(found.error, reached.get(route, np.inf))
             except ModelError as error:
@@ -326,7 +326,7 @@ def _task(
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:
     """Return the poles of the damped structure, or those of its modes one by one where two have become one."""
     try:
-        return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp)).poles
+        return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp), 1.0).poles
     except ModelError:
         return np.asarray(space.omega * (1j - 0.5 * space.loss_factors()))
 

@@ -16,6 +16,10 @@ where nothing causal has losses; the poles and residues that make the resonances
 closer than any real damping matrix where damping is strong and local. It is stable, and passive
 only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
 with a viscous damper, are those of the structure without D.
+
+The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with a force. Those of G
+do not quite: a velocity has a small feed-through in the band. Above the band a real pole takes it away, so that the
+plant rolls off as the structure does.
 """
 
 from __future__ import annotations
@@ -38,6 +42,10 @@ _Complex = NDArray[np.complex128]
 
 #: Share of its size below which a pole of the structure without D is real.
 _ON_AXIS = 1e-7
+#: Multiple of the band's upper end above which no velocity is fed through.
+_FAST = 10.0
+#: Share of the residues below which their sum is rounding.
+_NOTHING = 1e-10
 _TWO_PI = 2.0 * np.pi
 
 
@@ -55,6 +63,8 @@ class ComplexModes:
         A, B and C of the motion with real poles; C gives displacements.
     powers : ndarray of int, shape (n_y,)
         0, 1 or 2: displacement, velocity or acceleration.
+    fast : float
+        The real pole above the band, in rad/s.
     """
 
     poles: _Complex
@@ -62,6 +72,7 @@ class ComplexModes:
     at_inputs: _Complex
     slow: tuple[_Real, _Real, _Real]
     powers: NDArray[np.intp]
+    fast: float
     name: str = "complex"
 
     @property
@@ -97,15 +108,20 @@ class ComplexModes:
         growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
         for p, U, W in ((poles, left * growth, right), (poles.conj(), (left * growth).conj(), right.conj())):
             out += (U[None] / (s[:, None] - p)[:, None, :]) @ W.T
-        return out + self._through(kept)
+        through, jump = self._through(kept)
+        return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
 
     def _slow_rows(self) -> _Real:
         """Return what the outputs read of the slow states."""
         A, _, C = self.slow
         return np.stack([C, C @ A, C @ A @ A])[self.powers, np.arange(len(C))]
 
-    def _through(self, kept: NDArray[np.bool_]) -> _Real:
-        """Return the feed-through: static flexibility of what is left out, or the jump of an acceleration."""
+    def _through(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
+        """Return the feed-through, and what is one in the band only.
+
+        The first is the static flexibility of what is left out, or the jump of an acceleration; the second what is left
+        of a jump of a velocity.
+        """
         R = np.einsum("im,jm->mij", self.at_outputs, self.at_inputs)
         static = -2.0 * (R / self.poles[:, None, None])[~kept].real.sum(axis=0)
         speed = 2.0 * R[kept].real.sum(axis=0)
@@ -114,19 +130,27 @@ class ComplexModes:
         if len(A):
             jump = jump + C @ A @ B
             speed = speed + C @ B
-        return np.asarray(np.choose(self.powers[:, None], [static, speed, jump]))
+        nothing = np.zeros_like(static)
+        speed[np.abs(speed) <= _NOTHING * np.abs(R).sum(axis=0)] = 0.0
+        whole = np.choose(self.powers[:, None], [static, nothing, jump])
+        return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D in real blocks [[a, b], [-b, a]] of the poles a + ib."""
+        """Return A, B, C, D: what is slow, real blocks [[a, b], [-b, a]] of the poles a + ib, and what is fast."""
         A0, B0, _ = self.slow
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         n, m = len(A0), len(poles)
         # Each side of a residue takes the same share of it.
         balance = np.sqrt(np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300))
         left, right = left / np.where(balance > 0, balance, 1.0), right * np.where(balance > 0, balance, 1.0)
-        A, B, C = np.zeros((n + 2 * m,) * 2), np.zeros((n + 2 * m, len(right))), np.zeros((len(left), n + 2 * m))
+        through, jump = self._through(kept)
+        rolled = np.flatnonzero(jump.any(axis=0))  # an input each
+        size = n + 2 * m + len(rolled)
+        A, B, C = np.zeros((size, size)), np.zeros((size, len(right))), np.zeros((len(left), size))
         A[:n, :n], B[:n] = A0, B0
         C[:, :n] = self._slow_rows()
+        last = np.arange(n + 2 * m, size)
+        A[last, last], B[last, rolled], C[:, last] = -self.fast, self.fast, jump[:, rolled]
         first = n + 2 * np.arange(m)
         second = first + 1
         A[first, first] = A[second, second] = poles.real
@@ -134,10 +158,10 @@ class ComplexModes:
         B[first], B[second] = right.real.T, -right.imag.T
         grown = 2.0 * left * poles[None, :] ** self.powers[:, None]
         C[:, first], C[:, second] = grown.real, grown.imag
-        return A, B, C, self._through(kept)
+        return A, B, C, through
 
 
-def complex_modes(space: ModalSpace, powers: NDArray[np.intp]) -> ComplexModes:
+def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> ComplexModes:
     """Return the complex modes of a structure.
 
     Parameters
@@ -146,6 +170,8 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp]) -> ComplexModes:
         The modes.
     powers : ndarray of int, shape (n_y,)
         Of each output.
+    top : float
+        Upper end of the band in Hz.
 
     Returns
     -------
@@ -167,7 +193,7 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp]) -> ComplexModes:
     order = np.argsort(np.abs(poles), kind="stable")
     poles, vectors = poles[order], vectors[:, order]
     slow = slow_A, slow_B @ space.inputs.T, space.outputs @ slow_C
-    return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers)
+    return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, _FAST * _TWO_PI * top)
 
 
 def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from updyn.control.conversion import Conversion
 from updyn.control.target import Target
 
-__all__ = ["VIEWS", "Kept", "fewest"]
+__all__ = ["Kept", "fewest"]
 
-#: Whether a very sharp peak excuses nothing beside it (`Target.worst`), and whether slow motion hides no resonance. The
-#: first view asks for most; where no order holds the tolerance in it, the next one has to do.
-VIEWS = ((True, True), (True, False), (False, False))
+#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all its modes reach.
+_SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,16 +26,29 @@ class Kept:
         What was chosen from.
     mask : ndarray of bool, shape (n,)
         Which are kept.
-    error : float
-        Against the model, that of resonances included: what has to be within the tolerance.
+    errors : ndarray of float, shape (4,)
+        Against the model, see `Target.judged`.
+    limits : ndarray of float, shape (4,)
+        What was asked of them.
     """
 
     conversion: Conversion
     mask: NDArray[np.bool_]
-    error: float
+    errors: NDArray[np.float64]
+    limits: NDArray[np.float64]
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is beyond its limit."""
+        return bool((self.errors <= self.limits).all())
+
+    @property
+    def error(self) -> float:
+        """The larger of the errors that a plant states."""
+        return float(self.errors[:2].max())
 
 
-def fewest(conversion: Conversion, target: Target, tolerance: float, *, view: int = 0) -> Kept:
+def fewest(conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False) -> Kept:
     """Find the fewest candidates that answer within a tolerance. What lies below the band is always kept.
 
     Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a share of the peak of
@@ -52,27 +64,31 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, view: in
         What to answer like.
     tolerance : float
         On the error and on the height of resonances.
-    view : int
-        How the error is looked at, one of `VIEWS`.
+    lenient : bool
+        False: all of `Target.judged` has to be within the tolerance. True: what a plant states, and of the rest what
+        all candidates together reach.
 
     Returns
     -------
     Kept
-        All candidates, where not even these hold the tolerance.
+        All candidates, where not even these hold the tolerance; see `Kept.holds`.
     """
     costs = (conversion.costs(target.freq) / target.broad).max(axis=(1, 2))
     # A servo closes its loop through what is slow: it is not for a tolerance to leave that out.
     always = conversion.always | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
-    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), view)
-    if whole.error > tolerance:
+    limits = np.full(4, tolerance)
+    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
+    if lenient:
+        limits[2:] = np.maximum(tolerance, _SHORT * whole.errors[2:])
+    if not whole.holds:
         return whole
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = _judged(conversion, target, _first(order, middle), view)
-        if tried.error <= tolerance:
+        tried = _judged(conversion, target, _first(order, middle), limits)
+        if tried.holds:
             high, best = middle, tried
         else:
             low = middle + 1
@@ -81,8 +97,8 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, view: in
             continue
         mask = best.mask.copy()
         mask[i] = False
-        tried = _judged(conversion, target, mask, view)
-        if tried.error <= tolerance:
+        tried = _judged(conversion, target, mask, limits)
+        if tried.holds:
             best = tried
     return best
 
@@ -93,8 +109,5 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], view: int) -> Kept:
-    G = conversion.response(mask, target.freq)
-    beside, slow = VIEWS[view]
-    error = target.worst(G) if beside else target.error(G)
-    return Kept(conversion, mask, max(error, target.peak_error(G, strict=slow)))
+def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]) -> Kept:
+    return Kept(conversion, mask, target.judged(conversion.response(mask, target.freq)), limits)

@@ -132,9 +132,18 @@ class Target:
         """
         return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
-    def errors(self, G: _Complex) -> _Real:
-        """Return the error of the worst channel at each line, shape (n_f,), as a share of the channel's peak."""
-        return np.asarray((np.abs(G - self.values) / self.level).max(axis=(1, 2)))
+    def judged(self, G: _Complex) -> _Real:
+        """Return all errors of an answer, shape (4,).
+
+        Those that a plant states, `error` and `peak_error`; and what they may hide: `worst`, and `peak_error` where
+        slow motion hides no resonance.
+
+        Parameters
+        ----------
+        G : ndarray of complex, shape (n_f, n_y, n_u)
+            An answer at the same lines.
+        """
+        return np.array([self.error(G), self.peak_error(G), self.worst(G), self.peak_error(G, strict=True)])
 
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest error of the height of a resonance, as a share of it; 0 where there is none.
