@@ -89,7 +89,7 @@ class SecondOrder:
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
             own = np.abs(1.0 / (square + s[:, None] * np.diag(self.damping) + s[:, None] ** 2))
         peak = np.stack([np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))])
-        return np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2))
+        return np.asarray(np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2)))
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""

@@ -6,6 +6,7 @@ constant inputs. Each piece is dX/dt = F X as long as all its borders, rows time
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -43,7 +44,7 @@ class Piece:
     z: _Real
 
 
-class Rules:
+class Rules(ABC):
     """The pieces of a loop, which comes first, and which comes next.
 
     Parameters
@@ -76,13 +77,13 @@ class Rules:
         """Return (x, 0, 1)."""
         return np.concatenate([x, np.zeros(self.size - self.n - 1), [1.0]])
 
+    @abstractmethod
     def first(self, X: _Real) -> str:
         """Return the piece in which a state lies."""
-        raise NotImplementedError
 
+    @abstractmethod
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
         """Return what follows when a border is crossed, and the state there."""
-        raise NotImplementedError
 
 
 class BackwardsAndForwards(Rules):
