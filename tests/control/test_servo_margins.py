@@ -242,9 +242,14 @@ def test_family_has_its_worst_member():
         np.testing.assert_allclose(loop.family_phase[2], own.phase, atol=1e-6)
         assert loop.unstable_members == ()
     assert "over 4 members" in found.summary()
+    tuned = updyn.Controller.tuned(family, 2.0, **NAMES)
+    assert tuned == updyn.Controller.tuned(family.nominal, 2.0, **NAMES)
     harsh = quick(family, updyn.Controller(4000.0, 0.2, 6.0, dead_time=4e-3), **BOTH)
     assert harsh.velocity_loop.unstable_members
-    assert "UNSTABLE for" in harsh.summary()
+    assert "UNSTABLE for 4 of them (0, 1, 2, 3)\n" in harsh.summary()
+    plain = quick(family, updyn.Controller(170.0, 0.2, 6.0), **BOTH).summary()
+    assert "gain margin     unlimited (all members)" in plain
+    assert " dB to unlimited (members 0 and 3)" in plain
 
 
 # -- errors ------------------------------------------------------------------------------------------------

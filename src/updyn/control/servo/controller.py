@@ -22,6 +22,7 @@ from updyn.errors import OptionError
 from updyn.group import is_number
 
 if TYPE_CHECKING:
+    from updyn.control.family import PlantFamily
     from updyn.control.plant import Plant
 
 __all__ = ["Controller", "Notch"]
@@ -200,7 +201,7 @@ class Controller:
     @classmethod
     def tuned(
         cls,
-        plant: Plant,
+        plant: Plant | PlantFamily,
         crossover: float,
         *,
         torque: str,
@@ -215,8 +216,8 @@ class Controller:
 
         Parameters
         ----------
-        plant : Plant
-            With rigid-body motion from `torque` to `velocity`.
+        plant : Plant or PlantFamily
+            With rigid-body motion from `torque` to `velocity`; of a family its nominal plant.
         crossover : float
             Where the gain of the velocity loop is to fall through 1, in Hz, as far as the rigid body and kp make it.
         torque, velocity : str

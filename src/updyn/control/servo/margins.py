@@ -40,7 +40,8 @@ class Margins:
     unstable_poles : int
         Poles of the closed loop to the right of the imaginary axis.
     drifting : int
-        Poles of the closed loop at 0: motion that this loop does not hold, as the angle of a velocity loop.
+        Poles of the closed loop at 0: what this loop does not see and so not hold, as the angle of a velocity loop,
+        another axis, or the angle that goes with a speed of which the position is made by integration.
     judged_by : str
         How stability was found: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
     phase_crossings : ndarray of float, shape (n,)
@@ -129,9 +130,8 @@ class Margins:
         crossings = len(self.gain_crossings), len(self.phase_crossings)
         lines.append(f"crossings       {crossings[0]} of gain 1, {crossings[1]} of -180 deg")
         if self.drifting:
-            lines.append(
-                f"drifting        {self.drifting} pole{'s' if self.drifting > 1 else ''} at 0, not held by this loop"
-            )
+            poles = "pole" if self.drifting == 1 else "poles"
+            lines.append(f"drifting        {self.drifting} {poles} at 0 that this loop does not see")
         return "\n".join(lines)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,9 @@ from updyn.control.servo.controller import Controller
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
+
+if TYPE_CHECKING:
+    from updyn.control.family import PlantFamily
 
 __all__ = ["inertia_of", "tuned"]
 
@@ -66,7 +71,7 @@ def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def tuned(
-    plant: Plant,
+    plant: Plant | PlantFamily,
     crossover: float,
     *,
     torque: str,
@@ -85,7 +90,8 @@ def tuned(
             continue
         if value is None or not is_number(value) or not 0 < value < np.inf:
             raise OptionError(f"{name} is {value!r}; expected a number above 0{', ' + where if where else ''}")
-    inertia = inertia_of(plant, torque, velocity)
+    nominal = plant if isinstance(plant, Plant) else plant.nominal
+    inertia = inertia_of(nominal, torque, velocity)
     if inertia is None:
         raise ModelError(
             f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, of whose inertia the gain is to be "

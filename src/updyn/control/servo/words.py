@@ -60,7 +60,8 @@ def _family(loop: Loop) -> str:
     lines = [f"over {len(loop.members)} members of the family:"]
     if bad:
         shown = ", ".join(str(i) for i in bad[:8]) + (", ..." if len(bad) > 8 else "")
-        lines.append(f"  UNSTABLE for {len(bad)} of them ({shown}); the ranges below are those of the others")
+        rest = "; the ranges below are those of the others" if len(bad) < len(loop.members) else ""
+        lines.append(f"  UNSTABLE for {len(bad)} of them ({shown}){rest}")
     for name, unit in FIGURES.items():
         spread = loop.worst[name]
         if spread.smallest_member is None or (name == "gain_reduction" and spread.largest == 0):
@@ -70,10 +71,12 @@ def _family(loop: Loop) -> str:
             low, high, unit = _db(low), _db(high), "dB"
         elif name == "delay_margin":
             low, high, unit = 1e3 * low, 1e3 * high, "ms"
-        lines.append(
-            f"  {_NAMES[name]:<14}  {low:.4g} to {high:.4g} {unit}".rstrip()
-            + f" (members {spread.smallest_member} and {spread.largest_member})"
-        )
+        if np.isinf(low) and np.isinf(high):
+            text, who = "unlimited", "all members"
+        else:
+            text = f"{low:.4g} to {high:.4g} {unit}" if np.isfinite(high) else f"{low:.4g} {unit} to unlimited"
+            who = f"members {spread.smallest_member} and {spread.largest_member}"
+        lines.append(f"  {_NAMES[name]:<14}  {text.rstrip()} ({who})")
     return "\n".join(lines)
 
 
