@@ -177,6 +177,11 @@ def test_the_truth_is_found_from_nearby(inputs) -> None:
     (first,) = [line.split() for line in text.splitlines() if line.startswith("rotors free, 1")]
     drawings, updated, truth = (float(x) for x in first[3:])
     assert abs(updated / truth - 1.0) < 1e-3 < abs(drawings / truth - 1.0)
+    margins = [line.split()[-3:] for line in text.splitlines() if line.startswith(("velocity loop", "position loop"))]
+    assert len(margins) == 8
+    off = np.array([[float(x) / float(true) - 1.0 for x in row] for *row, true in margins])
+    assert np.abs(off[:, 1]).max() < 0.05  # the updated model says the crossovers and margins of the truth
+    assert np.abs(off[:, 0]).max() > 0.8
 
 
 def test_the_page_shows_this_antenna(inputs, model) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,8 @@ def test_the_drawings_promise_what_the_truth_does_not_hold() -> None:
     drawings = antenna()
     truth = drawings.scaled(TRUTH)
     plants = [demo.azimuth_plant(model) for model in (drawings, truth)]
-    promised, held = (demo.azimuth_servo(p).velocity_loop.margins for p in plants)
+    servos = [demo.azimuth_servo(p) for p in plants]
+    promised, held = (s.velocity_loop.margins for s in servos)
     assert promised.stable
     assert held.stable
     assert promised.phase_margin > 55.0
@@ -51,3 +53,9 @@ def test_the_drawings_promise_what_the_truth_does_not_hold() -> None:
     figures = updyn.drive_figures(drawings, demo.MOTOR, demo.TURNTABLE, ratio=demo.RATIO, band=demo.BAND)
     assert demo.CONTROLLER.notches[0].frequency == pytest.approx(figures.pairs[-1].resonance, abs=0.01)
     assert demo.CONTROLLER.kp == pytest.approx(2 * np.pi * 7.0 * figures.inertia * demo.RATIO**2, rel=0.01)
+    page = (Path(__file__).parents[2] / "docs" / "antenna.md").read_text(encoding="utf-8").splitlines()
+    for at, loop in enumerate(("velocity", "position")):
+        for what, _, attribute in demo.FIGURES:
+            (row,) = [line.split() for line in page if line.startswith(f"{loop} loop, {what}")]
+            found = [getattr(s.loops[at].margins, attribute) for s in servos]
+            assert [float(row[-3]), float(row[-1])] == pytest.approx(found, rel=2e-3)
