@@ -96,7 +96,8 @@ def test_a_band_beyond_the_data_is_said(job):
             "2 given; expected one, or one for each of the outputs, 1",
         ),
         (PORTS + "band = [9.0, 1.0]\n", 11, "the lower one first"),
-        (PORTS + "tolerance = 0\n", 11, "expected a number above 0"),
+        (PORTS + "tolerance = 0\n", 11, "expected a number of at least 1e-09"),
+        (PORTS + "tolerance = 2\n", 11, "expected a number of at most 0.5"),
         (PORTS + 'route = "modl"\n', 11, "did you mean 'modal'"),
         (PORTS + "sampling = { dt = 0.1 }\n", 11, "half the rate is 5 Hz, below the end of the plant's band, 22.7 Hz"),
         (PORTS + "sampling = { dt = 0.1, metod = 1 }\n", 11, "unknown key 'metod' in [plant.sampling]"),
@@ -180,7 +181,8 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
             "part2",
         ),
         (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "55:X"\nlevel = 1\n', 19, "55:X is not"),
-        ("step = 0\nduration = -1\n", 14, "expected a number above 0"),
+        ("step = 1\nduration = -1\n", 14, "expected a number above 0"),
+        ("step = 0\n", 13, "servo.step = 0: expected a number other than 0"),
     ],
 )
 def test_what_is_wrong_with_a_servo_is_said_with_its_line(job, table, line, said):

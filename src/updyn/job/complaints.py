@@ -72,6 +72,9 @@ def _sentence(item: Any, place: Place) -> str:
     if kind in ("greater_than", "greater_than_equal"):
         bound = next(iter(item["ctx"].values()))
         return f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
+    if kind in ("less_than", "less_than_equal"):
+        bound = next(iter(item["ctx"].values()))
+        return f"{shown}: expected a number {'below' if kind == 'less_than' else 'of at most'} {bound:g}"
     return f"{shown}: {_WORDS.get(kind, item['msg'])}"
 
 

@@ -118,7 +118,7 @@ class PlantTable(Table):
     outputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("outputs")), Strict(False)] = Field(min_length=1)
     quantity: Annotated[str | tuple[str, ...], BeforeValidator(_quantities)] = "receptance"
     band: Pair | None = None
-    tolerance: float = Field(default=0.02, gt=0, lt=1)
+    tolerance: float = Field(default=0.02, ge=1e-9, le=0.5)
     route: Literal["auto", "modal", "complex", "biot"] = "auto"
     family: int = Field(default=0, ge=0)
     seed: int = Field(default=0, ge=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from updyn.errors import OptionError
 from updyn.job.tables import Table, tables_of
@@ -18,6 +18,12 @@ __all__ = ["ControllerTable", "NonlinearTable", "NotchTable", "ServoTable", "Win
 
 #: Keys of the controller that are of the rule by which it is sized.
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
+
+
+def _not_zero(given: float) -> float:
+    if given == 0:
+        raise ValueError("expected a number other than 0")
+    return given
 
 
 class NotchTable(Table):
@@ -201,8 +207,8 @@ class ServoTable(Table):
     motor: str | None = None
     load: str | None = None
     ratio: float | None = None
-    step: float = 1.0
-    disturbance_step: float = 1.0
+    step: Annotated[float, AfterValidator(_not_zero)] = 1.0
+    disturbance_step: Annotated[float, AfterValidator(_not_zero)] = 1.0
     duration: float | None = Field(default=None, gt=0)
     wind: WindTable | None = None
     controller: ControllerTable | None = None
