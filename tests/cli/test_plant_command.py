@@ -115,8 +115,12 @@ def test_the_plant_of_a_finished_run(folder: Path, capsys: pytest.CaptureFixture
 
 
 def test_from_the_job_that_the_run_wrote(folder: Path) -> None:
-    assert main(["plant", str(folder / "job" / "job.toml"), "--out", str(folder / "elsewhere")]) == 0
+    left = folder / "job" / "job.toml"
+    for out in ([], ["--out", str(folder / "elsewhere")]):
+        assert main(["plant", str(left), *out]) == 0
     assert record(folder / "elsewhere")["updated"] is True
+    assert (folder / "job" / "plant.html").is_file()
+    assert not (folder / "job" / "job").exists()
 
 
 def test_without_a_run_it_is_of_the_model_as_it_stands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,13 +41,13 @@ def plant(
     """
     from updyn.cli import DONE, NOT_DETERMINED, _note, _say
     from updyn.cli.engine import engine
-    from updyn.job import default_out, load_job, prepare
+    from updyn.job import load_job, prepare
     from updyn.job.folder import CONTROL, PLANT_PAGE
-    from updyn.job.planting import check_plant_out, plant_job
+    from updyn.job.planting import check_plant_out, default_plant_out, plant_job
     from updyn.report import write_plant_page
 
     loaded = load_job(job)
-    folder = check_plant_out(loaded, default_out(loaded) if out is None else out)
+    folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
     ready = prepare(loaded)
     with engine(workers, cluster) as where:
         made = plant_job(

@@ -34,10 +34,31 @@ if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import UpdateResult
 
-__all__ = ["check_plant_out", "plant_job"]
+__all__ = ["check_plant_out", "default_plant_out", "plant_job"]
 
 #: Tables that say nothing about the update.
 _LATER = ("title", "plant", "servo", "uncertainty", "output")
+
+
+def default_plant_out(job: Job) -> Path:
+    """Return the folder of a plant where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        That of the job's run; of a job that a run has left behind, the folder in which it lies.
+    """
+    return job.path.parent if _left_behind(job) else default_out(job)
+
+
+def _left_behind(job: Job) -> bool:
+    """Whether a run wrote the job file."""
+    return job.path.read_bytes().startswith(f"# {MARK}".encode())
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
@@ -118,7 +139,7 @@ def plant_job(
     SolverError
         If the model has no answer at a line; nothing is written.
     """
-    out = check_plant_out(job, default_out(job) if out is None else out)
+    out = check_plant_out(job, default_plant_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
     found = _finished(ready, out, run)
     result, draws, where = (None, None, None) if found is None else found
@@ -170,7 +191,7 @@ def _folders(job: Job, out: Path) -> Iterator[Path]:
     """Yield where a finished run is sought: the folder to write to, the job's own, and that in which the job lies."""
     yield out
     yield default_out(job)
-    if job.path.read_bytes().startswith(f"# {MARK}".encode()):
+    if _left_behind(job):
         yield job.path.parent
 
 
