@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.control.biot import biot
 from updyn.control.complex_modes import complex_modes
 from updyn.control.conversion import Conversion
+from updyn.control.fitted import Fitted, fitted
 from updyn.control.order import Kept, fewest
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
@@ -34,6 +35,7 @@ _REFUSED = {
     "single-frequency": "structural damping converted at one frequency is right at that frequency only",
 }
 _TERMS = (2, 3, 4, 6, 8)
+_EXTRA = (0, 2, 4)
 
 Ports = Iterable[str | Dof | Port] | str | Dof | Port
 
@@ -87,6 +89,13 @@ class _Task:
         for terms in _TERMS if route == "biot" else (0,):
             yield self.conversion(route, terms)
 
+    def mended(self, route: str) -> Iterator[Conversion]:
+        """Yield conversions of a route as `tried`, and then fitted ones."""
+        yield from self.tried(route)
+        if route == "complex":
+            base = complex_modes(self.space, self.powers, self.band[1])
+            yield from (fitted(base, self.target, n) for n in _EXTRA)
+
 
 def plant(
     model: Model | UpdateResult,
@@ -120,7 +129,8 @@ def plant(
         ``"accelerance"`` (accelerations).
     route : {"auto", "modal", "complex", "biot"}
         How structural damping becomes poles. ``"modal"``: real modes with the full modal damping matrix, passive.
-        ``"complex"``: the poles and residues of the damped structure, closest where damping is strong and local.
+        ``"complex"``: the poles and residues of the damped structure, closest where damping is strong and local; the
+        outputs fitted to the structure's answer where that alone does not hold the tolerance.
         ``"biot"``: internal variables, passive, static stiffness differs slightly. ``"auto"``: modal, or complex where
         that does not hold the tolerance.
     tier, backend : str, optional
@@ -162,6 +172,8 @@ def plant(
         "lines": len(task.target.freq),
         "candidates": len(found.mask),
     }
+    if isinstance(found.conversion, Fitted):
+        facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
     made = Plant(
         A,
         B,
@@ -206,7 +218,7 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
     for lenient in (False, True):
         for route in (r for r in routes if r not in refused):
             try:
-                for conversion in task.tried(route):
+                for conversion in task.mended(route):
                     found = fewest(conversion, task.target, tolerance, lenient=lenient)
                     if found.holds:
                         return found

@@ -99,11 +99,7 @@ class ComplexModes:
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""
         s = imaginary(freq)
-        A, B, _ = self.slow
-        out = np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
-        if len(A):
-            shift = s[:, None, None] * np.eye(len(A)) - A
-            out += self._slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))
+        out = self.slow_response(s)
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
         for p, U, W in ((poles, left * growth, right), (poles.conj(), (left * growth).conj(), right.conj())):
@@ -111,8 +107,16 @@ class ComplexModes:
         through, jump = self._through(kept)
         return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
 
-    def _slow_rows(self) -> _Real:
-        """Return what the outputs read of the slow states."""
+    def slow_response(self, s: _Complex) -> _Complex:
+        """Return what the motion with real poles gives, without feed-through, shape (n_f, n_y, n_u)."""
+        A, B, _ = self.slow
+        if not len(A):
+            return np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
+        shift = s[:, None, None] * np.eye(len(A)) - A
+        return np.asarray(self.slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape))))
+
+    def slow_rows(self) -> _Real:
+        """Return what the outputs read of the motion with real poles."""
         A, _, C = self.slow
         return np.stack([C, C @ A, C @ A @ A])[self.powers, np.arange(len(C))]
 
@@ -135,30 +139,43 @@ class ComplexModes:
         whole = np.choose(self.powers[:, None], [static, nothing, jump])
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D: what is slow, real blocks [[a, b], [-b, a]] of the poles a + ib, and what is fast."""
+    def blocks(self, kept: NDArray[np.bool_], right: _Complex) -> tuple[_Real, _Real]:
+        """Return A and B: what is slow, and real blocks [[a, b], [-b, a]] of the poles a + ib.
+
+        Parameters
+        ----------
+        kept : ndarray of bool, shape (m,)
+            Which modes.
+        right : ndarray of complex, shape (n_u, n_kept)
+            Their vectors at the inputs.
+        """
         A0, B0, _ = self.slow
-        poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
+        poles = self.poles[kept]
         n, m = len(A0), len(poles)
-        # Each side of a residue takes the same share of it.
-        balance = np.sqrt(np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300))
-        left, right = left / np.where(balance > 0, balance, 1.0), right * np.where(balance > 0, balance, 1.0)
-        through, jump = self._through(kept)
-        rolled = np.flatnonzero(jump.any(axis=0))  # an input each
-        size = n + 2 * m + len(rolled)
-        A, B, C = np.zeros((size, size)), np.zeros((size, len(right))), np.zeros((len(left), size))
+        A, B = np.zeros((n + 2 * m, n + 2 * m)), np.zeros((n + 2 * m, len(right)))
         A[:n, :n], B[:n] = A0, B0
-        C[:, :n] = self._slow_rows()
-        last = np.arange(n + 2 * m, size)
-        A[last, last], B[last, rolled], C[:, last] = -self.fast, self.fast, jump[:, rolled]
         first = n + 2 * np.arange(m)
         second = first + 1
         A[first, first] = A[second, second] = poles.real
         A[first, second], A[second, first] = poles.imag, -poles.imag
         B[first], B[second] = right.real.T, -right.imag.T
-        grown = 2.0 * left * poles[None, :] ** self.powers[:, None]
-        C[:, first], C[:, second] = grown.real, grown.imag
-        return A, B, C, through
+        return A, B
+
+    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+        """Return A, B, C, D: what is slow, a block of each pair of poles, and what is fast."""
+        left, right = self.at_outputs[:, kept], self.at_inputs[:, kept]
+        # Each side of a residue takes the same share of it.
+        balance = np.sqrt(np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300))
+        balance[balance == 0.0] = 1.0
+        A0, B0 = self.blocks(kept, right * balance)
+        grown = 2.0 * (left / balance) * self.poles[kept] ** self.powers[:, None]
+        through, jump = self._through(kept)
+        rolled = np.flatnonzero(jump.any(axis=0))  # an input each
+        fast = np.full(len(rolled), self.fast)
+        A = scipy.linalg.block_diag(A0, -np.diag(fast))
+        B = np.vstack([B0, fast[:, None] * np.eye(B0.shape[1])[rolled]])
+        pairs = np.stack([grown.real, grown.imag], axis=2).reshape(len(left), -1)
+        return A, B, np.hstack([self.slow_rows(), pairs, jump[:, rolled]]), through
 
 
 def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> ComplexModes:
