@@ -46,6 +46,8 @@ def share(value: float) -> str:
     """Return a share as percent."""
     if not math.isfinite(value):
         return "–"
+    if value >= 10.0:
+        return f"{w.number(value, 3)} times"
     return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{w.number(100.0 * value, 2)} %"
 
 

@@ -157,7 +157,7 @@ def _controller(servo: Servo) -> str:
 def _margins(servo: Servo) -> str:
     head, kinds = ["figure"], [""]
     for loop in servo.loops:
-        head += [f"{loop.name} loop", "at"] + (["worst of the family", "plant"] if loop.members else [])
+        head += [f"{loop.name} loop", "at"] + (["worst of family", "plant"] if loop.members else [])
         kinds += ["", ""] + (["", ""] if loop.members else [])
     rows = []
     for title, name, say in _FIGURES:
@@ -173,7 +173,7 @@ def _margins(servo: Servo) -> str:
                 cells += [say(value), "–" if none else str(which)]
         if any(cell != "–" for cell in cells[1:]):
             rows.append(m.row(cells, kinds))
-    closed = ["bandwidth, closed, −3 dB"]
+    closed = ["closed-loop bandwidth"]
     for loop in servo.loops:
         closed += [_hz(loop.bandwidth), "–"] + (["–", "–"] if loop.members else [])
     rows.append(m.row(closed, kinds))

@@ -114,10 +114,12 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     shown = (_db(L) > _QUIET / 2) & (_db(L) < _LOUD)
     traces: list[dict[str, Any]] = []
     members = loop.family[:_MEMBERS, at]
+    spread: list[_Real] = []
     for number, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
         line = _along(turns, _db(member), loop.freq[at], "family", "@measured", 0.8)
         traces.append(line | {"showlegend": number == 0})
+        spread.append(turns[(_db(member) > _QUIET / 2) & (_db(member) < _LOUD)])
     traces.append(_along(turn, _db(L), loop.freq[at], "L, nominal", "@after", 1.8))
     centres = _critical(turn[shown] if shown.any() else turn)
     circle = -1.0 + _MODULUS * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 181))
@@ -146,7 +148,7 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
             "hovertemplate": "−1<extra></extra>",
         }
     )
-    turns = np.concatenate([turn[shown], np.asarray(centres) - 35.0, np.asarray(centres) + 35.0])
+    turns = np.concatenate([turn[shown], *spread, np.asarray(centres) - 35.0, np.asarray(centres) + 35.0])
     return {
         "data": traces,
         "height": 480,
