@@ -24,7 +24,8 @@ from cases import chain12, gear_train
 
 import updyn
 from updyn.control.build import _task, conversions
-from updyn.control.conversion import Matrices
+from updyn.control.conversion import Conversion, Matrices
+from updyn.control.fitted import Fitted
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
 from updyn.demos.antenna import TRUTH
@@ -118,6 +119,10 @@ def benches() -> Iterator[Bench]:
     yield Bench("antenna", antenna().scaled(TRUTH), motors[0], [motors[0], "3:RZ", "4:RZ"], (0.5, 60.0), motors)
 
 
+def route_of(plant: Plant) -> str:
+    return f"{plant.route}, fitted" if "fitted" in plant.facts else plant.route
+
+
 # -- what a plant is worth ---------------------------------------------------------------------------------
 def plants(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
@@ -125,7 +130,7 @@ def plants(bench: Bench) -> None:
         G = made.response(bench.lines[0]).values[:, :, 0]
         moving = made.poles[np.abs(made.poles) > 1e-6 * np.abs(made.poles).max()]
         print(
-            f"| {bench.name}, {word} | {made.route} | {made.n_states} | {100 * made.error:.2g} | "
+            f"| {bench.name}, {word} | {route_of(made)} | {made.n_states} | {100 * made.error:.2g} | "
             f"{100 * bench.error(G, quantity):.2g} | {100 * made.peak_error:.2g} | "
             f"{100 * bench.peak_error(G, quantity):.2g} | {len(made.poles) - len(moving)} | {moving.real.max():.2g} |",
             flush=True,
@@ -236,7 +241,7 @@ def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
     a, b, c = left.T @ A @ right, left.T @ B, C @ right
 
     def cut(r: int, static: bool) -> Matrices:
-        if not static or r == len(a):
+        if not static or r >= len(a):
             return a[:r, :r], b[:r], c[:, :r], D
         rest = np.linalg.solve(a[r:, r:], np.hstack([a[r:, :r], b[r:]]))
         x, y = rest[:, :r], rest[:, r:]
@@ -245,11 +250,11 @@ def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
     return cut
 
 
-def order_needed(bench: Bench, quantity: str, route: str, made: list[Plant]) -> list[int | None]:
-    """States of balanced truncations that are as good as some plants, by the plant's own lines and figures."""
+def order_needed(bench: Bench, quantity: str, fit: str | None, made: list[Plant]) -> list[int | None]:
+    """States of balanced truncations of one conversion that are as good as some plants, by their lines and figures."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
     task, _ = _task(bench.model, *ports, bench.band, quantity, None, None)
-    target, conversion = task.target, task.conversion(route)
+    target, conversion = task.target, next(c for c in task.mended(made[0].route) if fit_of(c) == fit)
     freq = target.freq
     still, rest = split(conversion.matrices(np.ones(len(conversion.frequency), dtype=np.bool_)))
     rigid, cut = respond(still, freq), balanced(rest)
@@ -272,13 +277,22 @@ def order_needed(bench: Bench, quantity: str, route: str, made: list[Plant]) -> 
     return needed
 
 
+def fit_of(conversion: Conversion) -> str | None:
+    """What a plant says of a conversion whose outputs were fitted."""
+    return f"outputs, with {len(conversion.extra)} real poles" if isinstance(conversion, Fitted) else None
+
+
 def orders(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
         made = [
             updyn.plant(bench.model, [bench.force], bench.motions, bench.band, t, quantity=quantity) for t in TOLERANCES
         ]
-        by_route = {r: order_needed(bench, quantity, r, made) for r in sorted({p.route for p in made})}
-        cells = [f"{p.n_states} {p.route} ({by_route[p.route][k] or '-'})" for k, p in enumerate(made)]
+        needed: dict[int, int | None] = {}
+        for kind in {(p.route, p.facts.get("fitted")) for p in made}:
+            alike = [k for k, p in enumerate(made) if (p.route, p.facts.get("fitted")) == kind]
+            found = order_needed(bench, quantity, kind[1], [made[k] for k in alike])
+            needed.update(zip(alike, found, strict=True))
+        cells = [f"{p.n_states} {route_of(p)} ({needed[k] or '-'})" for k, p in enumerate(made)]
         print(f"| {bench.name}, {word} | " + " | ".join(cells) + " |", flush=True)
 
 
