@@ -13,6 +13,8 @@ import updyn
 from updyn.control.servo.judged import judge_all
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.stability import count_drifting, count_growing, nyquist_count
+from updyn.control.servo.state_space import StateSpace
+from updyn.control.servo.transfer import Transfer, channel_zeros
 
 
 # -- instability -------------------------------------------------------------------------------------------
@@ -182,6 +184,26 @@ def test_margins_are_where_the_loop_turns_unstable(name, dead_time):
             assert at(late=m.delay_margin * factor).stable is stable
 
 
+def test_delay_margin_of_a_resonance_that_lies_beyond_180_degrees():
+    # With 110 ms of dead time the peak is passed from -210 to -390 deg: stable, and its phase margin negative. Further
+    # dead time has to turn it by 330 deg, or another crossing by less.
+    plant = two_masses(damping=0.02)
+
+    def at(late=0.0):
+        return quick(plant, updyn.Controller(12.0, dead_time=0.112 + late), **NAMES).velocity_loop.margins
+
+    m = at()
+    assert m.stable
+    beyond = m.phase_margins < 0
+    assert beyond.any()
+    np.testing.assert_allclose(
+        m.delay_margins, np.radians(m.phase_margins % 360.0) / (2 * np.pi * m.gain_crossings), rtol=1e-9
+    )
+    assert m.delay_margin == m.delay_margins.min()
+    assert at(0.999 * m.delay_margin).stable
+    assert not at(1.001 * m.delay_margin).stable
+
+
 @pytest.mark.parametrize("units", [1e-9, 1e6, 1e12])
 def test_units_change_nothing(units):
     plant = two_masses()
@@ -293,3 +315,23 @@ def test_loops_that_act_one_way_are_balanced_within_bounds():
         torque="motor", velocity="load speed", position="angle", disturbance="wind", pointing="speed")  # fmt: skip
     assert np.isfinite(found.disturbance_step.value).all()
     assert found.disturbance_step.peak > 0
+
+
+def test_fast_modes_do_not_round_the_slow_rigid_body():
+    # real modes to 3 kHz, their damping coupled, beside a rigid body: at 1 mHz the response is 1 / (J s) to 1e-12
+    rng, n = np.random.default_rng(0), 21
+    omega = 2 * np.pi * np.concatenate([[0.0], np.geomspace(3, 3000, n - 1)])
+    root, phi = np.sqrt(np.outer(omega, omega)), rng.normal(size=n)
+    Q = rng.normal(size=(n, n))
+    damping = 0.01 / n * (Q @ Q.T) * root
+    scale = np.where(omega > 0, omega, 1.0)
+    zero = np.zeros((n, n))
+    A = np.block([[zero, np.diag(scale)], [-np.diag(omega**2 / scale), -damping]])
+    system = StateSpace(A, np.append(0 * phi, phi)[:, None], np.append(phi / scale, 0 * phi)[None], np.zeros((1, 1)))
+    s = 2j * np.pi * np.geomspace(1e-3, 3e3, 40)
+    want = [phi @ np.linalg.solve(np.diag(omega**2 + x**2) + x * damping, phi) for x in s]
+    np.testing.assert_allclose(Transfer.of(system).at(s)[:, 0, 0], want, rtol=1e-9)
+    np.testing.assert_allclose(Transfer.of(system).at(s)[:8, 0, 0], want[:8], rtol=1e-12)
+    zeros = channel_zeros(system)
+    assert len(zeros) == 2 * n - 2
+    assert np.abs(Transfer.of(system).at(zeros)).max() < 1e-6 * np.abs(want).min()

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 from servo_cases import LOAD, MOTOR, STIFFNESS, masses, rigid, speed_over_torque, two_masses
 
 import updyn
+from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.state_space import StateSpace, connect, delay_approximation
-from updyn.control.servo.time_response import at_rest, march
+from updyn.control.servo.time_response import at_rest, march, march_late
 
 NAMES = {"torque": "motor", "velocity": "speed"}
 BOTH = {**NAMES, "position": "angle"}
@@ -76,6 +80,11 @@ def test_p_position_loop_on_a_rigid_body_in_closed_form():
     want = 1 - np.exp(-t / 2) * (np.cos(damped * t) + 0.5 / damped * np.sin(damped * t))
     np.testing.assert_allclose(step.value, want, atol=1e-11)
     np.testing.assert_allclose(step.torque[0], 3.0, rtol=1e-12)
+
+    def off(x):  # of the trough after the second half turn, 2.7 % deep: the last time that 2 % is left
+        return -np.exp(-x / 2) * (np.cos(damped * x) + 0.5 / damped * np.sin(damped * x)) + 0.02
+
+    assert step.settling_time == pytest.approx(brentq(off, 2 * np.pi / damped, 2.4 * np.pi / damped), rel=1e-6)
 
 
 def test_velocity_loop_alone_steps_the_velocity():
@@ -362,3 +371,19 @@ def test_a_response_of_drifting_goes_nowhere():
     assert found.disturbance_step.settling_time is None
     stiff = updyn.servo(rigid(2e9), updyn.Controller(4e9), **NAMES, disturbance="wind", pointing="angle")
     assert np.isnan(stiff.disturbance_step.final)
+
+
+def test_jumps_come_back_at_every_dead_time():
+    # A step of the disturbance makes the displacement jump by R, the torque by -kp w R with the low-pass w, one dead
+    # time later; that by R times it again, and so on.
+    R, T, w = 1e-5, 4e-3, 2 * np.pi * 60.0
+    plant = two_masses(outputs=("angle", "load"))
+    loose = replace(plant, D=np.full((2, 2), R))
+    controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=T)
+    opened = Cascade(loose, controller, Wiring.of(loose, controller, "motor", "angle", None, "load", "wind")).opened()
+    time, outputs, _ = march_late(opened, np.array([0.0, 0, 0, 1]), np.zeros(opened.n_states), T, T / 400, 1400)
+    torque = outputs[:, 0]
+    for k in (1, 2, 3):
+        assert time[400 * k] == pytest.approx(k * T, rel=1e-12)
+        jump = torque[400 * k] - torque[400 * k - 1] - (torque[400 * k - 1] - torque[400 * k - 2])
+        assert jump == pytest.approx((-100.0 * w * R) ** k, rel=0.05)

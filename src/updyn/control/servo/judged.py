@@ -145,8 +145,9 @@ def _lines(
         size = np.ones(1)
     low, high = _BELOW * float(size.min()), _ABOVE * float(size.max())
     for _ in range(20):
-        end = np.array([1j * high])
-        if max(abs(loop(end)[0]), abs(whole(end)[0])) <= _SMALL:
+        ends = np.array([1j, 2j]) * high
+        size = np.maximum(np.abs(loop(ends)), np.abs(whole(ends)))
+        if size[0] <= _SMALL or size[1] > 0.9 * size[0]:  # or it does not fall any further
             break
         high *= 2.0
     dense = features if beside is None else np.concatenate([features, beside])

@@ -26,8 +26,9 @@ _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
 #: Share of the variance of the error that the series of a wind may leave out at its upper end, and its longest length.
 _LEFT_OUT, _LONGEST = 1e-4, 2**16
-#: With exact dead time: how much finer the intervals are, and the most of them. How many samples are kept, about.
-_FINER, _LONGEST_STEP, _KEPT = 4.0, 60_000, 5000
+#: With exact dead time: how much finer the intervals are, the most of them, and the fewest in the dead time where those
+#: are not enough. How many samples are kept, about.
+_FINER, _LONGEST_STEP, _COARSEST, _KEPT = 4.0, 60_000, 16, 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +122,10 @@ def _record(
     parts = schedule(system, output, at, None if duration is None else float(duration))
     delay = cascade.controller.dead_time
     opened = cascade.opened() if delay else None
-    late = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
     long = sum(n * dt for n, dt in parts)
-    if opened is None or long * late > _LONGEST_STEP * delay:
+    wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
+    late = min(wanted, int(_LONGEST_STEP * delay / long))
+    if opened is None or late < min(wanted, _COARSEST):
         return step_series(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
