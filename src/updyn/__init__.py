@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from updyn.comparison import Comparison as Comparison
     from updyn.comparison import compare as compare
     from updyn.comparison import compare_jointly as compare_jointly
+    from updyn.control.build import conversions as conversions
     from updyn.control.build import plant as plant
     from updyn.control.family import plant_family as plant_family
     from updyn.control.nonlinear.balance import limit_cycles as limit_cycles
@@ -125,6 +126,7 @@ _WHERE = {
     "average": "updyn.updating.noise.repeats",
     "complete_parts": "updyn.updating.gaps",
     "condense": "updyn.dynamics.condensation",
+    "conversions": "updyn.control.build",
     "correlate": "updyn.correlation",
     "drive_figures": "updyn.control.servo.drive",
     "identify_modes": "updyn.modal",

@@ -6,6 +6,7 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     ├── InputError            what was supplied cannot be used
     │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
     │   ├── ModelError        a matrix, a group or a model
+    │   │   └── ToleranceError  no plant of it holds the tolerance
     │   ├── DataError         a frequency response function or its selection
     │   ├── FormatError       a file: says path, and line or record where there is one
     │   ├── ParameterError    an unknown, its bounds or its group
@@ -34,6 +35,7 @@ __all__ = [
     "OptionError",
     "ParameterError",
     "SolverError",
+    "ToleranceError",
     "UpdynError",
     "UpdynWarning",
     "nearest",
@@ -55,6 +57,10 @@ class DofError(InputError):
 
 class ModelError(InputError):
     """A matrix, a group or a model is not valid."""
+
+
+class ToleranceError(ModelError):
+    """A model cannot be turned into what was asked for within the tolerance; the message says what was reached."""
 
 
 class DataError(InputError):

@@ -20,7 +20,7 @@ from updyn.control.second_order import diagonal, full, single_frequency
 from updyn.control.space import ModalSpace, modal_space
 from updyn.control.target import Target, target_lines
 from updyn.dofs import Dof
-from updyn.errors import ModelError, OptionError, SolverError, suggest
+from updyn.errors import ModelError, OptionError, SolverError, ToleranceError, suggest
 from updyn.frf import QUANTITIES, check_quantity
 from updyn.group import is_number
 from updyn.model import Model
@@ -148,7 +148,9 @@ def plant(
         If an option is not valid; a route that converts the damping at one frequency or by modal damping ratios is
         refused, with the error that it would have.
     ModelError
-        If the structure is not statically stable, or no order holds the tolerance; the message says what was reached.
+        If the structure is not statically stable.
+    ToleranceError
+        If no order holds the tolerance; the message says what was reached.
     DofError
         If the model has not the DOFs of a port.
     SolverError
@@ -229,7 +231,7 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
         raise next(iter(refused.values()))
     others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
     best = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
-    raise ModelError(
+    raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to {task.band[1]:g} Hz; reached: "
         f"{best}. Allow a larger tolerance, "
         f"narrow the band{f', or try route {others}' if others else ''}"

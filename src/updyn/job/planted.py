@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.plant import Plant
-from updyn.errors import InputError, JobError, ModelError, UpdynError
+from updyn.errors import InputError, JobError, ToleranceError, UpdynError
 from updyn.job.control_checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
@@ -187,7 +186,7 @@ def planted_of(
     side_by_side = _side_by_side(job, model, given)
     base = Planted(job.title or job.path.stem, model, one is not None, source, band, table.tolerance)
     told("plant: order")
-    made, message = _made(job, model, given, side_by_side)
+    made, message = _made(job, model, given)
     extra: dict[str, Any] = {"conversions": side_by_side, "message": message}
     if made is not None:
         told("plant: against the model")
@@ -258,29 +257,23 @@ def _side_by_side(job: Job, model: Model, given: dict[str, Any]) -> tuple[Conver
         return conversions(model, **given)
 
 
-def _made(
-    job: Job, model: Model, given: dict[str, Any], found: tuple[ConversionError, ...]
-) -> tuple[Plant | None, str]:
-    """Return the plant; where the damping cannot be converted within the tolerance, why there is none."""
+def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, str]:
+    """Return the plant; where no order holds the tolerance, why there is none."""
     from updyn.control.build import plant
 
     assert job.plant is not None
     try:
         with _located(job):
             return plant(model, tolerance=job.plant.tolerance, route=job.plant.route, **given), ""
-    except JobError as error:
-        routes = ("modal", "complex") if job.plant.route == "auto" else (job.plant.route,)
-        reached = [max(c.error, c.peak_error) for c in found if c.name in routes and math.isfinite(c.error)]
-        if isinstance(error.__cause__, ModelError) and reached and min(reached) > job.plant.tolerance:
-            return None, str(error.__cause__)
-        raise
+    except ToleranceError as error:
+        return None, str(error)
 
 
 @contextmanager
 def _located(job: Job) -> Iterator[None]:
     try:
         yield
-    except JobError:
+    except (JobError, ToleranceError):
         raise
     except InputError as error:
         raise job.error_about(str(error), "plant") from error
