@@ -125,7 +125,7 @@ def judge(
     scale = float(gains[0]) if len(gains) else _reference(features)
     drifting, growing = count_drifting(poles, scale), count_growing(poles, scale)
     exact = growing if not pade else nyquist_count(whole, w, open_poles, drifting)
-    margins = _margins(loop, w, values, gains, phases, exact, drifting, bool(pade))
+    margins = _margins(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
     return Judged(loop, w, values, margins, poles, pade, exact == growing)
 
 
@@ -160,7 +160,7 @@ def _lines(
 
 
 def _margins(
-    loop: Loop, w: _Real, values: _Complex, gains: _Real, phases: _Real, growing: int, drifting: int, delayed: bool
+    loop: Loop, w: _Real, values: _Complex, gains: _Real, phases: _Real, growing: int, drifting: int, delay: float
 ) -> Margins:
     at_phase = 1.0 / np.abs(loop(1j * phases)) if len(phases) else np.zeros(0)
     angle = np.asarray(np.angle(-loop(1j * gains)) if len(gains) else np.zeros(0))  # phase margin, -pi to pi
@@ -169,7 +169,7 @@ def _margins(
         "stable": growing == 0,
         "unstable_poles": growing,
         "drifting": drifting,
-        "judged_by": "Nyquist count" if delayed else "eigenvalues",
+        "judged_by": "Nyquist count" if delay else "eigenvalues",
         "phase_crossings": phases / _TWO_PI,
         "gain_margins": at_phase,
         "gain_crossings": gains / _TWO_PI,
@@ -185,7 +185,7 @@ def _margins(
     lowest = int(down[np.argmax(at_phase[down])]) if len(down) else None
     thin = int(np.argmin(np.abs(angle))) if len(gains) else None
     soon = int(np.argmin(delays)) if len(gains) else None
-    modulus, modulus_at = grid.least(lambda x: np.abs(1.0 + loop(1j * x)), w, np.abs(1.0 + values))
+    modulus, modulus_at = _modulus(loop, w, values, delay)
     if modulus > 1.0 and abs(values[-1]) <= _SMALL:  # L vanishes in the end, so that 1 + L is 1 there
         modulus, modulus_at = 1.0, np.inf
     return Margins(
@@ -201,6 +201,23 @@ def _margins(
         delay_margin_at=None if soon is None else float(gains[soon] / _TWO_PI),
         modulus_margin_at=modulus_at / _TWO_PI if np.isfinite(modulus_at) else None,
     )
+
+
+def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:
+    """Return the smallest |1 + L| and where, in rad/s; with dead time beyond the lines, too, while |L| allows it."""
+
+    def distance(x: _Real) -> _Real:
+        return np.asarray(np.abs(1.0 + loop(1j * x)))
+
+    best = grid.least(distance, w, np.abs(1.0 + values))
+    end = float(w[-1])
+    for _ in range(10):
+        if not delay or end * delay > 1e4 or 1.0 - abs(loop(np.array([1j * end]))[0]) >= best[0]:
+            break
+        more = np.linspace(0.8 * end, 2.0 * end, 9 + int(end * delay / 0.15))
+        best = min(best, grid.least(distance, more, distance(more)))
+        end *= 2.0
+    return best
 
 
 def _falling(loop: Loop, gains: _Real) -> float | None:
