@@ -23,7 +23,7 @@ import scipy.sparse.linalg as spla
 from cases import chain12, gear_train
 
 import updyn
-from updyn.control.build import _task, conversions
+from updyn.control.build import _task
 from updyn.control.conversion import Conversion, Matrices
 from updyn.control.fitted import Fitted
 from updyn.control.plant import Plant
@@ -194,7 +194,7 @@ def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
 
 def side_by_side(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
-        stated = conversions(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
+        stated = updyn.conversions(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
         own = by_hand(bench, quantity) if bench.model.n_dofs < 100 else {}
         cells = []
         for one in stated:

@@ -121,6 +121,19 @@ def table(models: dict[str, Model], plants: dict[str, updyn.Plant], controller: 
     print(f"| bandwidth, Hz | {' | '.join(widths)} | | | |", flush=True)
 
 
+def routes(truth: Model, controller: Controller) -> None:
+    """What the conversion of the damping does to the phase margin."""
+    right = Exact(truth, controller).figures(0)["phase_margin"]
+    print(f"\nphase margin of the velocity loop on the truth: {right:.2f} deg line by line")
+    for route in ("modal", "complex", "biot"):
+        made = updyn.plant(truth, INPUTS[:1], OUTPUTS[:1], BAND, quantity=QUANTITIES[0], route=route)
+        found = updyn.servo(
+            made, replace(controller, kv=None), torque="torque", velocity="speed", step=None, disturbance_step=None
+        )
+        margin = found.velocity_loop.margins.phase_margin
+        print(f"  {made.n_states} states by route {route}: {margin:.2f} deg, {100 * (margin / right - 1):+.1f} %")
+
+
 def family(result: UpdateResult, controller: Controller, members: int) -> None:
     made = updyn.plant_family(result, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, n=members)
     servo = azimuth_servo(made, controller)
@@ -172,6 +185,7 @@ def main() -> None:
     for title, controller in (("as the drawings would have it", CONTROLLER), ("by the updated model", retuned)):
         print(f"\ncontroller {title}:\n{controller.summary()}\n")
         table(models, plants, controller)
+    routes(models["truth"], CONTROLLER)
     wind(plants, retuned)
     family(result, retuned, args.members)
 

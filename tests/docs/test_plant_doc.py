@@ -52,7 +52,7 @@ def test_the_orders_are_what_the_page_says(page: dict[str, Any]) -> None:
 
 
 def test_a_mode_at_a_fraction_of_the_single_frequency_is_far_too_high(page: dict[str, Any]) -> None:
-    by_name = {c.name: c for c in page["conversions"](page["result"], ["1:RZ"], ["3:RZ"], (2.0, 60.0))}
+    by_name = {c.name: c for c in page["updyn"].conversions(page["result"], ["1:RZ"], ["3:RZ"], (2.0, 60.0))}
     assert by_name["single-frequency"].peak_error > 0.3 > 10 * by_name["modal"].error
 
 
