@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from updyn.errors import JobError
-from updyn.job.folder import check_folder
+from updyn.job.folder import check_folder, check_no_folder
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.run import as_tests, job_selection, method_errors
 from updyn.job.schema import Job
@@ -63,9 +62,7 @@ def check_comparison_out(job: Job, out: str | Path) -> Path:
         If it is a file, or lies in no folder that can be written.
     """
     out = check_folder(job, out)
-    for name in COMPARED:
-        if (out / name).is_dir():
-            raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
+    check_no_folder(job, out, COMPARED)
     return out
 
 

@@ -19,6 +19,7 @@ __all__ = [
     "PLANT_PAGE",
     "check_folder",
     "check_inputs",
+    "check_no_folder",
     "check_out",
     "default_out",
     "made_folder",
@@ -140,6 +141,28 @@ def check_out(job: Job, out: str | Path) -> Path:
         text = f"the run would write over {str(there)!r}, a job that updyn did not write; choose another --out"
         raise JobError(text, job.path)
     return out
+
+
+def check_no_folder(job: Job, out: Path, names: Iterable[str]) -> None:
+    """Check that no file to be written to a folder is a folder itself.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : Path
+        Where they would go.
+    names : iterable of str
+        Of the files.
+
+    Raises
+    ------
+    JobError
+        If one is.
+    """
+    for name in names:
+        if (out / name).is_dir():
+            raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
 
 
 def check_inputs(job: Job, out: Path, names: Iterable[str]) -> None:

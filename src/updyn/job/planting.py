@@ -15,6 +15,7 @@ from updyn.job.folder import (
     PLANT_PAGE,
     check_folder,
     check_inputs,
+    check_no_folder,
     default_out,
     made_folder,
     plant_outputs,
@@ -86,9 +87,7 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
     out = check_folder(job, out)
     check_inputs(job, out, plant_outputs(job))
-    for name in plant_outputs(job):
-        if (out / name).is_dir():
-            raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
+    check_no_folder(job, out, plant_outputs(job))
     return out
 
 

@@ -41,13 +41,7 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     Path
         Where the page is.
     """
-    from updyn.io.atomic import atomic_path
-
-    target = Path(path)
-    page = render(comparison)
-    with atomic_path(target) as temporary:
-        Path(temporary).write_text(page, encoding="utf-8", newline="\n")
-    return target
+    return m.write_page(render(comparison), path)
 
 
 def render(comparison: Comparison) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Iterable, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 __all__ = [
@@ -18,6 +20,7 @@ __all__ = [
     "row",
     "swatch",
     "table",
+    "write_page",
 ]
 
 
@@ -96,3 +99,13 @@ def embedded_json(name: str, value: Any) -> str:
 
 def _class(kind: str) -> str:
     return f' class="{esc(kind)}"' if kind else ""
+
+
+def write_page(page: str, path: str | PathLike[str]) -> Path:
+    """Write a page, replaced as a whole once it is complete; return where it is."""
+    from updyn.io.atomic import atomic_path
+
+    target = Path(path)
+    with atomic_path(target) as temporary:
+        Path(temporary).write_text(page, encoding="utf-8", newline="\n")
+    return target

@@ -73,16 +73,9 @@ def write_report(
     A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence); beyond
     `updyn.report.figures.DRAWING_BUDGET` lines are thinned, which the page says.
     """
-    from updyn.io.atomic import atomic_path
-
-    target = Path(path)
     if isinstance(result, UpdateResult):
-        page = render(result, uncertainty, plant)
-    else:
-        page = render_joint(result, uncertainty, plant)
-    with atomic_path(target) as temporary:
-        Path(temporary).write_text(page, encoding="utf-8", newline="\n")
-    return target
+        return m.write_page(render(result, uncertainty, plant), path)
+    return m.write_page(render_joint(result, uncertainty, plant), path)
 
 
 def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None) -> str:

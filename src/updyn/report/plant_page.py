@@ -29,13 +29,7 @@ def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
     Path
         Where the page is.
     """
-    from updyn.io.atomic import atomic_path
-
-    target = Path(path)
-    page = render(planted)
-    with atomic_path(target) as temporary:
-        Path(temporary).write_text(page, encoding="utf-8", newline="\n")
-    return target
+    return m.write_page(render(planted), path)
 
 
 def render(planted: Planted) -> str:
