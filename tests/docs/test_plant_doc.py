@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from updyn.job.control_tables import PlantTable
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -61,6 +64,13 @@ def test_the_family_is_as_the_page_says(page: dict[str, Any]) -> None:
     assert (page["lowest"] < page["highest"]).all()
     assert page["family"].error < 0.02
     assert len(page["poles"]) == page["servo_plant"].n_states
+
+
+def test_the_job_is_read() -> None:
+    (block,) = [b for b in blocks(PAGE) if b.language == "toml"]
+    table = PlantTable.model_validate(tomllib.loads(block.text)["plant"])
+    assert [p.name for p in table.input_ports] == ["drive", "wind"]
+    assert table.family == 20
 
 
 def test_the_table_is_that_of_the_benchmark() -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+from updyn.job.servo_tables import ServoTable
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -54,6 +57,14 @@ def test_backlash_hunts_as_predicted_within_what_the_page_says(page: dict[str, A
     assert run.verdict == "limit cycle"
     assert 0.02 < abs(cycle.frequency / run.frequency - 1.0) < 0.15
     assert abs(cycle.amplitude / run.amplitude - 1.0) < 0.15
+
+
+def test_the_job_is_read() -> None:
+    (block,) = [b for b in blocks(PAGE) if b.language == "toml"]
+    table = ServoTable.model_validate(tomllib.loads(block.text)["servo"])
+    assert table.controller is not None
+    table.controller.check()
+    assert table.wind is not None
 
 
 def test_the_table_is_that_of_the_benchmark() -> None:
