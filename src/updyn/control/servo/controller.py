@@ -325,7 +325,7 @@ class Controller:
 
     def summary(self) -> str:
         """Return the settings, one a line."""
-        lines = [f"velocity loop  kp {self.kp:.6g} N m/(rad/s)"]
+        lines = [f"velocity loop  kp {self.kp:.6g} (torque or force per unit of velocity)"]
         lines[0] += ", no integral part" if self.ti is None else f", ti {self.ti:.6g} s"
         if self.kv is not None:
             forward = f", {100 * self.feed_forward:g} % velocity feed-forward" if self.feed_forward else ""
