@@ -104,6 +104,7 @@ inputs = [{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}, {{ name = "
 quantity = ["{'", "'.join(QUANTITIES)}"]
 band = [{BAND[0]:g}, {BAND[1]:g}]
 test = "rotors free"
+family = 5
 
 [[plant.outputs]]
 name = "speed"
