@@ -1,7 +1,7 @@
 """Internal variables: stiffness K_e (1 + gamma g(s)) with g(s) = sum_k a_k s / (s + b_k), a_k >= 0.
 
 M. A. Biot, Physical Review 97 (1955) 1463-1469 (the form, and why a_k >= 0: hidden coordinates that relax);
-P. C. Hughes & D. F. Golla, J. Applied Mechanics 52 (1985) 897-906, and D. J. McTavish & P. C. Hughes, J. Vibration and
+D. F. Golla & P. C. Hughes, J. Applied Mechanics 52 (1985) 897-906, and D. J. McTavish & P. C. Hughes, J. Vibration and
 Acoustics 115 (1993) 103-110 (GHM: hidden coordinates of finite elements). The terms are fitted so that Im g = 1 over
 the band, times the course of a table. Every term is passive, so that the plant is passive and stable however strong and
 local the damping.

@@ -210,7 +210,10 @@ def _checked(made: Plant, target: Target) -> Plant:
             f"plant: route {made.route!r} gave an unstable pole, {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; "
             "use another route"
         )
-    return replace(made, error=target.error(G), peak_error=target.peak_error(G))
+    facts = dict(made.facts)
+    if target.slow:
+        facts["peak error of accelerations"] = target.peak_error(G, strict=True)
+    return replace(made, error=target.error(G), peak_error=target.peak_error(G), facts=facts)
 
 
 def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:

@@ -83,7 +83,8 @@ class Plant:
         Largest error of a channel in the band, as a share of its peak there, against the model with its structural
         damping, line by line.
     peak_error : float
-        Largest error of the height of a resonance in the band, as a share of it.
+        Largest error of the height of a resonance in the band, as a share of it. Those from a tenth of the channel's
+        peak count; where rigid-body motion hides them, `facts` have that of the accelerations.
     route : str
         How the damping was converted.
     rigid : int

@@ -110,6 +110,11 @@ class Target:
         floor = np.where(potential > 0, _UNCOUPLED * potential, 1.0)
         return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), lift, floor)
 
+    @property
+    def slow(self) -> bool:
+        """Whether there is rigid-body motion, or a mode below the band."""
+        return bool((self.lift != 1.0).any())
+
     def error(self, G: _Complex) -> float:
         """Return the largest error of a channel as a share of its peak.
 

@@ -22,7 +22,7 @@ _Complex = NDArray[np.complex128]
 _HALVINGS = 52
 _FAR = 1e-9  # half gap over amplitude: no larger one is looked for
 # Where harmonic balance was seen to leave 10 % against simulation, in amplitude or frequency.
-_REACH = 1.5  # half gaps
+_REACH = 2.0  # half gaps
 _THIRD = 0.3  # of the first harmonic
 
 
