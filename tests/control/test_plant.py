@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -289,6 +291,37 @@ class TestPorts:
     def test_one_name_twice(self) -> None:
         with pytest.raises(OptionError, match=r"two outputs are called '1:X'"):
             updyn.plant(springs([1e3], [3.0], [0.02]), ["1:X"], ["1:X", "1:X"], (1.0, 5.0))
+
+
+class TestPlantItself:
+    made = updyn.plant(springs([1e3], [3.0], [0.02]), ["1:X"], ["1:X"], (0.5, 10.0))
+
+    @pytest.mark.parametrize(
+        ("change", "said"),
+        [
+            ({"A": np.eye(3)}, r"B has shape \(2, 1\); expected \(3, 1\)"),
+            ({"C": np.full((1, 2), np.nan)}, r"C holds a number that is not finite"),
+            ({"quantities": ()}, r"0 quantities for 1 outputs"),
+            ({"quantities": ("mobilty",)}, r"mobility"),
+            ({"dt": 0.0}, r"sampling interval 0\.0 s; expected a finite number above 0"),
+        ],
+    )
+    def test_items_that_do_not_fit(self, change: dict[str, object], said: str) -> None:
+        with pytest.raises(updyn.UpdynError, match=said):
+            dataclasses.replace(self.made, **change)
+
+    def test_arrays_are_closed(self) -> None:
+        with pytest.raises(ValueError, match="read-only"):
+            self.made.A[0, 0] = 1.0
+
+    def test_a_line_on_a_pole(self) -> None:
+        free = updyn.plant(springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04]), ["1:X"], ["1:X"], (0.5, 60.0))
+        with pytest.raises(updyn.UpdynError, match=r"pole at s = 0"):
+            free.response([0.0])
+
+    def test_a_channel_that_is_not_there(self) -> None:
+        with pytest.raises(OptionError, match=r"no output '1:Y'"):
+            self.made.channel("1:Y", "1:X")
 
 
 class TestRefused:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
-from updyn.frf import FRF, check_lines
+from updyn.frf import FRF, check_lines, check_quantity
 
 __all__ = ["Plant", "PlantResponse"]
 
@@ -129,6 +129,10 @@ class Plant:
             object.__setattr__(self, name, array)
         if len(self.quantities) != n_y:
             raise ModelError(f"plant: {len(self.quantities)} quantities for {n_y} outputs")
+        for quantity in self.quantities:
+            check_quantity(quantity)
+        if self.dt is not None and not 0.0 < self.dt < np.inf:
+            raise ModelError(f"plant: sampling interval {self.dt!r} s; expected a finite number above 0, or None")
 
     def __repr__(self) -> str:
         sampled = "" if self.dt is None else f", sampled every {self.dt:g} s"
