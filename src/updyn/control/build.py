@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.biot import biot
-from updyn.control.complex_modes import complex_modes
+from updyn.control.complex_modes import ComplexModes, complex_modes
 from updyn.control.conversion import Conversion
 from updyn.control.fitted import Fitted, fitted
 from updyn.control.order import Kept, fewest
@@ -91,10 +91,10 @@ class _Task:
 
     def mended(self, route: str) -> Iterator[Conversion]:
         """Yield conversions of a route as `tried`, and then fitted ones."""
-        yield from self.tried(route)
-        if route == "complex":
-            base = complex_modes(self.space, self.powers, self.band[1])
-            yield from (fitted(base, self.target, n) for n in _EXTRA)
+        for conversion in self.tried(route):
+            yield conversion
+            if isinstance(conversion, ComplexModes):
+                yield from (fitted(conversion, self.target, n) for n in _EXTRA)
 
 
 def plant(

@@ -9,6 +9,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.plant import Plant
+from updyn.control.servo.state_space import StateSpace
+from updyn.control.servo.transfer import Transfer
 
 __all__ = ["channel_zeros", "dense_lines", "sweep"]
 
@@ -40,24 +42,10 @@ def sweep(plant: Plant, freq: _Real) -> _Complex:
     Returns
     -------
     ndarray of complex, shape (n_f, n_outputs, n_inputs)
-
-    Notes
-    -----
-    Laub, IEEE Trans. Autom. Control 26 (1981) 407, with a Schur instead of a Hessenberg form. The states are balanced
-    first, as omega^2 beside 1 would cost half of the digits.
     """
     s = 2j * np.pi * freq
     points = s if plant.dt is None else np.exp(s * plant.dt)
-    if plant.n_states == 0:
-        return np.broadcast_to(plant.D.astype(np.complex128), (len(freq), *plant.D.shape)).copy()
-    A, (scale, _) = scipy.linalg.matrix_balance(plant.A, permute=False, separate=True)
-    T, Q = scipy.linalg.schur(A, output="complex")
-    B = Q.conj().T @ (plant.B / scale[:, None])
-    x = np.empty((plant.n_states, len(points), B.shape[1]), dtype=np.complex128)
-    for i in range(plant.n_states - 1, -1, -1):
-        above = np.tensordot(T[i, i + 1 :], x[i + 1 :], axes=1)
-        x[i] = (B[i] + above) / (points - T[i, i])[:, None]
-    return np.asarray(np.einsum("yn,nfu->fyu", (plant.C * scale) @ Q, x) + plant.D)
+    return Transfer.of(StateSpace(plant.A, plant.B, plant.C, plant.D)).at(points)
 
 
 def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
