@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace
 from updyn.control.servo.transfer import Transfer
+from updyn.control.servo.transfer import channel_zeros as zeros_of
 
 __all__ = ["channel_zeros", "dense_lines", "sweep"]
 
@@ -61,23 +61,12 @@ def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
     Returns
     -------
     ndarray of complex, shape (n_zeros,)
-        Generalised eigenvalues of [[A, b], [c, d]] (Emami-Naeini & Van Dooren, Automatica 18 (1982) 415). Infinite ones
-        that rounding has made finite lie far above the poles and are left out.
+        Infinite ones that rounding has made finite lie far above the poles and are left out.
     """
-    A, (scale, _) = scipy.linalg.matrix_balance(plant.A, permute=False, separate=True)
-    b, c = plant.B[:, input] / scale, plant.C[output] * scale
-    d = plant.D[output, input]
-    size_b, size_c = float(np.abs(b).max(initial=0.0)), float(np.abs(c).max(initial=0.0))
-    if size_b == 0.0 or size_c == 0.0:
+    B, C = plant.B[:, [input]], plant.C[[output]]
+    if not B.any() or not C.any():
         return np.zeros(0, dtype=np.complex128)
-    rate = max(float(np.abs(A).max(initial=0.0)), np.finfo(float).tiny)
-    b, c, d = b / size_b * rate, c / size_c * rate, d / (size_b * size_c) * rate**2
-    n = plant.n_states
-    pencil = np.block([[A, b[:, None]], [c[None], np.array([[d]])]])
-    found = scipy.linalg.eigvals(pencil, np.diag([1.0] * n + [0.0]), homogeneous_eigvals=True)
-    alpha, beta = found
-    finite = np.abs(beta) * 1e3 * rate > np.abs(alpha)
-    return np.asarray(alpha[finite] / beta[finite], dtype=np.complex128)
+    return zeros_of(StateSpace(plant.A, B, C, plant.D[[output]][:, [input]]))
 
 
 def dense_lines(
