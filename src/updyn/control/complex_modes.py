@@ -4,7 +4,7 @@ With structural damping the model has the receptance (M = I in modal coordinates
 
     H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C) u_j = 1
 
-(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, section 3.5, of a symmetric pencil), with 2r poles that come in no
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that come in no
 conjugate pairs: r of them above the real axis, stable, which make the resonances, and r below it, of which the
 structural damping makes unstable ones. At positive frequencies those below are far away. They are replaced by the
 conjugates of those above:
