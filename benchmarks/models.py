@@ -1,4 +1,4 @@
-"""Models of any size for the benchmarks: solids of eight-node bricks, and chains of springs."""
+"""Models of any size for the benchmarks: solids of eight-node bricks, space frames, and chains of springs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import updyn
+from updyn.elements.structure import Truss, structure
 
 #: Steel, and an element edge of 0.1 m.
 E, NU, RHO, EDGE = 2.1e11, 0.3, 7850.0, 0.1
@@ -80,6 +81,38 @@ def _assemble(dofs: np.ndarray, local: np.ndarray, n: int) -> sp.csr_array:
     return sp.csr_array(
         sp.coo_array((values[free], (rows[free].astype(np.int32), columns[free].astype(np.int32))), shape=(n, n))
     )
+
+
+def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
+    """A double-layer space frame of steel bars over several spans, one group each with a loss factor of 1 to 4 %.
+
+    Parameters
+    ----------
+    spans, bays : int
+        Spans, and squares of 1 m along each of them. The upper layer is held at its edges at the ends of each span.
+    wide : int
+        Squares across. 3 (spans bays (2 wide + 1) + wide + 1) - 6 (spans + 1) DOFs.
+
+    Notes
+    -----
+    Node 1 + (wide + 1) i + j is the upper one i m along and j m across; the lower layer stands half a square off.
+    """
+    along = spans * bays
+    upper = 1 + np.arange((along + 1) * (wide + 1)).reshape(along + 1, wide + 1)
+    lower = upper.max() + 1 + np.arange(along * wide).reshape(along, wide)
+    ends = [(lower, upper[i : along + i, j : wide + j]) for i in (0, 1) for j in (0, 1)]
+    for layer in (upper, lower):
+        ends += [(layer[:-1], layer[1:]), (layer[:, :-1], layer[:, 1:])]
+    bars = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in ends])
+    xyz = np.array(
+        [[i, j, 1.0] for i in range(along + 1) for j in range(wide + 1)]
+        + [[i + 0.5, j + 0.5, 0.0] for i in range(along) for j in range(wide)]
+    )
+    span = np.minimum(xyz[bars - 1, 0].mean(axis=1) // bays, spans - 1)
+    parts = [
+        Truss(f"span {s + 1}", bars[span == s], E, RHO, 1e-3, loss_factor=0.01 + 0.01 * (s % 4)) for s in range(spans)
+    ]
+    return structure(xyz, parts, grounded=[int(n) for n in upper[::bays, [0, -1]].flat])
 
 
 #: By about how many DOFs.
