@@ -26,6 +26,7 @@ from updyn.updating.joint import Task
 from updyn.updating.noise import ASSUMED, Estimated, NoiseModel, choose_noise
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import Each, OutputError
+from updyn.updating.rounding import Rounding, worst_rounding
 from updyn.updating.session import Stopped
 from updyn.updating.split import Split
 from updyn.updating.trust_region import Local
@@ -56,7 +57,9 @@ class Judgement:
     correlation : tuple of dict
         For each part of the problem, figures of agreement before and after; empty where they are not known.
     adequacy : tuple of Adequacy or None
-        For each part, whether what is left is noise; None where it is not known.
+        For each part, whether what is left is noise; None where it is not known, or rounding is seen.
+    rounding : Rounding or None
+        Where rounding moves the model's answer by what matters.
     """
 
     fit: Fit
@@ -67,6 +70,7 @@ class Judgement:
     at_bound: Mapping[str, str] = field(default_factory=dict)
     correlation: tuple[Mapping[str, Any], ...] = ()
     adequacy: tuple[Adequacy | None, ...] = ()
+    rounding: Rounding | None = None
 
 
 def judge(
@@ -75,6 +79,7 @@ def judge(
     fit: Fit,
     noises: Sequence[NoiseModel],
     firsts: Sequence[FieldSolver] | None = None,
+    exact: Sequence[FieldSolver] | None = None,
 ) -> Judgement:
     """Judge a fit.
 
@@ -90,6 +95,8 @@ def judge(
         How uncertain the data of each part are.
     firsts : sequence of FieldSolver, optional
         What solves each part at the start of the unknowns, where it is not the problem's own.
+    exact : sequence of FieldSolver, optional
+        What solves each part without a reduced model, where it is not the problem's own.
 
     Returns
     -------
@@ -117,20 +124,22 @@ def judge(
             advice = fit.cure
         else:
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
-    solvers = firsts or [part.solver for part in problem.parts]
+    own = [part.solver for part in problem.parts]
     correlation = tuple(
         unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
-        for part, split, first in zip(problem.parts, data, solvers, strict=True)
+        for part, split, first in zip(problem.parts, data, firsts or own, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
+    rounding: Rounding | None = None
     if fit.reason in ("converged", "stalled", "max-iterations"):
         settled = fit.reason != "max-iterations"
-        adequacy = unless_stopped(lambda: examine(problem, fit.x, noises, settled=settled), adequacy)
+        rounding = unless_stopped(lambda: worst_rounding(problem.parts, exact or own, fit.x), None)
+        if rounding is None:
+            adequacy = unless_stopped(lambda: examine(problem, fit.x, noises, settled=settled), adequacy)
     if cut_short:
         fit = replace(fit, reason="stopped")
-    return Judgement(
-        fit, analysis, _covariance(problem, fit), advice, misfit, _at_bound(problem, fit.x), correlation, adequacy
-    )
+    covariance, at_bound = _covariance(problem, fit), _at_bound(problem, fit.x)
+    return Judgement(fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding)
 
 
 def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:

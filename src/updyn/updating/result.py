@@ -144,7 +144,7 @@ class UpdateResult:
         For the record.
     adequacy : Adequacy or None
         Whether what is left is noise, or what the model cannot follow, and what would explain it; None where it was not
-        tested: the fit did not settle, or the record is an old one.
+        tested: the fit did not settle, rounding is seen, or the record is an old one.
     """
 
     status: str

@@ -156,7 +156,8 @@ def run(
         monitor = Monitor(whole, callback)
         problem, fit = _fitted(whole, [test.lines for test in tests], driver, noises, monitor, reduced)
         with monitor.stage("judge"):
-            found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
+            firsts = None if reduced is None else reduced.firsts
+            found = judge(problem, splits, fit, noises, firsts, [p.solver for p in problems])
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
             session.memory.keep()
     fit = found.fit
@@ -167,6 +168,7 @@ def run(
         found.advice,
         found.misfit,
         {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
+        found.rounding,
     )
     notes = [chosen.note, "" if fit.pull is None else fit.pull.note]
     message = " ".join([message, *(note for note in notes if note)])

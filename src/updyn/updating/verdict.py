@@ -9,6 +9,7 @@ import numpy as np
 from updyn.updating.adequacy import Adequacy
 from updyn.updating.fit import Fit
 from updyn.updating.identifiability import Analysis
+from updyn.updating.rounding import REMEDY, Rounding
 
 __all__ = ["verdict"]
 
@@ -30,6 +31,7 @@ def verdict(
     advice: str,
     misfit: float = 0.0,
     adequacy: Mapping[str, Adequacy | None] | None = None,
+    rounding: Rounding | None = None,
 ) -> tuple[str, str, str]:
     """Say how a fit ended.
 
@@ -47,6 +49,8 @@ def verdict(
         Median of |H - H_X| / |H_X|.
     adequacy : mapping of str to Adequacy, optional
         Whether what is left is noise, by the names of the tests.
+    rounding : Rounding, optional
+        Where rounding is seen in the model's answer.
 
     Returns
     -------
@@ -60,6 +64,9 @@ def verdict(
             message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
         if status == "converged" and told:
             remedy = f"{_free(list(told.values()))} {remedy or _LOOK}".strip()
+    if rounding is not None:
+        message = f"{message} {rounding.message}"
+        remedy = REMEDY if status in ("converged", "stalled") else f"{remedy} {REMEDY}".strip()
     return status, message, remedy
 
 

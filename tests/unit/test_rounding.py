@@ -1,0 +1,65 @@
+"""Rounding in the model's answer: found where an analytic answer says that it is there, and nowhere else."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.frf import FRF
+from updyn.model import Group, Model
+from updyn.updating.problem import Problem
+from updyn.updating.rounding import worst_rounding
+
+FREQ = np.linspace(0.02, 0.2, 15)
+ETA = 0.03
+
+
+def stiff_pair(link, soft=1.0):
+    """Two masses of 1 kg, tied by a link far stiffer than the spring of 1 N/m that holds them."""
+    ends = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    groups = {
+        "soft": Group(soft * np.diag([1.0, 0.0]), np.diag([1.0, 1.0]), loss_factor=ETA),
+        "link": Group(np.pi * link * ends),
+    }
+    return Model.from_groups(groups, ["1:X", "2:X"])
+
+
+def as_one(freq):
+    """The answer of both masses as one, which it is to about one over the stiffness of the link."""
+    return 1.0 / (1.0 + 1j * ETA - 2.0 * (2.0 * np.pi * freq) ** 2)
+
+
+def measured(relative=0.0, seed=0):
+    draw = np.random.default_rng(seed).standard_normal((2, len(FREQ), 2, 1))
+    values = as_one(FREQ)[:, None, None] * (1.0 + relative * (draw[0] + 1j * draw[1]) / np.sqrt(2.0))
+    return FRF(FREQ, values, ["1:X", "2:X"], ["2:X"], "receptance")
+
+
+def found(link, relative=0.0, soft=1.0):
+    model = stiff_pair(link, soft)
+    problem = Problem.build(model, measured(relative), updyn.parameters(model, stiffness=["soft"]))
+    x = problem.coordinates.to_x(np.array([1.0 / soft]))
+    return worst_rounding([problem], [problem.solver], x)
+
+
+@pytest.mark.parametrize("link", [1e9, 3e9, 1e10])
+def test_the_share_is_of_the_size_of_the_true_error(link):
+    answer = updyn.response(stiff_pair(link), FREQ[[0, 7, 14]], ["1:X", "2:X"], ["2:X"]).values
+    error = np.abs(answer / as_one(FREQ[[0, 7, 14]])[:, None, None] - 1.0).max()
+    rounding = found(link)
+    assert rounding is not None
+    assert 0.05 < rounding.share / error < 20.0
+
+
+def test_nothing_is_said_of_ordinary_models_and_of_data_that_are_noisier():
+    assert found(1e5) is None
+    assert found(1e10) is not None
+    assert found(1e10, relative=0.05) is None
+
+
+def test_a_fit_says_so_instead_of_blaming_the_model():
+    start = stiff_pair(1e10, soft=0.7)
+    result = updyn.update(start, measured(), updyn.parameters(start, stiffness=["soft"], loss_factor=["soft"]))
+    assert "only certain to" in result.message
+    assert "cannot explain" not in result.message
+    assert "Leave out such channels" in result.remedy
+    assert result.adequacy is None
