@@ -38,7 +38,7 @@ def found(link, relative=0.0, soft=1.0):
     model = stiff_pair(link, soft)
     problem = Problem.build(model, measured(relative), updyn.parameters(model, stiffness=["soft"]))
     x = problem.coordinates.to_x(np.array([1.0 / soft]))
-    return worst_rounding([problem], [problem.solver], x)
+    return worst_rounding([problem], x)
 
 
 @pytest.mark.parametrize("link", [1e9, 3e9, 1e10])

@@ -79,7 +79,6 @@ def judge(
     fit: Fit,
     noises: Sequence[NoiseModel],
     firsts: Sequence[FieldSolver] | None = None,
-    exact: Sequence[FieldSolver] | None = None,
 ) -> Judgement:
     """Judge a fit.
 
@@ -95,8 +94,6 @@ def judge(
         How uncertain the data of each part are.
     firsts : sequence of FieldSolver, optional
         What solves each part at the start of the unknowns, where it is not the problem's own.
-    exact : sequence of FieldSolver, optional
-        What solves each part without a reduced model, where it is not the problem's own.
 
     Returns
     -------
@@ -124,16 +121,16 @@ def judge(
             advice = fit.cure
         else:
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
-    own = [part.solver for part in problem.parts]
+    solvers = firsts or [part.solver for part in problem.parts]
     correlation = tuple(
         unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
-        for part, split, first in zip(problem.parts, data, firsts or own, strict=True)
+        for part, split, first in zip(problem.parts, data, solvers, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
     rounding: Rounding | None = None
     if fit.reason in ("converged", "stalled", "max-iterations"):
         settled = fit.reason != "max-iterations"
-        rounding = unless_stopped(lambda: worst_rounding(problem.parts, exact or own, fit.x), None)
+        rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
         if rounding is None:
             adequacy = unless_stopped(lambda: examine(problem, fit.x, noises, settled=settled), adequacy)
     if cut_short:

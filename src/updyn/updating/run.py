@@ -156,8 +156,7 @@ def run(
         monitor = Monitor(whole, callback)
         problem, fit = _fitted(whole, [test.lines for test in tests], driver, noises, monitor, reduced)
         with monitor.stage("judge"):
-            firsts = None if reduced is None else reduced.firsts
-            found = judge(problem, splits, fit, noises, firsts, [p.solver for p in problems])
+            found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
             session.memory.keep()
     fit = found.fit
