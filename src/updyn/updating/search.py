@@ -22,7 +22,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from updyn.errors import SolverError
 from updyn.updating.fit import descend
@@ -171,6 +170,8 @@ class Search:
             yield x, self.continuation and i > 0
         rest = self.starts - len(inflated)
         if rest > 0:
+            from scipy.stats import qmc  # slow to load, and seldom reached
+
             draws = qmc.LatinHypercube(d=len(start), rng=self.seed).random(rest)
             for i, draw in enumerate(draws):
                 level = inflated[i % len(inflated)]
