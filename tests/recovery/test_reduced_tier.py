@@ -71,6 +71,28 @@ def test_the_same_answer_as_the_whole_model(method: str) -> None:
             assert fast.correlation[when][key] == pytest.approx(value, rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_search_from_far_off_sees_what_the_whole_model_would(seed: int) -> None:
+    """In the basis of the start alone it takes 88 steps and more."""
+    true, rng = plate(), np.random.default_rng(seed)
+    frf = updyn.response(true, BAND, SENSORS, SENSORS[:1])
+    off = {g: {"stiffness": 1 + rng.uniform(-0.7, 0.7), "loss_factor": 0.0} for g in true.groups}
+    for g in ("left", "right"):
+        off[g]["mass"] = 1 + rng.uniform(-0.3, 0.3)
+    start = true.scaled(off)
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    assert found.status == "converged"
+    assert len(found.history) < 45
+    for p in unknowns:
+        own = found.model.group(p.group)
+        if p.quantity == "loss_factor":
+            assert own.loss_factor == pytest.approx(true.group(p.group).loss_factor, abs=1e-4)
+        else:
+            sizes = (float(abs(getattr(g, p.quantity)).sum()) for g in (own, true.group(p.group)))
+            assert next(sizes) == pytest.approx(next(sizes), rel=1e-3)
+
+
 def test_stopped_while_the_reduced_model_is_made() -> None:
     model = plate()
     frf = measured(model, 0.01)

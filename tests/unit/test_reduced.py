@@ -61,8 +61,8 @@ def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: n
     return float((np.abs(H - R).max(axis=(0, 2)) / np.abs(H).max(axis=(0, 2))).max())
 
 
-def moved(system: AffineSystem, size: float) -> State:
-    rng = np.random.default_rng(1)
+def moved(system: AffineSystem, size: float, seed: int = 1) -> State:
+    rng = np.random.default_rng(seed)
     factor = system.start.factor * np.exp(size * rng.standard_normal(len(system.terms)))
     return State(factor, system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))), system.start.rate)
 
@@ -154,6 +154,18 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     basis.rotate(C)
     np.testing.assert_allclose(basis.moved(np.eye(5)), V @ C, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
+
+
+def test_a_wider_basis_holds_roughly_between_its_states() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
+    between, narrow = moved(system, 0.3), reduction.basis.size
+    before = true_error(system, between, reduction, BAND)
+    most = reduction.size_with(6)
+    for seed in range(2, 8):
+        reduction.widen(moved(system, 0.4, seed))
+    assert narrow < reduction.basis.size <= most
+    assert true_error(system, between, reduction, BAND) < 0.01 * before
 
 
 def test_compressing_keeps_the_answers() -> None:

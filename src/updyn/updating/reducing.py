@@ -4,12 +4,15 @@ A basis made at one point answers exactly there, and worse the further the unkno
 basis of its start, and not too far from there; where it ends, the full residual says whether the basis still holds; if
 not, a new one is made there and the fit goes on. As values and slopes are those of the whole model at the point of the
 basis, few rounds suffice.
+
+A search goes further than that. It sees the model through a wider basis, with a few motions at points around the start:
+nowhere exact, but good enough to find the basin by (benchmarks/accuracy.py --tier reduced).
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +56,9 @@ _ROUNDS = 12
 _NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
+#: A search looks through motions at so many further points, so far from the start in the logarithms of factors, at no
+#: more than so many lines; unless that makes a basis that is too large to search in.
+_POINTS, _AWAY, _SEARCHED, _WIDEST = 8, 0.8, 200, 450
 #: So many DOFs without a sensor are kept track of, for advice.
 _ELSEWHERE = 200
 
@@ -126,6 +132,11 @@ class _Part:
         if self.reduction.basis.size > _LARGE:
             self.reduction.compress(state, self.exact.frf.freq)
 
+    def widen(self, points: Iterable[_Vector]) -> None:
+        for x in points:
+            self.reduction.widen(self.exact.state(x))
+        self.solver = self.reduction.solver("reduced, around the start")
+
     def certify(self, x: _Vector, *, enrich: bool) -> None:
         self.certificate = self.reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=enrich)
 
@@ -189,6 +200,30 @@ class Reducing:
         pairs = zip(problem.parts, self._parts, strict=True)
         return together([replace(p, solver=made.solver) for p, made in pairs if made.solver is not None])
 
+    def around(self, problem: Task) -> Task:
+        """Return a problem with reduced models that hold, roughly, around the start: for a search.
+
+        With very many sensors they would be too large; then it is the problem itself, which holds near the start.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at a point.
+        Stopped
+            If the user wants to stop.
+        """
+        if max(part.reduction.size_with(_POINTS) for part in self._parts) > _WIDEST:
+            return problem
+        from scipy.stats import qmc  # slow to load
+
+        unknowns = self.exact.coordinates.parameters
+        start, (lower, upper) = self.exact.coordinates.to_x(unknowns.start), self.exact.coordinates.bounds
+        draws = qmc.LatinHypercube(d=len(start), rng=0).random(_POINTS)
+        away = np.where(unknowns.is_factor, _AWAY * (2.0 * draws - 1.0), 0.0)
+        for part in self._parts:
+            part.widen(np.clip(start + away, lower, upper))
+        return self.inside(problem).thinned(_SEARCHED)
+
     def fit(self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor) -> tuple[Task, Fit]:
         """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there.
 
@@ -206,13 +241,19 @@ class Reducing:
         fit : Fit
             The last fit.
         """
-        x, near, left = strategy.search(problem, monitor), False, strategy.max_iterations
-        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
+        x = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+        near, left = False, strategy.max_iterations
+        fit, ahead, ready = Fit.blind(x, "stopped"), False, False  # ready: the basis has what it needs at x
         try:
+            if _searches(strategy):
+                with monitor.stage("reduce"):
+                    around = self.around(problem)
+                x = strategy.search(around, monitor)
+                fit, ahead = Fit.blind(x, "stopped"), around is not problem or _outside(x, self._box())
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
                     if number == 0:
-                        x = self._better(problem, x) if _outside(x, self._box()) else x
+                        x = self._better(problem, x) if ahead else x
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
@@ -335,6 +376,11 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     """
     others = [f"{name} {number}" for name, number in used.items() if name != backend]
     return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
+
+
+def _searches(strategy: Method) -> bool:
+    """Whether a method looks for a basin before it fits; of a regularised one the method that it wraps."""
+    return bool(getattr(getattr(strategy, "method", strategy), "starts", 0))
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:

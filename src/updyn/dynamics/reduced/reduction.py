@@ -145,6 +145,31 @@ class Reduction:
             middle = 0.5 * (gap[0] + gap[1])
             below[middle] = self._expand(state, middle)
 
+    def widen(self, state: State) -> None:
+        """Add a few motions of another state: the basis then holds, roughly, between its states, and is proved nowhere.
+
+        One factorisation in the middle of the band, its motions for the unit loads and the next moments.
+
+        Parameters
+        ----------
+        state : State
+            The model.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be factorised there.
+        """
+        factorised, X = self._solved(state, 0.5 * self._top)
+        self.basis.append(X.copy())
+        self.poll()
+        self.basis.append(factorised.solve(self.system.applied(self._inertial(state), X)))
+        self.poll()
+
+    def size_with(self, n_states: int) -> int:
+        """Return how large the basis would be with further states, at most."""
+        return self.basis.size + 2 * n_states * len(self._loaded)
+
     @property
     def used(self) -> dict[str, int]:
         """How many sparse solves each backend answered, by name."""
