@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced.reduction import Certificate, Reduction
 from updyn.dynamics.reduced.solver import NOT_CONDENSED
-from updyn.errors import OptionError
+from updyn.errors import OptionError, SolverError
 from updyn.updating.fit import Fit, Method
 from updyn.updating.joint import Task, together
 from updyn.updating.monitor import Monitor
@@ -134,7 +135,8 @@ class _Part:
 
     def widen(self, points: Iterable[_Vector]) -> None:
         for x in points:
-            self.reduction.widen(self.exact.state(x))
+            with suppress(SolverError):  # a point that cannot be solved adds nothing
+                self.reduction.widen(self.exact.state(x))
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector, *, enrich: bool) -> None:
@@ -207,8 +209,6 @@ class Reducing:
 
         Raises
         ------
-        SolverError
-            If the model cannot be solved at a point.
         Stopped
             If the user wants to stop.
         """
