@@ -21,7 +21,7 @@ import models
 import numpy as np
 
 import updyn
-import updyn.updating.update as update_module
+import updyn.updating.run as run_module
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
 from updyn.updating import reducing
@@ -119,7 +119,7 @@ def main() -> None:
     frf = measurement(model, given.size, sensors, given.truth)
     wanted = changes(model)
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
-    update_module.Reducing = Kept
+    run_module.Reducing = Kept
     begun = progress.begun = time.perf_counter()
     result = updyn.update(model, frf, unknowns, tier="reduced", starts=given.starts, callback=progress)
     job = time.perf_counter() - begun

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import scipy.sparse as sp
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.reducing import is_reduced
+from updyn.updating import reducing
+from updyn.updating.reducing import Reducing, is_reduced
 
 M = 16
 BAND = np.linspace(12.0, 90.0, 60)
@@ -71,19 +73,43 @@ def test_the_same_answer_as_the_whole_model(method: str) -> None:
             assert fast.correlation[when][key] == pytest.approx(value, rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_a_search_from_far_off_sees_what_the_whole_model_would(seed: int) -> None:
-    """In the basis of the start alone it takes 88 steps and more."""
+def far_off(seed: int) -> updyn.Model:
     true, rng = plate(), np.random.default_rng(seed)
-    frf = updyn.response(true, BAND, SENSORS, SENSORS[:1])
     off = {g: {"stiffness": 1 + rng.uniform(-0.7, 0.7), "loss_factor": 0.0} for g in true.groups}
     for g in ("left", "right"):
         off[g]["mass"] = 1 + rng.uniform(-0.3, 0.3)
-    start = true.scaled(off)
+    return true.scaled(off)
+
+
+def lost(monkeypatch: pytest.MonkeyPatch, number: int, reason: str) -> list[str]:
+    """Let one of the fits of a run end elsewhere than it did; return how all of them ended."""
+    ended: list[str] = []
+    rounds = Reducing._rounds
+
+    def wrong(self, *given, **how):
+        found, fit = rounds(self, *given, **how)
+        ended.append(fit.reason)
+        if len(ended) - 1 == number:
+            start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+            fit = replace(fit, reason=reason, x=start)
+        return found, fit
+
+    monkeypatch.setattr(Reducing, "_rounds", wrong)
+    return ended
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_fit_that_does_not_settle_is_made_again_from_a_search_in_a_wider_basis(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true, start = plate(), far_off(seed)
+    frf = updyn.response(true, BAND, SENSORS, SENSORS[:1])
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    ended = lost(monkeypatch, 0, "max-iterations")
     found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    assert ended == ["converged", "converged"]
     assert found.status == "converged"
-    assert len(found.history) < 45
+    assert found.options["error"] <= found.options["accuracy"]
     for p in unknowns:
         own = found.model.group(p.group)
         if p.quantity == "loss_factor":
@@ -91,6 +117,30 @@ def test_a_search_from_far_off_sees_what_the_whole_model_would(seed: int) -> Non
         else:
             sizes = (float(abs(getattr(g, p.quantity)).sum()) for g in (own, true.group(p.group)))
             assert next(sizes) == pytest.approx(next(sizes), rel=1e-3)
+
+
+def test_a_second_fit_that_is_no_better_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = far_off(0)
+    frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    ended = lost(monkeypatch, 1, "converged")
+    # Too few rounds to settle, so that there is a second.
+    monkeypatch.setattr(reducing, "_ROUNDS", 1)
+    found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    assert len(ended) == 2
+    assert found.status == "max-iterations"
+    assert any(abs(found.values[p.name] - p.start) > 0.05 for p in unknowns)
+
+
+def test_few_steps_and_many_sensors_leave_it_at_one_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = far_off(0)
+    frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    ended = lost(monkeypatch, 0, "max-iterations")
+    updyn.update(start, frf, unknowns, tier="reduced", backend="superlu", max_iterations=20)
+    monkeypatch.setattr(reducing, "_WIDEST", 100)
+    updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    assert len(ended) == 2
 
 
 def test_stopped_while_the_reduced_model_is_made() -> None:

@@ -5,7 +5,8 @@ basis of its start, and not too far from there; where it ends, the full residual
 not, a new one is made there and the fit goes on. As values and slopes are those of the whole model at the point of the
 basis, few rounds suffice.
 
-A search goes further than that. It sees the model through a wider basis, with a few motions at points around the start:
+A search goes further than that, and what it finds in the basis of the start can be far off. Where the fit does not
+settle from there, the search is made again, through a wider basis with a few motions at points around the start:
 nowhere exact, but good enough to find the basin by (benchmarks/accuracy.py --tier reduced).
 """
 
@@ -29,6 +30,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError
+from updyn.updating.search import SEARCH_STEPS
 from updyn.updating.session import Stopped
 
 __all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
@@ -57,8 +59,8 @@ _ROUNDS = 12
 _NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
-#: A search looks through motions at so many further points, so far from the start in the logarithms of factors, at no
-#: more than so many lines; unless that makes a basis that is too large to search in.
+#: A second search looks through motions at so many further points, so far from the start in the logarithms of factors,
+#: at no more than so many lines; unless that makes a basis that is too large to search in.
 _POINTS, _AWAY, _SEARCHED, _WIDEST = 8, 0.8, 200, 450
 #: So many DOFs without a sensor are kept track of, for advice.
 _ELSEWHERE = 200
@@ -202,30 +204,8 @@ class Reducing:
         pairs = zip(problem.parts, self._parts, strict=True)
         return together([replace(p, solver=made.solver) for p, made in pairs if made.solver is not None])
 
-    def around(self, problem: Task) -> Task:
-        """Return a problem with reduced models that hold, roughly, around the start: for a search.
-
-        With very many sensors they would be too large; then it is the problem itself, which holds near the start.
-
-        Raises
-        ------
-        Stopped
-            If the user wants to stop.
-        """
-        if max(part.reduction.size_with(_POINTS) for part in self._parts) > _WIDEST:
-            return problem
-        from scipy.stats import qmc  # slow to load
-
-        unknowns = self.exact.coordinates.parameters
-        start, (lower, upper) = self.exact.coordinates.to_x(unknowns.start), self.exact.coordinates.bounds
-        draws = qmc.LatinHypercube(d=len(start), rng=0).random(_POINTS)
-        away = np.where(unknowns.is_factor, _AWAY * (2.0 * draws - 1.0), 0.0)
-        for part in self._parts:
-            part.widen(np.clip(start + away, lower, upper))
-        return self.inside(problem).thinned(_SEARCHED)
-
     def fit(self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor) -> tuple[Task, Fit]:
-        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there.
+        """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
 
         Parameters
         ----------
@@ -239,21 +219,58 @@ class Reducing:
         problem : Task
             With the last reduced model.
         fit : Fit
-            The last fit.
+            The last fit, or the one before where that was better.
         """
-        x = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
-        near, left = False, strategy.max_iterations
-        fit, ahead, ready = Fit.blind(x, "stopped"), False, False  # ready: the basis has what it needs at x
+        x = strategy.search(problem, monitor)
+        found, fit = self._rounds(problem, strategy, noises, monitor, x, far=_outside(x, self._box()))
+        if fit.reason not in ("max-iterations", "stalled") or not self._may_search(strategy):
+            return found, fit
         try:
-            if _searches(strategy):
-                with monitor.stage("reduce"):
-                    around = self.around(problem)
-                x = strategy.search(around, monitor)
-                fit, ahead = Fit.blind(x, "stopped"), around is not problem or _outside(x, self._box())
+            with monitor.stage("reduce"):
+                around = self._around(problem)
+            x = strategy.search(around, monitor)
+            again, other = self._rounds(problem, strategy, noises, monitor, x, far=True)
+            if other.reason == "stopped":
+                return found, replace(fit, reason="stopped")
+            if other.reason != "failed" and _log_cost(again, other.x) <= _log_cost(found, fit.x):
+                return again, other
+            with monitor.stage("reduce"):
+                self._make(fit.x)
+                self._check(fit.x)
+        except Stopped:
+            return found, replace(fit, reason="stopped")
+        return self.inside(problem), fit
+
+    def _may_search(self, strategy: Method) -> bool:
+        """Whether a method looks for a basin, was given steps enough, and a wider basis is not too large for it."""
+        starts = getattr(getattr(strategy, "method", strategy), "starts", 0)  # of a regularised one: what it wraps
+        size = max(part.reduction.size_with(_POINTS) for part in self._parts)
+        return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
+
+    def _around(self, problem: Task) -> Task:
+        """Return a problem with reduced models that hold, roughly, around the start."""
+        from scipy.stats import qmc  # slow to load
+
+        unknowns = self.exact.coordinates.parameters
+        start, (lower, upper) = self.exact.coordinates.to_x(unknowns.start), self.exact.coordinates.bounds
+        draws = qmc.LatinHypercube(d=len(start), rng=0).random(_POINTS)
+        away = np.where(unknowns.is_factor, _AWAY * (2.0 * draws - 1.0), 0.0)
+        self._make(start)
+        for part in self._parts:
+            part.widen(np.clip(start + away, lower, upper))
+        return self.inside(problem).thinned(_SEARCHED)
+
+    def _rounds(
+        self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector, *, far: bool
+    ) -> tuple[Task, Fit]:
+        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
+        near, left = False, strategy.max_iterations
+        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
+        try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
                     if number == 0:
-                        x = self._better(problem, x) if ahead else x
+                        x = self._better(problem, x) if far else x
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
@@ -284,13 +301,12 @@ class Reducing:
     def _better(self, problem: Task, x: _Vector) -> _Vector:
         """Make the reduced model where a search ended, far off, unless the start is as good after all."""
         start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
-        before = LogError().local(problem, start)
+        before = _log_cost(problem, start)
         self._make(x)
-        after = LogError().local(self.inside(problem), x)
-        if before is not None and (after is None or before.cost < after.cost):
-            self._make(start)
-            return start
-        return x
+        if _log_cost(self.inside(problem), x) <= before:
+            return x
+        self._make(start)
+        return start
 
     def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
         """Return how far the unknowns may go in this basis."""
@@ -378,9 +394,9 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
 
 
-def _searches(strategy: Method) -> bool:
-    """Whether a method looks for a basin before it fits; of a regularised one the method that it wraps."""
-    return bool(getattr(getattr(strategy, "method", strategy), "starts", 0))
+def _log_cost(problem: Task, x: _Vector) -> float:
+    local = LogError().local(problem, x)
+    return np.inf if local is None else local.cost
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
