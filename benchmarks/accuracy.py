@@ -51,7 +51,6 @@ class Bench:
 
     case: Case
     sought: Callable[[Model], ParameterSet]
-    damped: bool = True
 
     def start(self, rng: np.random.Generator, off: float = 1.0) -> Model:
         """A model that is off by up to 70 % in stiffness and 30 % in mass, times `off`."""

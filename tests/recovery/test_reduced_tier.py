@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
-from updyn.errors import OptionError
+from updyn.errors import OptionError, SolverError
 from updyn.updating import reducing
 from updyn.updating.reducing import Reducing, is_reduced
 
@@ -128,6 +128,21 @@ def test_a_second_fit_that_is_no_better_is_not_taken(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(reducing, "_ROUNDS", 1)
     found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
     assert len(ended) == 2
+    assert found.status == "max-iterations"
+    assert any(abs(found.values[p.name] - p.start) > 0.05 for p in unknowns)
+
+
+def test_a_second_search_that_breaks_down_leaves_the_first_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = far_off(0)
+    frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+
+    def breaks(self, problem):
+        raise SolverError("singular")
+
+    monkeypatch.setattr(reducing, "_ROUNDS", 1)
+    monkeypatch.setattr(Reducing, "_around", breaks)
+    found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
     assert found.status == "max-iterations"
     assert any(abs(found.values[p.name] - p.start) > 0.05 for p in unknowns)
 

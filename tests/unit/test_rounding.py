@@ -50,6 +50,27 @@ def test_the_share_is_of_the_size_of_the_true_error(link):
     assert 0.05 < rounding.share / error < 20.0
 
 
+def test_a_motion_that_all_but_cancels():
+    """Two springs at right angles, 45 degrees off: what one pushes across, the other takes back."""
+    across, k, share = np.array([[1.0, 1.0], [1.0, 1.0]]), 1e6 / 3, 1e-11
+    groups = {
+        "body": Group(mass=np.eye(2)),
+        "one": Group(k * across, loss_factor=ETA),
+        "other": Group(k * (1 - share) * np.array([[1.0, -1.0], [-1.0, 1.0]]), loss_factor=ETA),
+    }
+    model, freq = Model.from_groups(groups, ["1:X", "1:Y"]), np.linspace(50.0, 250.0, 9)
+    computed = updyn.response(model, freq, ["1:X", "1:Y"], ["1:X"])
+    direct = k * (2 - share) * (1 + 1j * ETA) - (2 * np.pi * freq) ** 2
+    coupling = k * share * (1 + 1j * ETA)
+    exact = np.stack([direct, -coupling + 0 * direct], axis=1)[:, :, None] / (direct**2 - coupling**2)[:, None, None]
+    error = np.abs(computed.values / exact - 1.0).max(axis=(0, 2))
+    assert error[0] < 1e-12
+    problem = Problem.build(model, computed, updyn.parameters(model, stiffness=["one"]))
+    rounding = worst_rounding([problem], np.zeros(1))
+    assert (rounding.response, rounding.reference) == ("1:Y", "1:X")
+    assert 0.05 < rounding.share / error[1] < 20.0
+
+
 def test_nothing_is_said_of_ordinary_models_and_of_data_that_are_noisier():
     assert found(1e5) is None
     assert found(1e10) is not None

@@ -30,7 +30,7 @@ from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
 from updyn.updating.problem import Problem
 from updyn.updating.residuals import LogError
-from updyn.updating.search import SEARCH_STEPS
+from updyn.updating.search import SEARCH_STEPS, scattered
 from updyn.updating.session import Stopped
 
 __all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
@@ -178,6 +178,10 @@ class Reducing:
         return [part.first for part in self._parts if part.first is not None]
 
     @property
+    def _home(self) -> _Vector:
+        return self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+
+    @property
     def error(self) -> float | None:
         """The largest error of the latest proofs."""
         found = [part.certificate.error for part in self._parts if part.certificate is not None]
@@ -193,9 +197,8 @@ class Reducing:
         Stopped
             If the user wants to stop.
         """
-        start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
-        self._make(start)
-        self._enrich(start)  # also the figures of the start come from it
+        self._make(self._home)
+        self._enrich(self._home)  # also the figures of the start come from it
         for part in self._parts:
             part.first = part.solver
 
@@ -239,6 +242,8 @@ class Reducing:
                 self._check(fit.x)
         except Stopped:
             return found, replace(fit, reason="stopped")
+        except SolverError:  # the first fit is still there
+            return found, fit
         return self.inside(problem), fit
 
     def _may_search(self, strategy: Method) -> bool:
@@ -249,15 +254,11 @@ class Reducing:
 
     def _around(self, problem: Task) -> Task:
         """Return a problem with reduced models that hold, roughly, around the start."""
-        from scipy.stats import qmc  # slow to load
-
-        unknowns = self.exact.coordinates.parameters
-        start, (lower, upper) = self.exact.coordinates.to_x(unknowns.start), self.exact.coordinates.bounds
-        draws = qmc.LatinHypercube(d=len(start), rng=0).random(_POINTS)
-        away = np.where(unknowns.is_factor, _AWAY * (2.0 * draws - 1.0), 0.0)
-        self._make(start)
+        far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
+        points = np.clip(scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds)
+        self._make(self._home)
         for part in self._parts:
-            part.widen(np.clip(start + away, lower, upper))
+            part.widen(points)
         return self.inside(problem).thinned(_SEARCHED)
 
     def _rounds(
@@ -300,13 +301,12 @@ class Reducing:
 
     def _better(self, problem: Task, x: _Vector) -> _Vector:
         """Make the reduced model where a search ended, far off, unless the start is as good after all."""
-        start = self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
-        before = _log_cost(problem, start)
+        before = _log_cost(problem, self._home)
         self._make(x)
         if _log_cost(self.inside(problem), x) <= before:
             return x
-        self._make(start)
-        return start
+        self._make(self._home)
+        return self._home
 
     def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
         """Return how far the unknowns may go in this basis."""

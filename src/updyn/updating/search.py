@@ -32,7 +32,7 @@ from updyn.updating.residuals import LogError, is_solved, with_prior
 from updyn.updating.session import Recent, Record, Session, Stopped
 from updyn.updating.trust_region import Local, Outcome, TrustRegion
 
-__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search"]
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
@@ -170,12 +170,8 @@ class Search:
             yield x, self.continuation and i > 0
         rest = self.starts - len(inflated)
         if rest > 0:
-            from scipy.stats import qmc  # slow to load, and seldom reached
-
-            draws = qmc.LatinHypercube(d=len(start), rng=self.seed).random(rest)
-            for i, draw in enumerate(draws):
+            for i, moved in enumerate(scattered(start, self.spread, rest, self.seed)):
                 level = inflated[i % len(inflated)]
-                moved = start + self.spread * (2.0 * draw - 1.0)
                 yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper), self.continuation
 
     def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
@@ -237,6 +233,14 @@ class Search:
             return False
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < 0.3 * power
+
+
+def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
+    """Return points of a Latin hypercube about x, as far off as `far`, shape (number, n)."""
+    from scipy.stats import qmc  # slow to load, and seldom needed
+
+    draws = qmc.LatinHypercube(d=len(x), rng=seed).random(number)
+    return np.asarray(x + far * (2.0 * draws - 1.0))
 
 
 def _try(problem: Task, item: tuple[Search, _Start]) -> _Found:

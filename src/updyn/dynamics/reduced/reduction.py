@@ -160,11 +160,7 @@ class Reduction:
         SolverError
             If the model cannot be factorised there.
         """
-        factorised, X = self._solved(state, 0.5 * self._top)
-        self.basis.append(X.copy())
-        self.poll()
-        self.basis.append(factorised.solve(self.system.applied(self._inertial(state), X)))
-        self.poll()
+        self._expand(state, 0.5 * self._top, depth=2, damping=False)
 
     def size_with(self, n_states: int) -> int:
         """Return how large the basis would be with further states, at most."""
@@ -188,14 +184,14 @@ class Reduction:
         return int(np.clip(np.ceil(_MOTIONS / len(self._loaded)), 1, _DEPTH))
 
     # -- building ------------------------------------------------------------------------------------------
-    def _expand(self, state: State, shift: float) -> int | None:
+    def _expand(self, state: State, shift: float, depth: int | None = None, *, damping: bool = True) -> int | None:
         """Add the motions of one shift; return how many modes lie below it, None where that is not known."""
         factorised, X = self._solved(state, shift)
         lossy, inertial = self._lossy(state), self._inertial(state)
-        lost = factorised.solve(self.system.applied(lossy, X)) if lossy.any() else None
+        lost = factorised.solve(self.system.applied(lossy, X)) if damping and lossy.any() else None
         self.basis.append(X.copy())
         self.poll()
-        for _ in range(self._depth - 1):
+        for _ in range((depth or self._depth) - 1):
             X = factorised.solve(self.system.applied(inertial, X))
             self.basis.append(X.copy())
         if lost is not None:
