@@ -1,19 +1,22 @@
 """Every method on the same starts and the same noise: who finds the truth, how exactly, and how honest is it?
 
-Five cases: the gear train of Bao, Wang & Cheng (2010), a damped chain of 12 masses, the IASC-ASCE building, a space
-frame of 2,037 DOFs, and a solid of 2,025 DOFs, which takes minutes a fit. Each draw starts from a model that is off by
-up to 70 % in stiffness and 30 % in mass, without damping (or with that of the table, where it is not sought), and is
-given data with 0, 1 or 5 % of proportional noise. A method is told nothing of the noise.
+Five cases: the gear train of Bao, Wang & Cheng (2010), a damped chain of 12 masses, the IASC-ASCE
+building, a space frame of 2,037 DOFs, and a solid of 2,025 DOFs, which takes minutes a fit. Each
+draw starts from a model that is off by up to 70 % in stiffness and 30 % in mass, without damping
+(or with that of the table, where it is not sought), and is given data with 0, 1 or 5 % of
+proportional noise. A method is told nothing of the noise.
 
-Recovered: every unknown within 1e-6 of the truth without noise; within four standard deviations of the Cramer-Rao bound
-with noise. An unknown that a method cannot change stays where it starts. RMS over bound, and the share of 95 %
-intervals that cover the truth, are taken over all draws, whether recovered or not, of the unknowns that the method
-seeks, and given as the median and the worst over the unknowns whose bound is below 5 %.
+Recovered: every unknown within 1e-6 of the truth without noise; within four standard deviations of
+the Cramer-Rao bound with noise. An unknown that a method cannot change stays where it starts. RMS
+over bound, and the share of 95 % intervals that cover the truth, are taken over all draws, whether
+recovered or not, of the unknowns that the method seeks, and given as the median and the worst over
+the unknowns whose bound is below 5 %.
 
-`--tier reduced` solves the space frame and the solid by reduced models, as is done by default above 20,000 DOFs;
-`--off 0.43` takes starts that are off by up to 30 % and 13 %.
+`--tier reduced` solves the space frame and the solid by reduced models, as is done by default above
+20,000 DOFs; `--off 0.43` takes starts that are off by up to 30 % and 13 %.
 
-    python benchmarks/accuracy.py [--cases chain,...] [--methods log,...] [--draws 200] [--solid-draws 4] [--workers 2]
+    python benchmarks/accuracy.py [--cases chain,...] [--methods log,...] [--draws 200]
+    [--solid-draws 4] [--workers 2]
 """
 
 from __future__ import annotations
@@ -66,7 +69,9 @@ class Bench:
         """Cramer-Rao bound of each unknown, relative for factors: standard deviation at known noise."""
         unknowns = self.sought(self.case.true)
         problem = Problem.build(self.case.true, self.case.clean, unknowns)
-        size = np.abs(self.case.clean.values)  # exactly 0 where two motions are not coupled: no noise, no information
+        size = np.abs(
+            self.case.clean.values
+        )  # exactly 0 where two motions are not coupled: no noise, no information
         weight = np.where(size > 0, np.sqrt(2.0) / (relative * np.where(size > 0, size, 1.0)), 0.0)
         R = OutputError(weight).local(problem, problem.coordinates.to_x(unknowns.start)).R
         return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
@@ -83,7 +88,9 @@ def building() -> Bench:
     brace = 4.0 * data["one_brace_N_m"]
     groups = {}
     for storey in range(4):
-        for i, (name, key) in enumerate((("x", "x_N_m"), ("y", "y_N_m"), ("theta", "theta_Nm_rad"))):
+        for i, (name, key) in enumerate(
+            (("x", "x_N_m"), ("y", "y_N_m"), ("theta", "theta_Nm_rad"))
+        ):
             k = data["storey_stiffness"][key] - (brace if storey == 0 and name != "theta" else 0.0)
             K = np.zeros((12, 12))
             upper, lower = 3 * storey + i, 3 * (storey - 1) + i
@@ -93,7 +100,9 @@ def building() -> Bench:
                 K[lower, upper] = K[upper, lower] = -k
             groups[f"storey {storey + 1} {name}"] = Group(K, loss_factor=0.02)
         mass = np.zeros(12)
-        mass[3 * storey : 3 * storey + 3] = [data["mass_kg"][storey]] * 2 + [data["inertia_kg_m2"][storey]]
+        mass[3 * storey : 3 * storey + 3] = [data["mass_kg"][storey]] * 2 + [
+            data["inertia_kg_m2"][storey]
+        ]
         groups[f"floor {storey + 1}"] = Group(mass=np.diag(mass))
     true = Model.from_groups(groups, labels)
     sensors, forces = ["2:X", "4:X", "2:Y", "4:Y"], ["4:X", "4:Y"]
@@ -108,7 +117,9 @@ def block() -> Bench:
     true = solid((4, 4, 27), parts=6)
     at = [f"{25 * layer + 13}:{d}" for layer in (6, 13, 20, 26) for d in "XY"] + ["651:X", "651:Z"]
     modes = updyn.modes(true, 8).frequency
-    clean = updyn.response(true, np.linspace(0.4 * modes[0], 1.05 * modes[5], 60), at, ["651:X", "651:Z"])
+    clean = updyn.response(
+        true, np.linspace(0.4 * modes[0], 1.05 * modes[5], 60), at, ["651:X", "651:Z"]
+    )
     return Bench(Case("solid", true, true, clean), everything)
 
 
@@ -118,7 +129,9 @@ def bridge() -> Bench:
     middle = [5 * (19 * span + x) + 2 for span in range(4) for x in (6, 9)]
     sensors = [f"{node}:Z" for node in middle] + [f"{node}:Y" for node in middle[1::2]]
     modes = updyn.modes(true, 8).frequency
-    clean = updyn.response(true, np.linspace(0.5 * modes[0], 1.05 * modes[7], 30), sensors, sensors[0:8:4])
+    clean = updyn.response(
+        true, np.linspace(0.5 * modes[0], 1.05 * modes[7], 30), sensors, sensors[0:8:4]
+    )
     return Bench(Case("space frame", true, true, clean), everything)
 
 
@@ -171,11 +184,19 @@ def draw(name: str, how: How, relative: float, seed: int) -> dict[str, Any]:
         true, own = made.case.true.group(p.group), start.group(p.group)
         truth, scale = true.loss_factor, 1.0
         if p.quantity != "loss_factor":
-            whole_of = (float(np.abs(getattr(group, p.quantity).data).sum()) for group in (true, own))
+            whole_of = (
+                float(np.abs(getattr(group, p.quantity).data).sum()) for group in (true, own)
+            )
             truth = scale = next(whole_of) / next(whole_of)
         error[i] = (result.values.get(p.name, p.start) - truth) / scale
         inside[i] = abs(error[i] * scale) <= 1.96 * result.std.get(p.name, 0.0)
-    return {"error": error, "inside": inside, "seen": seen, "steps": len(result.history), "seconds": seconds}
+    return {
+        "error": error,
+        "inside": inside,
+        "seen": seen,
+        "steps": len(result.history),
+        "seconds": seconds,
+    }
 
 
 def attempt(name: str, how: How, relative: float, seed: int) -> dict[str, Any] | str:
@@ -210,7 +231,8 @@ def show(method: str, figures: dict[str, float]) -> str:
         return format(figures[key], form) if key in figures else "-"
 
     return (
-        f"{method:<20}{cell('recovered', '.1f'):>10} %{cell('ratio', '.2f'):>11}{cell('worst', '.2f'):>9}"
+        f"{method:<20}{cell('recovered', '.1f'):>10}"
+        f" %{cell('ratio', '.2f'):>11}{cell('worst', '.2f'):>9}"
         f"{cell('covered', '.1f'):>9}{cell('least', '.1f'):>8}{cell('steps', '.0f'):>8}{cell('seconds', '.2f'):>9}"
     )
 
@@ -218,7 +240,9 @@ def show(method: str, figures: dict[str, float]) -> str:
 def main() -> None:
     from joblib import Parallel, delayed
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--noise", default=",".join(f"{n:g}" for n in NOISE))
@@ -226,7 +250,9 @@ def main() -> None:
     parser.add_argument("--solid-draws", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tier", help="how models are solved")
-    parser.add_argument("--off", type=float, default=1.0, help="how far off starts are, times 70 and 30 %%")
+    parser.add_argument(
+        "--off", type=float, default=1.0, help="how far off starts are, times 70 and 30 %%"
+    )
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     parallel = Parallel(n_jobs=args.workers)
@@ -247,7 +273,9 @@ def main() -> None:
                 if len(refused) == draws:
                     print(f"{method:<20}  does not apply: {refused[0]}", flush=True)
                     continue
-                figures[method] = row(name, relative, [f for f in found if not isinstance(f, str)], draws)
+                figures[method] = row(
+                    name, relative, [f for f in found if not isinstance(f, str)], draws
+                )
                 note = f"  {len(refused)} refused: {refused[0]}" if refused else ""
                 print(show(method, figures[method]) + note, flush=True)
             better(figures, draws)
@@ -262,7 +290,10 @@ def better(figures: dict[str, dict[str, float]], draws: int) -> None:
         share = found["recovered"] / 100
         error = np.sqrt((own * (1 - own) + share * (1 - share)) / draws)
         if share - own > error:
-            print(f"better than the default: {method}, by {100 * (share - own):.1f} +- {100 * error:.1f} %")
+            print(
+                f"better than the default: {method}, by {100 * (share - own):.1f} +-"
+                f" {100 * error:.1f} %"
+            )
 
 
 if __name__ == "__main__":

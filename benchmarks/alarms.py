@@ -1,10 +1,11 @@
 """Is the residual of a good fit called noise, and is the group that is wrong named?
 
-Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise of 1 % and 5 %,
-stated or estimated; and the chain with noise told by the coherence of 4, 10 and 50 averages. False alarms: all unknowns
-are fitted, from the truth. Named: one group at a time has a stiffness
-or a mass that is wrong by 15 % and is held there, all unknowns of the other groups are fitted; counted is how often an
-alarm is raised, how often the first suspect is that group, and how often also the quantity.
+Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise
+of 1 % and 5 %, stated or estimated; and the chain with noise told by the coherence of 4, 10 and 50
+averages. False alarms: all unknowns are fitted, from the truth. Named: one group at a time has a
+stiffness or a mass that is wrong by 15 % and is held there, all unknowns of the other groups are
+fitted; counted is how often an alarm is raised, how often the first suspect is that group, and how
+often also the quantity.
 
     python benchmarks/alarms.py [--draws 200] [--seed 0]
 """
@@ -28,12 +29,16 @@ def at_truth(case: Case) -> Case:
     return Case(case.name, case.true, case.true, case.clean)
 
 
-def false_alarms(case: Case, relative: float, stated: bool, draws: int, seed: int) -> tuple[int, dict[str, int]]:
+def false_alarms(
+    case: Case, relative: float, stated: bool, draws: int, seed: int
+) -> tuple[int, dict[str, int]]:
     """Number of alarms, and of each outcome."""
     rng, outcomes = np.random.default_rng(seed), dict[str, int]()
     for _ in range(draws):
         noise = {"relative": relative} if stated else None
-        result = updyn.update(case.start, case.noisy(relative, rng), case.unknowns, noise=noise, starts=0)
+        result = updyn.update(
+            case.start, case.noisy(relative, rng), case.unknowns, noise=noise, starts=0
+        )
         outcome = "none" if result.adequacy is None else result.adequacy.outcome
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
     return sum(outcomes.get(k, 0) for k in ("structure", "excess")), outcomes
@@ -50,14 +55,26 @@ def averaged(case: Case, n: int, rng: np.random.Generator) -> FRF:
     X = circular(n, len(H), 1, H.shape[2])
     size = np.hypot(0.03 * np.abs(H), 0.0015 * np.sqrt(np.mean(np.abs(H) ** 2, axis=0)))
     Y = H * X + size * circular(n, *H.shape)
-    Sxx, Sxy, Syy = np.mean(np.abs(X) ** 2, axis=0), np.mean(X.conj() * Y, axis=0), np.mean(np.abs(Y) ** 2, axis=0)
+    Sxx, Sxy, Syy = (
+        np.mean(np.abs(X) ** 2, axis=0),
+        np.mean(X.conj() * Y, axis=0),
+        np.mean(np.abs(Y) ** 2, axis=0),
+    )
     coherence = np.abs(Sxy) ** 2 / (Sxx * Syy)
     return FRF(
-        clean.freq, Sxy / Sxx, clean.responses, clean.references, clean.quantity, coherence=coherence, averages=n
+        clean.freq,
+        Sxy / Sxx,
+        clean.responses,
+        clean.references,
+        clean.quantity,
+        coherence=coherence,
+        averages=n,
     )
 
 
-def false_alarms_of_averages(case: Case, n: int, draws: int, seed: int) -> tuple[int, dict[str, int]]:
+def false_alarms_of_averages(
+    case: Case, n: int, draws: int, seed: int
+) -> tuple[int, dict[str, int]]:
     """Number of alarms, and of each outcome, with noise told by coherence."""
     rng, outcomes = np.random.default_rng(seed), dict[str, int]()
     for _ in range(draws):
@@ -67,7 +84,9 @@ def false_alarms_of_averages(case: Case, n: int, draws: int, seed: int) -> tuple
     return sum(outcomes.get(k, 0) for k in ("structure", "excess")), outcomes
 
 
-def named(case: Case, relative: float, stated: bool, draws: int, seed: int) -> dict[str, np.ndarray]:
+def named(
+    case: Case, relative: float, stated: bool, draws: int, seed: int
+) -> dict[str, np.ndarray]:
     """Share of draws with an alarm, with the right group and with the right quantity first, by group and quantity."""
     rng, out = np.random.default_rng(seed), {}
     for group in case.true.groups:
@@ -78,7 +97,9 @@ def named(case: Case, relative: float, stated: bool, draws: int, seed: int) -> d
             counts = np.zeros(3)
             for _ in range(draws):
                 noise = {"relative": relative} if stated else None
-                result = updyn.update(start, case.noisy(relative, rng), unknowns, noise=noise, starts=0)
+                result = updyn.update(
+                    start, case.noisy(relative, rng), unknowns, noise=noise, starts=0
+                )
                 found = result.adequacy
                 if found is None or found.adequate:
                     continue
@@ -100,19 +121,26 @@ def main() -> None:
             for stated in (True, False):
                 alarms, outcomes = false_alarms(case, relative, stated, chosen.draws, chosen.seed)
                 how = "stated" if stated else "estimated"
-                print(f"{case.name}, {100 * relative:g} % noise, {how}: {alarms} alarms of {chosen.draws} {outcomes}")
+                print(
+                    f"{case.name}, {100 * relative:g} % noise, {how}: {alarms} alarms of"
+                    f" {chosen.draws} {outcomes}"
+                )
     chain = at_truth(chain12())
     for n in (4, 10, 50):
         alarms, outcomes = false_alarms_of_averages(chain, n, chosen.draws, chosen.seed)
-        print(f"chain, coherence of {n} averages: {alarms} alarms of {chosen.draws} {outcomes}", flush=True)
+        print(
+            f"chain, coherence of {n} averages: {alarms} alarms of {chosen.draws} {outcomes}",
+            flush=True,
+        )
     few = max(chosen.draws // 20, 1)
     for case in map(at_truth, (gear_train(), chain12())):
         for stated in (True, False):
             shares = named(case, 0.01, stated, few, chosen.seed)
             for name, (alarm, group, quantity) in shares.items():
                 print(
-                    f"{case.name}, 1 % noise, {'stated' if stated else 'estimated'}, {name} wrong by 15 %: alarm "
-                    f"{100 * alarm:.0f} %, group named {100 * group:.0f} %, quantity too {100 * quantity:.0f} %"
+                    f"{case.name}, 1 % noise, {'stated' if stated else 'estimated'}, {name} wrong"
+                    f" by 15 %: alarm {100 * alarm:.0f} %, group named {100 * group:.0f} %,"
+                    f" quantity too {100 * quantity:.0f} %"
                 )
     print(f"{time.perf_counter() - begun:.0f} s")
 

@@ -1,10 +1,11 @@
 """From how far away does each method find the truth?
 
-The paper's gear train without noise, from random starts (stiffness off by up to 70 %, mass by up to 30 %, no damping),
-60 lines over 2-1000 rad/s, sensors 1-4, force on 2. A start counts as recovered when all 18 unknowns are within 1e-6.
+The paper's gear train without noise, from random starts (stiffness off by up to 70 %, mass by up to
+30 %, no damping), 60 lines over 2-1000 rad/s, sensors 1-4, force on 2. A start counts as recovered
+when all 18 unknowns are within 1e-6.
 
-Then the IASC-ASCE building of `accuracy.py`, whose storeys are up to eight times too stiff or too soft: what does each
-part of the search contribute?
+Then the IASC-ASCE building of `accuracy.py`, whose storeys are up to eight times too stiff or too
+soft: what does each part of the search contribute?
 
     python benchmarks/basin.py [--starts 200] [--far 50] [--seed 0]
 """
@@ -43,7 +44,10 @@ def far_building(rng: np.random.Generator) -> Case:
     """Storeys stiffer or softer by a factor of up to eight, no damping."""
     bench = CASES["building"]()
     changes = {
-        p.group: {"stiffness": float(np.exp(rng.uniform(-1.0, 1.0) * np.log(8.0))), "loss_factor": 0.0}
+        p.group: {
+            "stiffness": float(np.exp(rng.uniform(-1.0, 1.0) * np.log(8.0))),
+            "loss_factor": 0.0,
+        }
         for p in bench.sought(bench.case.true)
         if p.quantity == "stiffness"
     }
@@ -53,13 +57,16 @@ def far_building(rng: np.random.Generator) -> Case:
 
 def worst_error(case, result) -> float:
     errors = [
-        abs(result.values[p.name] - case.truth[p.name]) / (1.0 if p.quantity == "loss_factor" else case.truth[p.name])
+        abs(result.values[p.name] - case.truth[p.name])
+        / (1.0 if p.quantity == "loss_factor" else case.truth[p.name])
         for p in case.unknowns
     ]
     return max(errors)
 
 
-def study(rows: dict[str, dict], made: Callable[[np.random.Generator], Case], starts: int, seed: int) -> None:
+def study(
+    rows: dict[str, dict], made: Callable[[np.random.Generator], Case], starts: int, seed: int
+) -> None:
     print(f"{'method':<32}{'recovered':>12}{'steps':>8}{'s each':>8}")
     for name, options in rows.items():
         rng = np.random.default_rng(seed)
@@ -70,11 +77,16 @@ def study(rows: dict[str, dict], made: Callable[[np.random.Generator], Case], st
             hits += worst_error(case, result) < 1e-6
             steps += len(result.history)
         each = (time.perf_counter() - begun) / starts
-        print(f"{name:<32}{100 * hits / starts:>10.1f} %{steps / starts:>8.0f}{each:>8.2f}", flush=True)
+        print(
+            f"{name:<32}{100 * hits / starts:>10.1f} %{steps / starts:>8.0f}{each:>8.2f}",
+            flush=True,
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--starts", type=int, default=200)
     parser.add_argument("--far", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)

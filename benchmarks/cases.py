@@ -69,7 +69,11 @@ def random_gear_train(rng: np.random.Generator) -> Case:
     """Start off by up to 70 % in stiffness and 30 % in mass, undamped."""
     case = gear_train()
     changes = {
-        name: {"stiffness": 1 + rng.uniform(-0.7, 0.7), "mass": 1 + rng.uniform(-0.3, 0.3), "loss_factor": 0.0}
+        name: {
+            "stiffness": 1 + rng.uniform(-0.7, 0.7),
+            "mass": 1 + rng.uniform(-0.3, 0.3),
+            "loss_factor": 0.0,
+        }
         for name in case.true.groups
     }
     return Case(case.name, case.true, case.true.scaled(changes), case.clean)

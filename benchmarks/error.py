@@ -1,7 +1,8 @@
 """How good is the error that a reduced model states? True error, by direct solves, over what its residual says.
 
-A solid of about 10,000 DOFs, 30 sensors, 3 references, 14 lines; the basis is that of the start, neither enriched nor
-made anew. The ratio is taken before the factor `SAFETY`, which has to exceed it.
+A solid of about 10,000 DOFs, 30 sensors, 3 references, 14 lines; the basis is that of the start,
+neither enriched nor made anew. The ratio is taken before the factor `SAFETY`, which has to exceed
+it.
 
     python benchmarks/error.py [--size 10k]
 """
@@ -35,24 +36,34 @@ def cases(start: State) -> dict[str, State]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--size", default="10k", choices=models.SOLIDS)
     size = parser.parse_args().size
     model = models.solid(models.SOLIDS[size])
     system = AffineSystem.compile(model)
     rows = model.dofs.match(models.sensors(model)).index
     exact = LineSolver.choose(system, "sparse")
-    print(f"{'state':<38}{'largest true error':>20}{'true over estimated, median':>30}{'largest':>10}")
+    print(
+        f"{'state':<38}{'largest true error':>20}{'true over estimated, median':>30}{'largest':>10}"
+    )
     for name, state in cases(system.start).items():
-        reduction = Reduction(system, rows, rows[:3], (float(BAND[0]), float(BAND[-1])), check_backend(None))
+        reduction = Reduction(
+            system, rows, rows[:3], (float(BAND[0]), float(BAND[-1])), check_backend(None)
+        )
         reduction.build(system.start)
         definite = reduction._factorised(state, -reduction._top)
         stated = np.array([reduction._check(definite, state, f, enrich=False) for f in BAND])
         c = system.coefficients(state, 2 * np.pi * BAND)
         H = exact.at(exact.solve(c, rows[:3], BAND), rows).transpose(1, 0, 2)
-        off = np.abs(reduction._receptance(state, BAND) - H).max(axis=(1, 2)) / np.abs(H).max(axis=(1, 2))
+        off = np.abs(reduction._receptance(state, BAND) - H).max(axis=(1, 2)) / np.abs(H).max(
+            axis=(1, 2)
+        )
         ratio = off / (stated / SAFETY)
-        print(f"{name:<38}{off.max():>20.1e}{np.median(ratio):>30.2f}{ratio.max():>10.2f}", flush=True)
+        print(
+            f"{name:<38}{off.max():>20.1e}{np.median(ratio):>30.2f}{ratio.max():>10.2f}", flush=True
+        )
 
 
 if __name__ == "__main__":

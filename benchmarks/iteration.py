@@ -1,8 +1,9 @@
 """What does one exact Jacobian and residual cost beyond the bare factorisations and solves?
 
-Three-dimensional solids in 20 layers, 30 sensors, 3 references, stiffness, mass and loss factor of every layer unknown.
-The bare cost is that of the same backend factorising the same matrices and solving for as many right-hand sides;
-analysis is counted in neither. Both are taken in turn, the best of a few each.
+Three-dimensional solids in 20 layers, 30 sensors, 3 references, stiffness, mass and loss factor of
+every layer unknown. The bare cost is that of the same backend factorising the same matrices and
+solving for as many right-hand sides; analysis is counted in neither. Both are taken in turn, the
+best of a few each.
 
     python benchmarks/iteration.py [--sizes 10k 50k] [--lines 4] [--backends pardiso superlu]
 """
@@ -65,17 +66,24 @@ def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tup
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sizes", nargs="+", default=["10k", "50k"], choices=list(SOLIDS))
     parser.add_argument("--lines", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--backends", nargs="+", default=list(BACKENDS), choices=list(BACKENDS))
     given = parser.parse_args()
-    print(f"{'DOFs':>7} {'lines':>6} {'unknowns':>9}  {'backend':<9}{'iteration s':>12}{'bare s':>9}{'ratio':>7}")
+    print(
+        f"{'DOFs':>7} {'lines':>6} {'unknowns':>9} "
+        f" {'backend':<9}{'iteration s':>12}{'bare s':>9}{'ratio':>7}"
+    )
     for size in given.sizes:
         model = solid(SOLIDS[size])
         for backend in given.backends:
-            if not _module(backend).available() or (backend == "superlu" and model.n_dofs > SUPERLU_LIMIT):
+            if not _module(backend).available() or (
+                backend == "superlu" and model.n_dofs > SUPERLU_LIMIT
+            ):
                 continue
             whole, bare = compare(model, backend, given.lines, given.repeats)
             print(

@@ -1,15 +1,14 @@
 """A whole updating job on a large solid by the reduced tier, against direct factorisations line by line.
 
-A solid in 20 layers, 30 sensors, 3 references, 200 lines, 1 % noise; 20 unknowns: stiffness and loss factor of ten
-layers, which are off by up to 30 % and by half. The FRFs of the truth come from a reduced model with a basis of its own
-(its accuracy: `--truth`); the error of the final one is measured against direct solves at lines that no one has looked
-at.
+A solid in 20 layers, 30 sensors, 3 references, 200 lines, 1 % noise; 20 unknowns: stiffness and
+loss factor of ten layers, which are off by up to 30 % and by half. The FRFs of the truth come from
+a reduced model with a basis of its own (its accuracy: `--truth`); the error of the final one is
+measured against direct solves at lines that no one has looked at.
 
     python benchmarks/large.py 50k [--check 20] [--starts 8] [--lumped]
 
-Compared: the seconds of complex factorisations with their solves (the median of those of the check, after the job).
-Line by line the job would take one for each line and iteration.
-"""
+Compared: the seconds of complex factorisations with their solves (the median of those of the check,
+after the job). Line by line the job would take one for each line and iteration."""
 
 from __future__ import annotations
 
@@ -46,7 +45,11 @@ def changes(model: updyn.Model) -> dict[str, dict[str, float]]:
     rng = np.random.default_rng(0)
     layers = list(model.groups)[::2]
     return {
-        g: {"stiffness": float(rng.uniform(0.75, 1.3)), "loss_factor": 1.5 * model.group(g).loss_factor} for g in layers
+        g: {
+            "stiffness": float(rng.uniform(0.75, 1.3)),
+            "loss_factor": 1.5 * model.group(g).loss_factor,
+        }
+        for g in layers
     }
 
 
@@ -67,7 +70,9 @@ def direct(model: updyn.Model, sensors: list[str], lines: np.ndarray) -> tuple[f
     H, seconds = [], []
     for f in np.r_[lines[:1], lines]:  # the analysis counts in neither
         begun = time.perf_counter()
-        X = solver.solve(system.coefficients(system.start, 2 * np.pi * np.array([f])), at, np.array([f]))
+        X = solver.solve(
+            system.coefficients(system.start, 2 * np.pi * np.array([f])), at, np.array([f])
+        )
         seconds.append(time.perf_counter() - begun)
         H.append(solver.at(X[:, :, :3], at)[:, 0])
     return float(np.median(seconds[1:])), np.array(H[1:])
@@ -96,22 +101,35 @@ def progress(now: updyn.Progress) -> None:
     if (now.stage, now.iteration) != progress.shown:
         progress.shown = now.stage, now.iteration
         seconds = time.perf_counter() - progress.begun
-        print(f"  {seconds:6.0f} s  {now.stage} {now.iteration}  cost {now.cost:.6g}  {peak():.2f} GiB", flush=True)
+        print(
+            f"  {seconds:6.0f} s  {now.stage} {now.iteration}  cost {now.cost:.6g} "
+            f" {peak():.2f} GiB",
+            flush=True,
+        )
 
 
 progress.shown, progress.begun = ("", 0), 0.0
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("size", choices=BANDS)
     parser.add_argument(
-        "--check", type=int, default=20, help="direct solves at lines between those of the job; 0: none"
+        "--check",
+        type=int,
+        default=20,
+        help="direct solves at lines between those of the job; 0: none",
     )
     parser.add_argument("--starts", type=int, default=8, help="tries of the search for a start")
-    parser.add_argument("--lumped", action="store_true", help="a diagonal mass, as the largest models need")
+    parser.add_argument(
+        "--lumped", action="store_true", help="a diagonal mass, as the largest models need"
+    )
     parser.add_argument("--sensors", type=int, default=30)
-    parser.add_argument("--truth", type=float, default=1e-6, help="accuracy of the data, whose noise is 1e-2")
+    parser.add_argument(
+        "--truth", type=float, default=1e-6, help="accuracy of the data, whose noise is 1e-2"
+    )
     given = parser.parse_args()
     model = models.solid(models.SOLIDS[given.size], lumped=given.lumped)
     sensors = models.sensors(model, given.sensors)
@@ -121,23 +139,34 @@ def main() -> None:
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
     run_module.Reducing = Kept
     begun = progress.begun = time.perf_counter()
-    result = updyn.update(model, frf, unknowns, tier="reduced", starts=given.starts, callback=progress)
+    result = updyn.update(
+        model, frf, unknowns, tier="reduced", starts=given.starts, callback=progress
+    )
     job = time.perf_counter() - begun
     print(result.summary())
     print({k: round(v, 1) for k, v in result.timing_s.items()}, result.options)
-    off = [(result.values[f"{g}.{q}"] - v) / result.std[f"{g}.{q}"] for g, c in wanted.items() for q, v in c.items()]
+    off = [
+        (result.values[f"{g}.{q}"] - v) / result.std[f"{g}.{q}"]
+        for g, c in wanted.items()
+        for q, v in c.items()
+    ]
     print(f"job {job:.0f} s, {result.iterations} iterations, peak memory {peak():.2f} GiB")
     print(
         f"estimates off by {np.sqrt(np.mean(np.square(off))):.2f} standard deviations (rms), "
         f"{np.abs(off).max():.2f} at most"
     )
     if given.check:
-        between = np.linspace(*BANDS[given.size], given.check + 2)[1:-1] + 0.37 * (frf.freq[1] - frf.freq[0])
+        between = np.linspace(*BANDS[given.size], given.check + 2)[1:-1] + 0.37 * (
+            frf.freq[1] - frf.freq[0]
+        )
         seconds, H = direct(result.model, sensors, between)
         print(
-            f"one factorisation with its solves {seconds:.1f} s: the job took the time of {job / seconds:.1f} of them"
+            f"one factorisation with its solves {seconds:.1f} s: the job took the time of"
+            f" {job / seconds:.1f} of them"
         )
-        share = np.abs(reduced(result, sensors, between) - H).max(axis=(1, 2)) / np.abs(H).max(axis=(1, 2))
+        share = np.abs(reduced(result, sensors, between) - H).max(axis=(1, 2)) / np.abs(H).max(
+            axis=(1, 2)
+        )
         print(f"error at {given.check} lines between those of the job: {share.max():.1e} at most")
         print(f"peak memory with complex factorisations {peak():.2f} GiB")
 

@@ -26,7 +26,13 @@ def brick() -> tuple[np.ndarray, np.ndarray]:
     for point in corners / np.sqrt(3.0):
         factors = 1.0 + corners * point
         N = factors.prod(axis=1) / 8
-        dN = corners / 8 * np.stack([factors[:, [1, 2, 0]][:, i] * factors[:, [2, 0, 1]][:, i] for i in range(3)], 1)
+        dN = (
+            corners
+            / 8
+            * np.stack(
+                [factors[:, [1, 2, 0]][:, i] * factors[:, [2, 0, 1]][:, i] for i in range(3)], 1
+            )
+        )
         dN = dN / jacobian
         B = np.zeros((6, 24))
         for i in range(3):
@@ -53,7 +59,9 @@ def solid(cells: tuple[int, int, int], parts: int = 20, *, lumped: bool = False)
     nx, ny, nz = (c + 1 for c in cells)
     node = np.arange(nx * ny * nz).reshape(nz, ny, nx)
     x, y, z = (i.ravel() for i in np.meshgrid(*(np.arange(c) for c in cells), indexing="ij"))
-    corner = np.stack([node[z + c, y + b, x + a] for c in (0, 1) for b in (0, 1) for a in (0, 1)], axis=1)
+    corner = np.stack(
+        [node[z + c, y + b, x + a] for c in (0, 1) for b in (0, 1) for a in (0, 1)], axis=1
+    )
     held = 3 * nx * ny
     dofs = (3 * corner[:, :, None] + np.arange(3)).reshape(len(corner), 24) - held
     K, M = brick()
@@ -79,7 +87,10 @@ def _assemble(dofs: np.ndarray, local: np.ndarray, n: int) -> sp.csr_array:
     values = np.tile(local[i, j], len(dofs))
     free = (rows >= 0) & (columns >= 0)
     return sp.csr_array(
-        sp.coo_array((values[free], (rows[free].astype(np.int32), columns[free].astype(np.int32))), shape=(n, n))
+        sp.coo_array(
+            (values[free], (rows[free].astype(np.int32), columns[free].astype(np.int32))),
+            shape=(n, n),
+        )
     )
 
 
@@ -89,14 +100,15 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
     Parameters
     ----------
     spans, bays : int
-        Spans, and squares of 1 m along each of them. The upper layer is held at its edges at the ends of each span.
+        Spans, and squares of 1 m along each of them. The upper layer is held at its edges at the
+        ends of each span.
     wide : int
         Squares across. 3 (spans bays (2 wide + 1) + wide + 1) - 6 (spans + 1) DOFs.
 
     Notes
     -----
-    Node 1 + (wide + 1) i + j is the upper one i m along and j m across; the lower layer stands half a square off.
-    """
+    Node 1 + (wide + 1) i + j is the upper one i m along and j m across; the lower layer stands half
+    a square off."""
     along = spans * bays
     upper = 1 + np.arange((along + 1) * (wide + 1)).reshape(along + 1, wide + 1)
     lower = upper.max() + 1 + np.arange(along * wide).reshape(along, wide)
@@ -110,7 +122,8 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
     )
     span = np.minimum(xyz[bars - 1, 0].mean(axis=1) // bays, spans - 1)
     parts = [
-        Truss(f"span {s + 1}", bars[span == s], E, RHO, 1e-3, loss_factor=0.01 + 0.01 * (s % 4)) for s in range(spans)
+        Truss(f"span {s + 1}", bars[span == s], E, RHO, 1e-3, loss_factor=0.01 + 0.01 * (s % 4))
+        for s in range(spans)
     ]
     return structure(xyz, parts, grounded=[int(n) for n in upper[::bays, [0, -1]].flat])
 
@@ -142,7 +155,9 @@ def chain(n: int, parts: int = 10) -> updyn.Model:
         columns = np.concatenate([own, left - 1, left - 1, left])
         values = 1e6 * np.concatenate([np.ones(len(own) + len(left)), -np.ones(2 * len(left))])
         K = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
-        groups[f"piece {part + 1}"] = updyn.Group(K, sp.diags_array((piece == part) * 1.0), loss_factor=0.02)
+        groups[f"piece {part + 1}"] = updyn.Group(
+            K, sp.diags_array((piece == part) * 1.0), loss_factor=0.02
+        )
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
 
 
@@ -158,7 +173,9 @@ def drive_train(n: int, parts: int = 10) -> updyn.Model:
         values = np.concatenate([np.ones(2 * len(left)), -np.ones(2 * len(left))])
         shafts = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
         own = {"stiffness": 1e6 * shafts, "viscous": 20.0 * shafts} if len(left) else {}
-        groups[f"piece {part + 1}"] = updyn.Group(mass=sp.diags_array((piece == part) * inertia), **own)
+        groups[f"piece {part + 1}"] = updyn.Group(
+            mass=sp.diags_array((piece == part) * inertia), **own
+        )
     return updyn.Model.from_groups(groups, [f"{i + 1}:RZ" for i in range(n)])
 
 
@@ -170,7 +187,9 @@ def full(n: int, parts: int = 5) -> updyn.Model:
         Q = np.linalg.qr(random.normal(size=(n, n)))[0]
         K = (Q * (1e3 * np.linspace(1.0, 100.0, n) ** 2)) @ Q.T
         mass = (Q * np.linspace(0.5, 1.5, n)) @ Q.T
-        groups[f"body {part + 1}"] = updyn.Group((K + K.T) / 2, (mass + mass.T) / 2, loss_factor=0.02)
+        groups[f"body {part + 1}"] = updyn.Group(
+            (K + K.T) / 2, (mass + mass.T) / 2, loss_factor=0.02
+        )
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
 
 

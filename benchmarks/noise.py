@@ -1,8 +1,9 @@
 """How close to the Cramer-Rao bound, and do the error bars say the truth?
 
-Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise of 1 % and 5 %,
-each draw fitted from the perturbed start. For every unknown: RMS error over the Cramer-Rao bound, and share of draws
-whose 95 % interval covers the truth. The bound is that of complex Gaussian noise of known variance at the truth.
+Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise
+of 1 % and 5 %, each draw fitted from the perturbed start. For every unknown: RMS error over the
+Cramer-Rao bound, and share of draws whose 95 % interval covers the truth. The bound is that of
+complex Gaussian noise of known variance at the truth.
 
     python benchmarks/noise.py [--draws 200] [--seed 0] [--stated] [--oracle]
 """
@@ -42,7 +43,9 @@ def study(
         noise = {"relative": relative} if stated else None
         unknowns = case.unknowns.with_start(truth) if oracle else case.unknowns
         options = {"starts": 0} if oracle else {}
-        result = updyn.update(case.start, case.noisy(relative, rng), unknowns, noise=noise, **options)
+        result = updyn.update(
+            case.start, case.noisy(relative, rng), unknowns, noise=noise, **options
+        )
         error = np.array([result.values[n] for n in names]) - truth
         std = np.array([result.std[n] for n in names])
         errors.append(error)
@@ -61,19 +64,26 @@ def study(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--stated", action="store_true", help="state the noise instead of estimating it")
-    parser.add_argument("--oracle", action="store_true", help="start at the truth, without a search")
+    parser.add_argument(
+        "--stated", action="store_true", help="state the noise instead of estimating it"
+    )
+    parser.add_argument(
+        "--oracle", action="store_true", help="start at the truth, without a search"
+    )
     args = parser.parse_args()
     for case in (gear_train(start=starting_model()), chain12()):
         for relative in (0.01, 0.05):
             begun = time.perf_counter()
             out = study(case, relative, args.draws, args.seed, args.stated, args.oracle)
             print(
-                f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws: {out['not converged'][0]} not "
-                f"converged, {out['steps'][0]:.0f} steps and {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
+                f"\n{case.name}, {100 * relative:g} % noise, {args.draws} draws:"
+                f" {out['not converged'][0]} not converged, {out['steps'][0]:.0f} steps and"
+                f" {(time.perf_counter() - begun) / args.draws:.2f} s a draw"
             )
             print(f"{'unknown':<24}{'bound':>10}{'RMS/bound':>11}{'bias/bound':>12}{'covered':>10}")
             for i, name in enumerate(case.unknowns.names):
@@ -82,7 +92,8 @@ def main() -> None:
                     f"{100 * out['coverage'][i]:>9.1f}%"
                 )
             print(
-                f"all: coverage {100 * out['coverage'].mean():.1f} %, largest RMS/bound {out['ratio'].max():.2f}",
+                f"all: coverage {100 * out['coverage'].mean():.1f} %, largest RMS/bound"
+                f" {out['ratio'].max():.2f}",
                 flush=True,
             )
 

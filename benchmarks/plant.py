@@ -1,10 +1,11 @@
 """How well does a plant answer, and with how few states?
 
-Gear train of Bao, Wang & Cheng (2010), 12-DOF chain, antenna of `updyn demo antenna` with its hidden values; one
-force, displacements and velocities. Every error is measured again, against `updyn.response` on lines of the script's
-own (evenly and geometrically spaced, then closer around every maximum), beside what the plant
-states. Side by side: the conversions of structural damping, computed here once more from dense matrices; and the order
-against the tolerance, with the order that balanced truncation of the whole plant needs for the same.
+Gear train of Bao, Wang & Cheng (2010), 12-DOF chain, antenna of `updyn demo antenna` with its
+hidden values; one force, displacements and velocities. Every error is measured again, against
+`updyn.response` on lines of the script's own (evenly and geometrically spaced, then closer around
+every maximum), beside what the plant states. Side by side: the conversions of structural damping,
+computed here once more from dense matrices; and the order against the tolerance, with the order
+that balanced truncation of the whole plant needs for the same.
 
     OMP_NUM_THREADS=1 python benchmarks/plant.py [--cases chain,antenna]
 """
@@ -55,14 +56,20 @@ class Bench:
     @cached_property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
         """Lines and displacements there, closer around every maximum until its neighbours are as high to 0.5 %."""
-        freq = np.unique(np.concatenate([np.linspace(*self.band, 377), np.geomspace(*self.band, 377)]))
+        freq = np.unique(
+            np.concatenate([np.linspace(*self.band, 377), np.geomspace(*self.band, 377)])
+        )
         H = self.exact(freq)
         while True:
             size = np.abs(H) * freq[:, None] ** 2
             at = maxima(size)
             beside = np.minimum(size[at - 1], size[at + 1])
             rough = at[
-                ((size[at] > 1.005 * beside) & (size[at] > 0.01 * size.max(axis=0)) & summits(size, at)).any(axis=1)
+                (
+                    (size[at] > 1.005 * beside)
+                    & (size[at] > 0.01 * size.max(axis=0))
+                    & summits(size, at)
+                ).any(axis=1)
             ]
             if not len(rough):
                 break
@@ -71,7 +78,10 @@ class Bench:
             if not len(more):  # as close as numbers go
                 break
             order = np.argsort(np.concatenate([freq, more]))
-            freq, H = np.concatenate([freq, more])[order], np.concatenate([H, self.exact(more)])[order]
+            freq, H = (
+                np.concatenate([freq, more])[order],
+                np.concatenate([H, self.exact(more)])[order],
+            )
         return freq, H
 
     def values(self, quantity: str) -> np.ndarray:
@@ -86,10 +96,16 @@ class Bench:
     def peak_error(self, G: np.ndarray, quantity: str) -> float:
         """Largest error of the height of a resonance, down to a tenth of the highest of its channel."""
         H, worst = np.abs(self.values(quantity)), 0.0
-        weight = self.lines[0][:, None] ** (2.0 if quantity == "receptance" else 1.0) if self.turning else 1.0
+        weight = (
+            self.lines[0][:, None] ** (2.0 if quantity == "receptance" else 1.0)
+            if self.turning
+            else 1.0
+        )
         for j in range(H.shape[1]):
             seen = (weight * H)[:, j]
-            lows = np.concatenate([[0], np.flatnonzero((seen[1:-1] < seen[:-2]) & (seen[1:-1] < seen[2:])) + 1, [-1]])
+            lows = np.concatenate(
+                [[0], np.flatnonzero((seen[1:-1] < seen[:-2]) & (seen[1:-1] < seen[2:])) + 1, [-1]]
+            )
             lows[-1] = len(seen) - 1
             for top in maxima(seen[:, None]):
                 if seen[top] >= 0.1 * seen.max():
@@ -110,13 +126,24 @@ def maxima(size: np.ndarray) -> np.ndarray:
 
 def benches() -> Iterator[Bench]:
     yield Bench(
-        "gear train", gear_train().true, "2:RZ", ["1:RZ", "2:RZ", "3:RZ", "4:RZ"], (1 / np.pi, 500 / np.pi)
+        "gear train",
+        gear_train().true,
+        "2:RZ",
+        ["1:RZ", "2:RZ", "3:RZ", "4:RZ"],
+        (1 / np.pi, 500 / np.pi),
     )  # 2 to 1000 rad/s, as in the paper
     chain = chain12()
     low, high = float(chain.clean.freq[0]), float(chain.clean.freq[-1])
     yield Bench("chain", chain.true, "2:X", ["2:X", "7:X", "11:X"], (low, high))
     motors = tuple(f"{train['motor']}:RZ" for train in (AZIMUTH, ELEVATION))
-    yield Bench("antenna", antenna().scaled(TRUTH), motors[0], [motors[0], "3:RZ", "4:RZ"], (0.5, 60.0), motors)
+    yield Bench(
+        "antenna",
+        antenna().scaled(TRUTH),
+        motors[0],
+        [motors[0], "3:RZ", "4:RZ"],
+        (0.5, 60.0),
+        motors,
+    )
 
 
 def route_of(plant: Plant) -> str:
@@ -130,9 +157,10 @@ def plants(bench: Bench) -> None:
         G = made.response(bench.lines[0]).values[:, :, 0]
         moving = made.poles[np.abs(made.poles) > 1e-6 * np.abs(made.poles).max()]
         print(
-            f"| {bench.name}, {word} | {route_of(made)} | {made.n_states} | {100 * made.error:.2g} | "
-            f"{100 * bench.error(G, quantity):.2g} | {100 * made.peak_error:.2g} | "
-            f"{100 * bench.peak_error(G, quantity):.2g} | {len(made.poles) - len(moving)} | {moving.real.max():.2g} |",
+            f"| {bench.name}, {word} | {route_of(made)} | {made.n_states} | {100 * made.error:.2g}"
+            f" | {100 * bench.error(G, quantity):.2g} | {100 * made.peak_error:.2g} |"
+            f" {100 * bench.peak_error(G, quantity):.2g} | {len(made.poles) - len(moving)} |"
+            f" {moving.real.max():.2g} |",
             flush=True,
         )
 
@@ -153,8 +181,13 @@ def rigid_body(bench: Bench) -> None:
     answer = 1.0 / (s * G)
     found = [float(answer[1].imag / s[1].imag), float(answer[0].real)]
     slope = np.log10(np.abs(G[1] / G[0]))
-    print(f"\n{bench.name}: slope of the displacement between 1e-4 and 1e-3 Hz {slope:.4f}; at the force")
-    for what, a, b, unit in zip(("inertia", "drag"), found, exact, ("kg m2", "N m s/rad"), strict=True):
+    print(
+        f"\n{bench.name}: slope of the displacement between 1e-4 and 1e-3 Hz {slope:.4f}; at the"
+        " force"
+    )
+    for what, a, b, unit in zip(
+        ("inertia", "drag"), found, exact, ("kg m2", "N m s/rad"), strict=True
+    ):
         print(f"  {what} {a:.6g} {unit}, exactly {b:.6g}: off by {abs(a / b - 1.0):.1g}")
 
 
@@ -177,9 +210,19 @@ def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
     middle = 2 * np.pi * np.sqrt(max(bench.band[0], 1e-3 * bench.band[1]) * bench.band[1])
     own = damping / np.sqrt(np.outer(omega, omega))
     found = {}
-    for name, X in (("modal", own), ("diagonal", np.diag(np.diag(own))), ("single-frequency", damping / middle)):
-        Z = s[:, None, None] * (X + phi.T @ C @ phi) + np.diag(square) + (s**2)[:, None, None] * np.eye(len(omega))
-        found[name] = (out @ np.linalg.solve(Z, np.broadcast_to(into.T, (len(s), *into.T.shape))))[:, :, 0]
+    for name, X in (
+        ("modal", own),
+        ("diagonal", np.diag(np.diag(own))),
+        ("single-frequency", damping / middle),
+    ):
+        Z = (
+            s[:, None, None] * (X + phi.T @ C @ phi)
+            + np.diag(square)
+            + (s**2)[:, None, None] * np.eye(len(omega))
+        )
+        found[name] = (out @ np.linalg.solve(Z, np.broadcast_to(into.T, (len(s), *into.T.shape))))[
+            :, :, 0
+        ]
     if not C.any():
         squares, shapes = scipy.linalg.eig(K + 1j * D, M)  # of the poles squared, the sign changed
         shapes = shapes / np.sqrt(np.einsum("im,ij,jm->m", shapes, M, shapes))
@@ -187,21 +230,36 @@ def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
         a, b = (shapes[model_rows(model, labels)] for labels in (bench.motions, [bench.force]))
         R = a * b / (2.0 * poles)
         found["complex"] = np.stack(
-            [(r / (s[:, None] - poles) + r.conj() / (s[:, None] - poles.conj())).sum(axis=1) for r in R], axis=1
+            [
+                (r / (s[:, None] - poles) + r.conj() / (s[:, None] - poles.conj())).sum(axis=1)
+                for r in R
+            ],
+            axis=1,
         )
-    return found if quantity == "receptance" else {name: s[:, None] * G for name, G in found.items()}
+    return (
+        found if quantity == "receptance" else {name: s[:, None] * G for name, G in found.items()}
+    )
 
 
 def side_by_side(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
-        stated = updyn.conversions(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
+        stated = updyn.conversions(
+            bench.model, [bench.force], bench.motions, bench.band, quantity=quantity
+        )
         own = by_hand(bench, quantity) if bench.model.n_dofs < 100 else {}
         cells = []
         for one in stated:
-            cell = f"{100 * one.error:.2g} / {100 * one.peak_error:.2g}" if np.isfinite(one.error) else "refused"
+            cell = (
+                f"{100 * one.error:.2g} / {100 * one.peak_error:.2g}"
+                if np.isfinite(one.error)
+                else "refused"
+            )
             if one.name in own:
                 G = own[one.name]
-                cell += f" ({100 * bench.error(G, quantity):.2g} / {100 * bench.peak_error(G, quantity):.2g})"
+                cell += (
+                    f" ({100 * bench.error(G, quantity):.2g} /"
+                    f" {100 * bench.peak_error(G, quantity):.2g})"
+                )
             cells.append(cell)
         print(f"| {bench.name}, {word} | " + " | ".join(cells) + " |", flush=True)
 
@@ -212,7 +270,9 @@ def respond(matrices: Matrices, freq: np.ndarray) -> np.ndarray:
     s = 2j * np.pi * freq
     if not len(A):
         return np.broadcast_to(D.astype(complex), (len(s), *D.shape))
-    solved = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
+    solved = np.linalg.solve(
+        s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape))
+    )
     return C @ solved + D
 
 
@@ -245,22 +305,38 @@ def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
             return a[:r, :r], b[:r], c[:, :r], D
         rest = np.linalg.solve(a[r:, r:], np.hstack([a[r:, :r], b[r:]]))
         x, y = rest[:, :r], rest[:, r:]
-        return a[:r, :r] - a[:r, r:] @ x, b[:r] - a[:r, r:] @ y, c[:, :r] - c[:, r:] @ x, D - c[:, r:] @ y
+        return (
+            a[:r, :r] - a[:r, r:] @ x,
+            b[:r] - a[:r, r:] @ y,
+            c[:, :r] - c[:, r:] @ x,
+            D - c[:, r:] @ y,
+        )
 
     return cut
 
 
-def order_needed(bench: Bench, quantity: str, fit: str | None, made: list[Plant]) -> list[int | None]:
+def order_needed(
+    bench: Bench, quantity: str, fit: str | None, made: list[Plant]
+) -> list[int | None]:
     """States of balanced truncations of one conversion that are as good as some plants, by their lines and figures."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
     task, _ = _task(bench.model, *ports, bench.band, quantity, None, None)
-    target, conversion = task.target, next(c for c in task.mended(made[0].route) if fit_of(c) == fit)
+    target, conversion = (
+        task.target,
+        next(c for c in task.mended(made[0].route) if fit_of(c) == fit),
+    )
     freq = target.freq
     still, rest = split(conversion.matrices(np.ones(len(conversion.frequency), dtype=np.bool_)))
     rigid, cut = respond(still, freq), balanced(rest)
-    # Within the tolerance; where that cannot be held, beside very sharp peaks, as good as the plant or all modes.
-    whole = target.judged(conversion.response(np.ones(len(conversion.frequency), dtype=np.bool_), freq))
-    limits = [np.maximum(np.maximum(p.tolerance, whole), target.judged(p.response(freq).values)) for p in made]
+    # Within the tolerance; where that cannot be held, beside very sharp peaks, as good as the plant
+    # or all modes.
+    whole = target.judged(
+        conversion.response(np.ones(len(conversion.frequency), dtype=np.bool_), freq)
+    )
+    limits = [
+        np.maximum(np.maximum(p.tolerance, whole), target.judged(p.response(freq).values))
+        for p in made
+    ]
     needed: list[int | None] = [None] * len(made)
     for r in range(min(len(rest[0]), 60) + 1):
         for static in (False, True):
@@ -279,13 +355,18 @@ def order_needed(bench: Bench, quantity: str, fit: str | None, made: list[Plant]
 
 def fit_of(conversion: Conversion) -> str | None:
     """What a plant says of a conversion whose outputs were fitted."""
-    return f"outputs, with {len(conversion.extra)} real poles" if isinstance(conversion, Fitted) else None
+    return (
+        f"outputs, with {len(conversion.extra)} real poles"
+        if isinstance(conversion, Fitted)
+        else None
+    )
 
 
 def orders(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
         made = [
-            updyn.plant(bench.model, [bench.force], bench.motions, bench.band, t, quantity=quantity) for t in TOLERANCES
+            updyn.plant(bench.model, [bench.force], bench.motions, bench.band, t, quantity=quantity)
+            for t in TOLERANCES
         ]
         needed: dict[int, int | None] = {}
         for kind in {(p.route, p.facts.get("fitted")) for p in made}:
@@ -297,19 +378,30 @@ def orders(bench: Bench) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", default="gear train,chain,antenna")
     chosen = parser.parse_args().cases.split(",")
     some = [b for b in benches() if b.name in chosen]
-    print("tolerance 2 %; errors in % of a channel's peak and of a resonance's height, stated and measured here")
-    print("| | route | states | error | own | peak error | own | poles at 0 | largest other Re, rad/s |")
+    print(
+        "tolerance 2 %; errors in % of a channel's peak and of a resonance's height, stated and"
+        " measured here"
+    )
+    print(
+        "| | route | states | error | own | peak error | own | poles at 0 | largest other Re,"
+        " rad/s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for bench in some:
         plants(bench)
     for bench in some:
         if bench.turning:
             rigid_body(bench)
-    print("\nconversions with all modes, error / peak error in %, in brackets by hand on the script's own lines")
+    print(
+        "\nconversions with all modes, error / peak error in %, in brackets by hand on the script's"
+        " own lines"
+    )
     print("| | modal | complex | biot | diagonal | single frequency |")
     print("|---|---|---|---|---|---|")
     for bench in some:

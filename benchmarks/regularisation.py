@@ -2,10 +2,10 @@
 
 Run: python benchmarks/regularisation.py [draws]
 
-A chain of masses fixed at one end, one unknown for the stiffness of each spring. The true stiffnesses are drawn about
-the start, log-normal; the noise is proportional and estimated from the residual. The root mean square is over unknowns
-and draws, of the logarithm of the stiffness over the true one. The fits begin at the start: no search.
-"""
+A chain of masses fixed at one end, one unknown for the stiffness of each spring. The true
+stiffnesses are drawn about the start, log-normal; the noise is proportional and estimated from the
+residual. The root mean square is over unknowns and draws, of the logarithm of the stiffness over
+the true one. The fits begin at the start: no search."""
 
 from __future__ import annotations
 
@@ -48,18 +48,25 @@ class Setting:
         """Return data, and the logarithms of the true factors."""
         rng = np.random.default_rng(seed)
         truth = self.spread * rng.standard_normal(self.n)
-        true = model.scaled({f"spring {i + 1}": {"stiffness": float(np.exp(t))} for i, t in enumerate(truth)})
+        true = model.scaled(
+            {f"spring {i + 1}": {"stiffness": float(np.exp(t))} for i, t in enumerate(truth)}
+        )
         frf = updyn.response(true, np.linspace(*self.band), list(self.sensors), [f"{self.n}:X"])
         H = frf.values
         unit = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
-        return FRF(frf.freq, H * (1 + self.noise * unit), frf.responses, frf.references, frf.quantity), truth
+        return (
+            FRF(frf.freq, H * (1 + self.noise * unit), frf.responses, frf.references, frf.quantity),
+            truth,
+        )
 
 
 ILL = Setting("one sensor, 8 springs, the lowest modes", 8, ("8:X",), 0.02, 0.2, (4.0, 40.0, 60))
 WELL = Setting("two sensors, 8 springs, all modes", 8, ("4:X", "8:X"), 0.05, 0.03, (4.0, 100.0, 60))
 
 
-def errors(setting: Setting, choice: str | float | None, draws: int) -> tuple[np.ndarray, list[float]]:
+def errors(
+    setting: Setting, choice: str | float | None, draws: int
+) -> tuple[np.ndarray, list[float]]:
     """Return the errors of all draws, shape (draws, n), and the prior or number of directions that was chosen."""
     model = setting.model()
     unknowns = updyn.parameters(model, stiffness="all")
@@ -76,8 +83,13 @@ def errors(setting: Setting, choice: str | float | None, draws: int) -> tuple[np
 def main() -> None:
     draws = int(sys.argv[1]) if len(sys.argv) > 1 else 50
     for setting in (ILL, WELL):
-        print(f"\n{setting.name}; {100 * setting.noise:g} % noise, {draws} draws, start off by {setting.spread:g} rms")
-        print(f"{'':14}{'rms':>9}{'median':>9}{'over none':>11}{'better in':>11}{'std or kept':>13}{'seconds':>9}")
+        print(
+            f"\n{setting.name}; {100 * setting.noise:g} % noise, {draws} draws, start off by"
+            f" {setting.spread:g} rms"
+        )
+        print(
+            f"{'':14}{'rms':>9}{'median':>9}{'over none':>11}{'better in':>11}{'std or kept':>13}{'seconds':>9}"
+        )
         plain = np.zeros(0)
         for choice in CHOICES:
             begun = time.perf_counter()
@@ -87,8 +99,8 @@ def main() -> None:
             rms = np.sqrt(np.mean(each**2))
             over = rms / np.sqrt(np.mean(plain**2))
             print(
-                f"{choice or 'none':14}{rms:9.4f}{np.median(each):9.4f}{over:11.3f}{100 * np.mean(each < plain):9.0f} %"
-                f"{np.median(held):13.3g}{time.perf_counter() - begun:9.1f}",
+                f"{choice or 'none':14}{rms:9.4f}{np.median(each):9.4f}{over:11.3f}{100 * np.mean(each < plain):9.0f}"
+                f" %{np.median(held):13.3g}{time.perf_counter() - begun:9.1f}",
                 flush=True,
             )
 

@@ -2,13 +2,13 @@
 
     python benchmarks/samplers.py [--budget 60000]
 
-Two cases: all 25 FRFs with 5 % noise, where the posterior is all but Gaussian; and one FRF with 20 % noise, where it is
-curved and lopsided. Every sampler begins at draws of the Laplace approximation and is given as many evaluations of the
-likelihood, after a first fifth that does not count; one with slopes counts as three without (measured: 2.4 ms and
+Two cases: all 25 FRFs with 5 % noise, where the posterior is all but Gaussian; and one FRF with 20
+% noise, where it is curved and lopsided. Every sampler begins at draws of the Laplace approximation
+and is given as many evaluations of the likelihood, after a first fifth that does not count; one
+with slopes counts as three without (measured: 2.4 ms and
 0.7 ms). The worst of bulk and tail effective size over the unknowns is told (ArviZ). Needs emcee, arviz-stats,
-zeus-mcmc, dynesty and mici; what is missing is left out. Chains have to be long against their correlation for that
-size to be right: the budget must not be small.
-"""
+zeus-mcmc, dynesty and mici; what is missing is left out. Chains have to be long against their
+correlation for that size to be right: the budget must not be small."""
 
 from __future__ import annotations
 
@@ -75,7 +75,9 @@ class Target:
         return local.cost, self.gaussian.root.T @ local.gradient
 
 
-def emcee_with(moves: Callable[[Target], object]) -> Callable[[Target, int], tuple[np.ndarray, int]]:
+def emcee_with(
+    moves: Callable[[Target], object],
+) -> Callable[[Target, int], tuple[np.ndarray, int]]:
     def run(target: Target, budget: int) -> tuple[np.ndarray, int]:
         import emcee
 
@@ -84,7 +86,9 @@ def emcee_with(moves: Callable[[Target], object]) -> Callable[[Target, int], tup
         for seed in range(GROUPS):
             random = np.random.RandomState(seed)
             begin = target.start(np.random.default_rng(seed), walkers)
-            sampler = emcee.EnsembleSampler(walkers, target.n, target.many, moves=moves(target), vectorize=True)
+            sampler = emcee.EnsembleSampler(
+                walkers, target.n, target.many, moves=moves(target), vectorize=True
+            )
             start = emcee.State(begin, random_state=random.get_state())
             sampler.run_mcmc(start, steps)
             chains.append(sampler.get_chain().transpose(1, 0, 2))
@@ -106,7 +110,11 @@ def mixed(target: Target) -> object:
 
     n = target.n
     mixture = Mixture(np.zeros((1, n)), np.eye(n)[None], np.zeros(1), np.ones(1))
-    return [(emcee.moves.MHMove(mixture.propose), 0.7), (emcee.moves.DEMove(), 0.2), (emcee.moves.DESnookerMove(), 0.1)]
+    return [
+        (emcee.moves.MHMove(mixture.propose), 0.7),
+        (emcee.moves.DEMove(), 0.2),
+        (emcee.moves.DESnookerMove(), 0.1),
+    ]
 
 
 def zeus(target: Target, budget: int) -> tuple[np.ndarray, int]:
@@ -151,10 +159,14 @@ def mici(target: Target, budget: int) -> tuple[np.ndarray, int]:
         steps: list[np.ndarray] = []
         adapter = package.adapters.DualAveragingStepSizeAdapter(0.8)
         state, before = target.start(rng, 1)[0], target.count
-        final, *_ = sampler.sample_chains(WARM, 0, [state], adapters=[adapter], display_progress=False)
+        final, *_ = sampler.sample_chains(
+            WARM, 0, [state], adapters=[adapter], display_progress=False
+        )
         state, begun, target.count = final[0], before, before
         while not steps or target.count - begun < budget // GROUPS:
-            out = sampler.sample_chains(0, 10, [state], trace_funcs=[lambda s: {"q": s.pos}], display_progress=False)
+            out = sampler.sample_chains(
+                0, 10, [state], trace_funcs=[lambda s: {"q": s.pos}], display_progress=False
+            )
             state = out.final_states[0]
             steps.append(np.array(out.traces["q"][0]))
         chains.append(np.concatenate(steps))
@@ -168,7 +180,12 @@ def dynesty(target: Target, budget: int) -> tuple[np.ndarray, int]:
 
     rng = np.random.default_rng(0)
     sampler = package.NestedSampler(
-        target, lambda u: 16.0 * u - 8.0, target.n, nlive=max(50, budget // 700), sample="rwalk", rstate=rng
+        target,
+        lambda u: 16.0 * u - 8.0,
+        target.n,
+        nlive=max(50, budget // 700),
+        sample="rwalk",
+        rstate=rng,
     )
     sampler.run_nested(print_progress=False)
     found = sampler.results
@@ -202,7 +219,10 @@ def targets() -> dict[str, Callable[[], Target]]:
         assert isinstance(top, Point)
         return Target(likelihood, Gaussian(likelihood, top))
 
-    return {"25 FRFs, 5 % noise": lambda: of(0.05, False), "1 FRF, 20 % noise": lambda: of(0.2, True)}
+    return {
+        "25 FRFs, 5 % noise": lambda: of(0.05, False),
+        "1 FRF, 20 % noise": lambda: of(0.2, True),
+    }
 
 
 def main() -> None:
@@ -211,7 +231,9 @@ def main() -> None:
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     for name, make in targets().items():
-        print(f"\n{name}\n{'sampler':<50}{'evaluations':>12}{'effective':>10}{'R-hat':>8}{'per 1000':>10}{'per s':>8}")
+        print(
+            f"\n{name}\n{'sampler':<50}{'evaluations':>12}{'effective':>10}{'R-hat':>8}{'per 1000':>10}{'per s':>8}"
+        )
         target = make()
         for label, sampler in SAMPLERS.items():
             target.count, begun = 0, time.perf_counter()

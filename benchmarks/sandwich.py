@@ -1,11 +1,13 @@
 """Do the error bars of fits with fixed weights cover, where the noise has other weights?
 
-12-DOF chain (60 lines, 5 sensors, 2 references), `output-error` and `log` started at the truth, under noise that is
-proportional, constant, or both. Share of unknowns and draws that the 95 % interval holds, by the covariance of
+12-DOF chain (60 lines, 5 sensors, 2 references), `output-error` and `log` started at the truth,
+under noise that is proportional, constant, or both. Share of unknowns and draws that the 95 %
+interval holds, by the covariance of
 
 - plain: the residual's own spread, equal for all values;
 - sandwich: the noise model's variances about the Jacobian, as the result states it;
-- lines: squares of the residual summed by lines (clusters), with the usual correction for their number;
+- lines: squares of the residual summed by lines (clusters), with the usual correction for their
+  number;
 - jackknife: leaving out one line at a time, from the linearised fit.
 
     python benchmarks/sandwich.py [--draws 60] [--seed 0]
@@ -54,7 +56,9 @@ def others(problem: Problem, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--draws", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -64,7 +68,9 @@ def main() -> None:
     truth = np.array([case.truth[name] for name in names])
     unknowns = case.unknowns.with_start(truth)
     rms = np.sqrt(np.mean(np.abs(clean.values) ** 2))
-    print(f"{'method':<14}{'relative':>9}{'floor':>7}{'plain':>8}{'sandwich':>10}{'lines':>7}{'jackknife':>11}")
+    print(
+        f"{'method':<14}{'relative':>9}{'floor':>7}{'plain':>8}{'sandwich':>10}{'lines':>7}{'jackknife':>11}"
+    )
     for method, relative, floor in NOISE:
         rng, log = np.random.default_rng(args.seed), method == "log"
         std = np.hypot(relative * np.abs(clean.values), floor * rms) / np.sqrt(2.0)
@@ -72,7 +78,9 @@ def main() -> None:
         for _ in range(args.draws):
             draw = rng.standard_normal((2, *std.shape))
             data = replace(clean, values=clean.values + std * (draw[0] + 1j * draw[1]))
-            result = updyn.update(case.start, data, unknowns, method=method, **({"starts": 0} if log else {}))
+            result = updyn.update(
+                case.start, data, unknowns, method=method, **({"starts": 0} if log else {})
+            )
             problem = Problem.build(case.start, data, unknowns)
             found = np.array([result.values[name] for name in names])
             x = problem.coordinates.to_x(np.maximum(found, 1e-12))

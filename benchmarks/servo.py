@@ -1,13 +1,15 @@
 """Does the updated model predict how a servo behaves on the true structure, where the drawings do not?
 
-The azimuth axis of `updyn demo antenna` (`updyn.demos.antenna_servo`): motor torque, encoders on motor and turntable,
-P position loop over PI velocity loop with a notch. One controller as the drawings would have it set, one with its notch
-where the updated model has the resonance, each on the model of the drawings, the updated one, and the hidden truth:
-margins of the plants, and of the truth once more line by line, from `updyn.response` and roots of |L| = 1, without any
-plant. Then what the update leaves unsure: margins over a family of plants, a weight above it, and whether the loop is
-robust by it; and the pointing error of the dish under wind.
+The azimuth axis of `updyn demo antenna` (`updyn.demos.antenna_servo`): motor torque, encoders on
+motor and turntable, P position loop over PI velocity loop with a notch. One controller as the
+drawings would have it set, one with its notch where the updated model has the resonance, each on
+the model of the drawings, the updated one, and the hidden truth: margins of the plants, and of the
+truth once more line by line, from `updyn.response` and roots of |L| = 1, without any plant. Then
+what the update leaves unsure: margins over a family of plants, a weight above it, and whether the
+loop is robust by it; and the pointing error of the dish under wind.
 
-    OMP_NUM_THREADS=1 python benchmarks/servo.py [--run FOLDER of a finished updyn demo antenna] [--members 10]
+    OMP_NUM_THREADS=1 python benchmarks/servo.py [--run FOLDER of a finished updyn demo antenna]
+    [--members 10]
 """
 
 from __future__ import annotations
@@ -53,7 +55,9 @@ def updated(run: Path | None) -> UpdateResult:
     if run is not None:
         return updyn.read_result(run / "rotors free" / "run.nc")
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([sys.executable, "-m", "updyn", "demo", "antenna", "--out", folder], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "updyn", "demo", "antenna", "--out", folder], check=True
+        )
         return updyn.read_result(Path(folder) / "rotors free" / "run.nc")
 
 
@@ -99,7 +103,9 @@ class Exact:
 # -- tables ------------------------------------------------------------------------------------------------
 def figures_of(servo: Servo, loop: int) -> dict[str, float]:
     margins = servo.loops[loop].margins
-    return {name: getattr(margins, name) if margins.stable else float("nan") for *_, name in FIGURES}
+    return {
+        name: getattr(margins, name) if margins.stable else float("nan") for *_, name in FIGURES
+    }
 
 
 def table(models: dict[str, Model], plants: dict[str, updyn.Plant], controller: Controller) -> None:
@@ -114,8 +120,8 @@ def table(models: dict[str, Model], plants: dict[str, updyn.Plant], controller: 
             cells = [f"{values[name]:.4g}" for values in found.values()] + [f"{right[name]:.4g}"]
             off = [100 * (found[one][name] / right[name] - 1.0) for one in ("drawings", "updated")]
             print(
-                f"| {loop} loop, {what}{f', {unit}' if unit else ''} | {' | '.join(cells)} | {off[0]:+.1f} % | "
-                f"{off[1]:+.2f} % |"
+                f"| {loop} loop, {what}{f', {unit}' if unit else ''} | {' | '.join(cells)} |"
+                f" {off[0]:+.1f} % | {off[1]:+.2f} % |"
             )
     widths = [f"{s.bandwidth:.4g}" for s in servos.values()]
     print(f"| bandwidth, Hz | {' | '.join(widths)} | | | |", flush=True)
@@ -126,18 +132,31 @@ def routes(truth: Model, controller: Controller) -> None:
     right = Exact(truth, controller).figures(0)["phase_margin"]
     print(f"\nphase margin of the velocity loop on the truth: {right:.2f} deg line by line")
     for route in ("modal", "complex", "biot"):
-        made = updyn.plant(truth, INPUTS[:1], OUTPUTS[:1], BAND, quantity=QUANTITIES[0], route=route)
+        made = updyn.plant(
+            truth, INPUTS[:1], OUTPUTS[:1], BAND, quantity=QUANTITIES[0], route=route
+        )
         found = updyn.servo(
-            made, replace(controller, kv=None), torque="torque", velocity="speed", step=None, disturbance_step=None
+            made,
+            replace(controller, kv=None),
+            torque="torque",
+            velocity="speed",
+            step=None,
+            disturbance_step=None,
         )
         margin = found.velocity_loop.margins.phase_margin
-        print(f"  {made.n_states} states by route {route}: {margin:.2f} deg, {100 * (margin / right - 1):+.1f} %")
+        print(
+            f"  {made.n_states} states by route {route}: {margin:.2f} deg,"
+            f" {100 * (margin / right - 1):+.1f} %"
+        )
 
 
 def family(result: UpdateResult, controller: Controller, members: int) -> None:
     made = updyn.plant_family(result, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, n=members)
     servo = azimuth_servo(made, controller)
-    print(f"\n{members} members, all within {100 * made.error:.2g} % of their models; least and largest margins")
+    print(
+        f"\n{members} members, all within {100 * made.error:.2g} % of their models; least and"
+        " largest margins"
+    )
     for loop in servo.loops:
         for name, r in loop.worst.items():
             print(f"  {loop.name} {name}: {r.smallest:.5g} to {r.largest:.5g}")
@@ -153,7 +172,10 @@ def family(result: UpdateResult, controller: Controller, members: int) -> None:
 
 
 def wind(plants: dict[str, updyn.Plant], controller: Controller) -> None:
-    print("\npointing error of the dish under wind of 12 m/s, rms about its mean by the spectrum, in arc seconds")
+    print(
+        "\npointing error of the dish under wind of 12 m/s, rms about its mean by the spectrum, in"
+        " arc seconds"
+    )
     for name, p in plants.items():
         servo = updyn.servo(
             p, controller, torque="torque", velocity="speed", position="azimuth", disturbance="wind", pointing="dish",
@@ -164,25 +186,42 @@ def wind(plants: dict[str, updyn.Plant], controller: Controller) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--run", type=Path, help="folder of a finished updyn demo antenna; otherwise it is run")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--run", type=Path, help="folder of a finished updyn demo antenna; otherwise it is run"
+    )
     parser.add_argument("--members", type=int, default=10)
     args = parser.parse_args()
     result = updated(args.run)
-    models = {"drawings": result.start, "updated": result.model, "truth": result.start.scaled(TRUTH)}
+    models = {
+        "drawings": result.start,
+        "updated": result.model,
+        "truth": result.start.scaled(TRUTH),
+    }
     plants = {name: azimuth_plant(model) for name, model in models.items()}
     drives = {
-        name: updyn.drive_figures(model, MOTOR, TURNTABLE, ratio=RATIO, band=BAND) for name, model in models.items()
+        name: updyn.drive_figures(model, MOTOR, TURNTABLE, ratio=RATIO, band=BAND)
+        for name, model in models.items()
     }
     print("torque to motor speed: antiresonances and resonances in Hz")
     for name, drive in drives.items():
         pairs = ", ".join(f"{p.antiresonance:.4g} / {p.resonance:.4g}" for p in drive.pairs)
-        print(f"  {name}: {pairs}; inertia at the load {drive.inertia * RATIO**2:.5g} kg m2; {plants[name]}")
+        print(
+            f"  {name}: {pairs}; inertia at the load {drive.inertia * RATIO**2:.5g} kg m2;"
+            f" {plants[name]}"
+        )
     retuned = replace(
         CONTROLLER,
-        notches=(Notch.of_width(round(drives["updated"].pairs[-1].resonance, 2), width=1.9, depth=0.05),),
+        notches=(
+            Notch.of_width(round(drives["updated"].pairs[-1].resonance, 2), width=1.9, depth=0.05),
+        ),
     )
-    for title, controller in (("as the drawings would have it", CONTROLLER), ("by the updated model", retuned)):
+    for title, controller in (
+        ("as the drawings would have it", CONTROLLER),
+        ("by the updated model", retuned),
+    ):
         print(f"\ncontroller {title}:\n{controller.summary()}\n")
         table(models, plants, controller)
     routes(models["truth"], CONTROLLER)

@@ -1,9 +1,9 @@
 """What does one iteration of a small model cost beyond one batched solve of the same lines?
 
-A chain of springs in 20 groups; stiffness, mass and loss factor of each unknown; 30 sensors, 3 references. An
-iteration is the residual, its exact Jacobian and their QR factors; the solve is one `numpy.linalg.solve` of all lines
-for the same right-hand sides. Both are taken in turn, the best of a few each. One thread is fastest for both
-(OMP_NUM_THREADS=1).
+A chain of springs in 20 groups; stiffness, mass and loss factor of each unknown; 30 sensors, 3
+references. An iteration is the residual, its exact Jacobian and their QR factors; the solve is one
+`numpy.linalg.solve` of all lines for the same right-hand sides. Both are taken in turn, the best of
+a few each. One thread is fastest for both (OMP_NUM_THREADS=1).
 
     python benchmarks/small.py [--lines 500] [--dofs 50]
 """
@@ -29,7 +29,9 @@ def seconds(run: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--lines", type=int, default=500)
     parser.add_argument("--dofs", type=int, default=50)
     parser.add_argument("--repeats", type=int, default=10)
@@ -43,14 +45,22 @@ def main() -> None:
     w = 2.0 * np.pi * freq[:, None, None]
     Z = (model.stiffness + 1j * model.structural).toarray() - w**2 * model.mass.toarray()
     loaded = np.union1d(problem.rows, problem.columns)
-    loads = np.broadcast_to(np.eye(given.dofs, dtype=np.complex128)[:, loaded], (given.lines, given.dofs, len(loaded)))
+    loads = np.broadcast_to(
+        np.eye(given.dofs, dtype=np.complex128)[:, loaded], (given.lines, given.dofs, len(loaded))
+    )
     times = [
         (seconds(lambda: residual.local(problem, x)), seconds(lambda: np.linalg.solve(Z, loads)))
         for _ in range(given.repeats)
     ]
     whole, bare = min(t[0] for t in times), min(t[1] for t in times)
-    print(f"{given.lines} lines x {given.dofs} DOFs x {len(unknowns)} unknowns, {len(loaded)} right-hand sides")
-    print(f"iteration {1e3 * whole:.1f} ms, one batched solve {1e3 * bare:.1f} ms, ratio {whole / bare:.2f}")
+    print(
+        f"{given.lines} lines x {given.dofs} DOFs x {len(unknowns)} unknowns, {len(loaded)}"
+        " right-hand sides"
+    )
+    print(
+        f"iteration {1e3 * whole:.1f} ms, one batched solve {1e3 * bare:.1f} ms, ratio"
+        f" {whole / bare:.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,13 +1,16 @@
 """What the sources of noise are worth: how far from the Cramer-Rao bound, and do the error bars cover?
 
-12-DOF chain, 60 lines, 5 sensors, 2 references, 12 unknowns, started without a search. The bound is that of the noise
-as it was drawn (outlier lines: of the other lines).
+12-DOF chain, 60 lines, 5 sensors, 2 references, 12 unknowns, started without a search. The bound is
+that of the noise as it was drawn (outlier lines: of the other lines).
 
-- coherence: n periodic records with noise at the output, 2 % of the rms after averaging; H1 and coherence from them;
-  "at the true |H|": with |H|^2 (1 - gamma^2) / (gamma^2 n) as the variance, which is not what updyn does;
+- coherence: n periodic records with noise at the output, 2 % of the rms after averaging; H1 and
+  coherence from them; "at the true |H|": with |H|^2 (1 - gamma^2) / (gamma^2 n) as the variance,
+  which is not what updyn does;
 - repeats: three measurements with 2 % of |H| and 0.5 % of the rms, averaged;
-- outliers: 2 % of |H|, thirty times as much on 3 of the 60 lines or on none, with and without ``robust``;
-- sensor: 1 % of |H|, ten times as much at one of the five sensors or at none, estimated together and by channel.
+- outliers: 2 % of |H|, thirty times as much on 3 of the 60 lines or on none, with and without
+  ``robust``;
+- sensor: 1 % of |H|, ten times as much at one of the five sensors or at none, estimated together
+  and by channel.
 
     python benchmarks/sources.py [--draws 40] [--seed 0]
 """
@@ -39,7 +42,9 @@ def bound_of(case: Case, clean: FRF, truth: np.ndarray, variance: np.ndarray) ->
     problem = Problem.build(case.start, clean, case.unknowns)
     x = problem.coordinates.to_x(truth)
     R = OutputError(np.sqrt(2.0 / variance)).local(problem, x).R
-    return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(x))), axis=0) * problem.coordinates.slope(x)
+    return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(x))), axis=0) * problem.coordinates.slope(
+        x
+    )
 
 
 def averaged(clean: FRF, n: int, variance: np.ndarray) -> Draw:
@@ -48,7 +53,9 @@ def averaged(clean: FRF, n: int, variance: np.ndarray) -> Draw:
         F = np.exp(2j * np.pi * rng.uniform(size=(n, len(H), 1, H.shape[2])))
         Y = H * F + np.sqrt(n * variance) * circular(rng, (n, *H.shape))
         xx, xy, yy = (abs(F) ** 2).sum(0), (Y * F.conj()).sum(0), (abs(Y) ** 2).sum(0)
-        return replace(clean, values=xy / xx, coherence=np.minimum(abs(xy) ** 2 / (xx * yy), 1.0), averages=n)
+        return replace(
+            clean, values=xy / xx, coherence=np.minimum(abs(xy) ** 2 / (xx * yy), 1.0), averages=n
+        )
 
     return draw
 
@@ -79,7 +86,9 @@ def with_outliers(clean: FRF, variance: np.ndarray, lines: int) -> Draw:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -96,22 +105,35 @@ def main() -> None:
     one, alike = (0.01 * size * bad) ** 2, (0.01 * size) ** 2
 
     studies: list[tuple[str, Any, np.ndarray, Draw]] = [
-        (f"coherence, {n} averages", None, floor, averaged(clean, n, floor)) for n in (3, 10, 30, 100)
+        (f"coherence, {n} averages", None, floor, averaged(clean, n, floor))
+        for n in (3, 10, 30, 100)
     ]
     studies += [
-        (f"{n} averages, at the true |H|", None, floor, at_true_size(clean, n, floor)) for n in (3, 10, 30, 100)
+        (f"{n} averages, at the true |H|", None, floor, at_true_size(clean, n, floor))
+        for n in (3, 10, 30, 100)
     ]
     of_three = plain(clean, two)
-    studies += [("three repeats", None, two / 3, lambda rng: updyn.average([of_three(rng) for _ in range(3)]))]
+    studies += [
+        (
+            "three repeats",
+            None,
+            two / 3,
+            lambda rng: updyn.average([of_three(rng) for _ in range(3)]),
+        )
+    ]
     for lines in (0, 3):
         for noise, how in ((None, "estimated"), (ROBUST, "robust")):
             told = f"{lines} outlier lines, {how}"
-            studies += [(told, noise, relative * 60 / (60 - lines), with_outliers(clean, relative, lines))]
+            studies += [
+                (told, noise, relative * 60 / (60 - lines), with_outliers(clean, relative, lines))
+            ]
     for variance, which in ((alike, "sensors alike"), (one, "one bad sensor")):
         for noise, how in ((None, "estimated"), (BY_CHANNEL, "by channel")):
             studies += [(f"{which}, {how}", noise, variance, plain(clean, variance))]
 
-    print(f"{'case':<32}{'RMS/bound':>10}{'largest':>9}{'covered':>9}{'std/bound':>11}{'chi-square':>12}")
+    print(
+        f"{'case':<32}{'RMS/bound':>10}{'largest':>9}{'covered':>9}{'std/bound':>11}{'chi-square':>12}"
+    )
     for told, noise, variance, draw in studies:
         rng, bound = np.random.default_rng(args.seed), bound_of(case, clean, truth, variance)
         off, bars, chi = [], [], []

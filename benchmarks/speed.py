@@ -1,9 +1,10 @@
 """How fast is one exact iteration at each size, tier and backend, and how fast are the peers on the same models?
 
-First a table of updyn: one log residual with its exact Jacobian (30 sensors, 3 references), each at other values of the
-unknowns, after a first one that is timed by itself: it holds the symbolic analysis, or the building of a reduced basis.
-Then a table for each peer: textbook (the paper's dense form), differences (scipy least_squares, 2-point, SuperLU),
-sdynpy, opentorsion. In these the ratio is over the first row; a peer with another answer is not compared.
+First a table of updyn: one log residual with its exact Jacobian (30 sensors, 3 references), each at
+other values of the unknowns, after a first one that is timed by itself: it holds the symbolic
+analysis, or the building of a reduced basis. Then a table for each peer: textbook (the paper's
+dense form), differences (scipy least_squares, 2-point, SuperLU), sdynpy, opentorsion. In these the
+ratio is over the first row; a peer with another answer is not compared.
 
     python benchmarks/speed.py [--models chain-50 10k 50k] [--tiers sparse reduced] [--lines 4]
                                [--peers textbook differences sdynpy opentorsion | --peers none]
@@ -30,7 +31,8 @@ PEERS = {
     "sdynpy": sdynpy_system,
     "opentorsion": opentorsion_train,
 }
-#: Larger models would take minutes for one line of this tier or backend; smaller ones need no reduction.
+#: Larger models would take minutes for one line of this tier or backend; smaller ones need no
+#: reduction.
 DENSE_MOST, SUPERLU_MOST, REDUCED_LEAST = 2_000, 60_000, 2_000
 
 
@@ -111,21 +113,42 @@ def peers(names: list[str], options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     add = parser.add_argument
-    add("--models", nargs="*", default=["chain-50", "chain-1000", "10k", "50k"], help="chain-N or one of the solids")
-    add("--tiers", nargs="+", default=["sparse", "dense", "reduced"], help="the first is what ratios are over")
+    add(
+        "--models",
+        nargs="*",
+        default=["chain-50", "chain-1000", "10k", "50k"],
+        help="chain-N or one of the solids",
+    )
+    add(
+        "--tiers",
+        nargs="+",
+        default=["sparse", "dense", "reduced"],
+        help="the first is what ratios are over",
+    )
     add("--lines", type=int, default=4)
     add("--reduced-lines", type=int, default=200, help="a reduced basis pays only over many lines")
     add("--n-unknowns", type=int, default=60)
     add("--peers", nargs="+", choices=[*PEERS, "none"], default=list(PEERS))
     add("--dense-dofs", type=int, default=1008, help="textbook, sdynpy: size")
     add("--dense-lines", type=int, default=10)
-    add("--sparse", nargs="+", choices=list(models.SOLIDS), default=["10k", "50k"], help="differences: solids")
+    add(
+        "--sparse",
+        nargs="+",
+        choices=list(models.SOLIDS),
+        default=["10k", "50k"],
+        help="differences: solids",
+    )
     add("--sparse-lines", type=int, default=1, help="differences: the cost is proportional")
     add("--unknowns", nargs="+", type=int, default=[10, 30, 60], help="differences: how many")
     add(
-        "--budget", type=float, default=60.0, help="differences: seconds for one Jacobian, else one evaluation is timed"
+        "--budget",
+        type=float,
+        default=60.0,
+        help="differences: seconds for one Jacobian, else one evaluation is timed",
     )
     add("--trains", nargs="+", type=int, default=[10, 100, 500], help="opentorsion: inertias")
     add("--train-lines", type=int, default=200)

@@ -1,7 +1,7 @@
 """How much faster are two processes than one, and do they give the same numbers?
 
-A solid of about 10,000 DOFs, 40 lines, 30 sensors, 3 references, 20 unknowns; the log method, sparse tier, at most
-five steps; one thread for each process.
+A solid of about 10,000 DOFs, 40 lines, 30 sensors, 3 references, 20 unknowns; the log method,
+sparse tier, at most five steps; one thread for each process.
 
     OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 python benchmarks/workers.py [--workers 2] [--size 10k]
 """
@@ -18,7 +18,9 @@ import updyn
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--size", default="10k", choices=models.SOLIDS)
     given = parser.parse_args()
@@ -39,7 +41,10 @@ def main() -> None:
         print(f"{engine or 1} at work: {seconds[engine][-1]:.1f} s", flush=True)
     one, many = results[None], results[given.workers]
     apart = max(abs(many.values[n] / v - 1.0) for n, v in one.values.items())
-    print(f"{given.workers} take {min(seconds[given.workers]) / min(seconds[None]):.2f} of the time of one")
+    print(
+        f"{given.workers} take {min(seconds[given.workers]) / min(seconds[None]):.2f} of the time"
+        " of one"
+    )
     print(f"values differ by {apart:.1e} at most; histories equal: {one.history == many.history}")
 
 

@@ -1,11 +1,12 @@
 """A spring chain updated from noisy FRFs: maximum likelihood against the paper's equation error.
 
-The equation error stands H_X on both sides of its equation (Z_red H_X = I), so that noise does not average out but
-biases the estimate: with ten times the lines its error bars shrink and its error stays. Maximum likelihood compares H_X
-with the model's H_A, weighted with the noise, and its error falls as the square root of the number of lines.
+The equation error stands H_X on both sides of its equation (Z_red H_X = I), so that noise does not
+average out but biases the estimate: with ten times the lines its error bars shrink and its error
+stays. Maximum likelihood compares H_X with the model's H_A, weighted with the noise, and its error
+falls as the square root of the number of lines.
 
-Run it with ``python examples/noise_bias.py``; it prints the largest error of any stiffness or mass factor.
-"""
+Run it with ``python examples/noise_bias.py``; it prints the largest error of any stiffness or mass
+factor."""
 
 from __future__ import annotations
 
@@ -44,8 +45,12 @@ def measure(model: updyn.Model, n_lines: int, seed: int) -> updyn.FRF:
     """Return receptances of the true chain with relative complex Gaussian noise."""
     exact = updyn.response(model.scaled(TRUTH), np.linspace(1.0, 32.0, n_lines), SENSORS, HAMMER)
     rng = np.random.default_rng(seed)
-    noise = (rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)) / np.sqrt(2.0)
-    return updyn.FRF(exact.freq, exact.values * (1.0 + NOISE * noise), SENSORS, HAMMER, "receptance")
+    noise = (
+        rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)
+    ) / np.sqrt(2.0)
+    return updyn.FRF(
+        exact.freq, exact.values * (1.0 + NOISE * noise), SENSORS, HAMMER, "receptance"
+    )
 
 
 def worst(result: updyn.UpdateResult, quantities: tuple[str, ...]) -> tuple[float, float]:
@@ -63,7 +68,9 @@ def main() -> None:
     """Compare both methods with few and with many lines."""
     model = chain()
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
-    print(f"{100 * NOISE:g} % noise, {len(unknowns)} unknowns; largest error of stiffness and mass\n")
+    print(
+        f"{100 * NOISE:g} % noise, {len(unknowns)} unknowns; largest error of stiffness and mass\n"
+    )
     print(f"{'lines':>6}  {'method':<20}{'error':>8}  {'error / std':>11}")
     found = {}
     for n_lines in (60, 600):

@@ -1,9 +1,9 @@
 """An undetermined case, and its cure: two springs in series with no sensor between them.
 
-A flange couples two shafts and is too light to matter. Whatever is measured on the shafts sees only the sum of the two
-compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes softer. updyn says so, names the
-combination that is open and the one that is determined, and says what would cure it. Here a sensor on the flange, or
-one spring known from elsewhere.
+A flange couples two shafts and is too light to matter. Whatever is measured on the shafts sees only
+the sum of the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes
+softer. updyn says so, names the combination that is open and the one that is determined, and says
+what would cure it. Here a sensor on the flange, or one spring known from elsewhere.
 
 Run it with ``python examples/undetermined.py``.
 """
@@ -39,10 +39,16 @@ def drive() -> updyn.Model:
 
 def measure(model: updyn.Model, responses: list[str]) -> updyn.FRF:
     """Return mobilities of the true drive for a torque on the motor, with 1 % noise."""
-    exact = updyn.response(model.scaled(TRUTH), np.linspace(5.0, 60.0, 111), responses, ["1:RZ"], quantity="mobility")
+    exact = updyn.response(
+        model.scaled(TRUTH), np.linspace(5.0, 60.0, 111), responses, ["1:RZ"], quantity="mobility"
+    )
     rng = np.random.default_rng(7)
-    noise = (rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)) / np.sqrt(2.0)
-    return updyn.FRF(exact.freq, exact.values * (1.0 + 0.01 * noise), responses, ["1:RZ"], "mobility")
+    noise = (
+        rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)
+    ) / np.sqrt(2.0)
+    return updyn.FRF(
+        exact.freq, exact.values * (1.0 + 0.01 * noise), responses, ["1:RZ"], "mobility"
+    )
 
 
 def show(title: str, result: updyn.UpdateResult) -> None:
@@ -68,7 +74,10 @@ def main() -> None:
     assert shafts.status == "not-identifiable"
     assert shafts.identifiability.rank == 1
     # What is determined comes out right all the same: the sum of the compliances.
-    k1, k2 = 2000.0 * shafts.values["coupling 1.stiffness"], 3000.0 * shafts.values["coupling 2.stiffness"]
+    k1, k2 = (
+        2000.0 * shafts.values["coupling 1.stiffness"],
+        3000.0 * shafts.values["coupling 2.stiffness"],
+    )
     compliance = 1.0 / k1 + 1.0 / k2
     true = 1.0 / (2000.0 * 0.7) + 1.0 / (3000.0 * 1.2)
     print(f"  1/k1 + 1/k2 is {compliance:.4g} rad/(N m), true {true:.4g}\n")
@@ -79,7 +88,9 @@ def main() -> None:
     assert flange.ok
 
     known = model.scaled({"coupling 2": {"stiffness": 1.2}})  # from a static test of that coupling
-    one = updyn.update(known, measure(model, ["1:RZ", "3:RZ"]), updyn.parameters(known, stiffness=["coupling 1"]))
+    one = updyn.update(
+        known, measure(model, ["1:RZ", "3:RZ"]), updyn.parameters(known, stiffness=["coupling 1"])
+    )
     show("Coupling 2 known from a static test", one)
     assert one.ok
 

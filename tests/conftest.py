@@ -24,7 +24,11 @@ CASES = DATA / "cases"
 
 # Derandomised: the same examples on every machine. No deadline: tests are not timed.
 settings.register_profile(
-    "updyn", derandomize=True, deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+    "updyn",
+    derandomize=True,
+    deadline=None,
+    max_examples=50,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("updyn")
 
@@ -92,7 +96,9 @@ def chain12(chain12_case: dict[str, Any]) -> Model:
                 K[i - 2, i - 2] += k
                 K[i - 1, i - 2] -= k
                 K[i - 2, i - 1] -= k
-        groups[f"part{number}"] = Group(K, M, loss_factor=chain12_case["start"]["loss_factor"][number - 1])
+        groups[f"part{number}"] = Group(
+            K, M, loss_factor=chain12_case["start"]["loss_factor"][number - 1]
+        )
     return Model.from_groups(groups, [f"{i}:X" for i in range(1, 13)])
 
 
@@ -110,18 +116,24 @@ def chain12_frf(chain12_true: Model, chain12_case: dict[str, Any]) -> FRF:
     f = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)) / (2 * np.pi)
     lines = np.linspace(0.3 * f[0], 1.05 * f[5], 60)
     at = [f"{i}:X" for i in chain12_case["measured_dofs_1_based"]]
-    return updyn.response(chain12_true, lines, at, [f"{i}:X" for i in chain12_case["references_1_based"]])
+    return updyn.response(
+        chain12_true, lines, at, [f"{i}:X" for i in chain12_case["references_1_based"]]
+    )
 
 
 @pytest.fixture(scope="session")
-def chain12_task(chain12: Model, chain12_true: Model, chain12_frf: FRF) -> tuple[Model, FRF, ParameterSet, Any]:
+def chain12_task(
+    chain12: Model, chain12_true: Model, chain12_frf: FRF
+) -> tuple[Model, FRF, ParameterSet, Any]:
     """The chain's start, two columns of its FRF without noise, all its unknowns, and their true values."""
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
     truth = []
     for p in unknowns:
         true, start = chain12_true.group(p.group), chain12.group(p.group)
         damping = p.quantity == "loss_factor"
-        sums = [abs(getattr(g, "stiffness" if damping else p.quantity)).sum() for g in (true, start)]
+        sums = [
+            abs(getattr(g, "stiffness" if damping else p.quantity)).sum() for g in (true, start)
+        ]
         truth.append(true.loss_factor if damping else sums[0] / sums[1])
     return chain12, chain12_frf.select(references=["2:X", "12:X"]), unknowns, np.array(truth)
 
@@ -135,7 +147,9 @@ def make_chain() -> Callable[[int], Model]:
         for e in range(n):
             K, M = np.zeros((n, n)), np.zeros((n, n))
             at = [e] if e == 0 else [e - 1, e]
-            K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+            K[np.ix_(at, at)] = (
+                3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+            )
             M[e, e] = 1.0 + 0.3 * e
             groups[f"part{e + 1}"] = Group(K, M, 0.02)
         return Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
@@ -147,7 +161,9 @@ def make_chain() -> Callable[[int], Model]:
 def add_noise() -> Callable[..., FRF]:
     """Circular complex Gaussian noise: E|dH|^2 = (relative |H|)^2 + (floor rms)^2, or a given variance."""
 
-    def noisy(frf: FRF, rng: np.random.Generator, relative: float = 0.0, floor: float = 0.0, **kwargs: Any) -> FRF:
+    def noisy(
+        frf: FRF, rng: np.random.Generator, relative: float = 0.0, floor: float = 0.0, **kwargs: Any
+    ) -> FRF:
         H = frf.values
         unit = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
         std = np.hypot(relative * np.abs(H), floor * np.sqrt(np.mean(np.abs(H) ** 2)))
@@ -162,13 +178,17 @@ def mixed_model() -> Callable[[float], Model]:
 
     def make(length: float) -> Model:
         rng, n = np.random.default_rng(8), 8
-        T = np.diag(np.where(np.arange(n) % 2 == 0, length, 1.0))  # displacements change, rotations do not
+        T = np.diag(
+            np.where(np.arange(n) % 2 == 0, length, 1.0)
+        )  # displacements change, rotations do not
         groups = {}
         for name, own in (("a", np.arange(5)), ("b", np.arange(3, 8))):
             K, M, at = np.zeros((n, n)), np.zeros((n, n)), np.ix_(own, own)
             A, B = rng.standard_normal((2, 5, 5))
             K[at], M[at] = 1e4 * (A @ A.T + np.eye(5)), 0.05 * B @ B.T + np.eye(5)
             groups[name] = Group(T @ (K + K.T) @ T, T @ (M + M.T) @ T, loss_factor=0.03)
-        return Model.from_groups(groups, [f"{i // 2 + 1}:{'Y' if i % 2 == 0 else 'RZ'}" for i in range(n)])
+        return Model.from_groups(
+            groups, [f"{i // 2 + 1}:{'Y' if i % 2 == 0 else 'RZ'}" for i in range(n)]
+        )
 
     return make

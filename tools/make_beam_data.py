@@ -2,9 +2,10 @@
 
     python tools/make_beam_data.py ladisk_beam.npz
 
-The source holds ``freq`` (4999,) in Hz and ``H`` (6 hammer points, 7 accelerometers, 4999), complex64, without unit or
-positions. Values are written as they are. The lines are multiples of 1.0001953506544 Hz; they are written as multiples
-of 1.0001953507 Hz, the most digits that the format's abscissa increment can hold, which moves the last by 0.0000002 Hz.
+The source holds ``freq`` (4999,) in Hz and ``H`` (6 hammer points, 7 accelerometers, 4999),
+complex64, without unit or positions. Values are written as they are. The lines are multiples of
+1.0001953506544 Hz; they are written as multiples of 1.0001953507 Hz, the most digits that the
+format's abscissa increment can hold, which moves the last by 0.0000002 Hz.
 """
 
 from __future__ import annotations

@@ -26,14 +26,21 @@ def compared(folder: Path, name: str) -> Comparison:
     gear_train.write_inputs(folder)
     truth = folder / f"{name}_truth.toml"
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UpdynWarning)  # K of unit 2 is indefinite by the rounding of Table 2
-        return compare_job(load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True)
+        warnings.simplefilter(
+            "ignore", UpdynWarning
+        )  # K of unit 2 is indefinite by the rounding of Table 2
+        return compare_job(
+            load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True
+        )
 
 
 def methods_table(found: Comparison) -> str:
     """Return what every method cannot update, needs, and where it comes from."""
     said = {row.method: limits(row) for row in found}
-    rows = [f"| `{r.method}` | {said[r.method] if said[r.method] != '-' else ''} | {r.reference} |" for r in found]
+    rows = [
+        f"| `{r.method}` | {said[r.method] if said[r.method] != '-' else ''} | {r.reference} |"
+        for r in found
+    ]
     return _table("| method | cannot update; needs | reference |", rows)
 
 
@@ -48,8 +55,15 @@ def _result(row: Row) -> str:
     if row.applies:
         gone = row.status == "failed"
         misfit = "" if gone else _number(row.fitted["after"]["db_error_median"])
-        error = "" if gone else "open" if row.status == "not-identifiable" else _number(row.error_max)
-        cells += [f"{len(row.updated)} of {len(row.updated) + len(row.left)}", misfit, error, _fewest(row)]
+        error = (
+            "" if gone else "open" if row.status == "not-identifiable" else _number(row.error_max)
+        )
+        cells += [
+            f"{len(row.updated)} of {len(row.updated) + len(row.left)}",
+            misfit,
+            error,
+            _fewest(row),
+        ]
     return "| " + " | ".join([*cells, *[""] * (6 - len(cells))]) + " |"
 
 
@@ -62,7 +76,12 @@ def _number(value: float) -> str:
 
 
 def _table(head: str, rows: list[str]) -> str:
-    return "\n".join([head, re.sub(r"[^|]+", "---", head), *rows]).replace("|  |", "| |").replace("|  |", "| |") + "\n"
+    return (
+        "\n".join([head, re.sub(r"[^|]+", "---", head), *rows])
+        .replace("|  |", "| |")
+        .replace("|  |", "| |")
+        + "\n"
+    )
 
 
 def replaced(text: str, name: str, table: str) -> str:

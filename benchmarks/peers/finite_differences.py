@@ -1,11 +1,11 @@
 """scipy.optimize.least_squares with finite differences over a sparse FRF solver, as a user would write it.
 
-One step of both gives the log residual and its Jacobian. The peer needs one factorisation a line for the residual and
-one more for every unknown, with as many right-hand sides as references; updyn one a line, with those of the sensors
-too. SuperLU as tuned as updyn's own (minimum degree, symmetric mode), entries summed on one pattern. Where the whole
-Jacobian would take longer than the budget, one evaluation is timed and multiplied by their number, marked `~`, and one
-column is checked.
-"""
+One step of both gives the log residual and its Jacobian. The peer needs one factorisation a line
+for the residual and one more for every unknown, with as many right-hand sides as references; updyn
+one a line, with those of the sensors too. SuperLU as tuned as updyn's own (minimum degree,
+symmetric mode), entries summed on one pattern. Where the whole Jacobian would take longer than the
+budget, one evaluation is timed and multiplied by their number, marked `~`, and one column is
+checked."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from scipy.sparse.linalg import splu
 from peers.measure import Case, Row, backends, best, once, same, steps
 from updyn.updating.residuals import LogError
 
-#: Of the differences, absolute: unknowns are about 1, loss factors less. The default of scipy, 1.5e-8 of each unknown,
-#: leaves errors of some 1e-3 at 10k DOFs.
+#: Of the differences, absolute: unknowns are about 1, loss factors less. The default of scipy,
+#: 1.5e-8 of each unknown, leaves errors of some 1e-3 at 10k DOFs.
 STEP = 1e-6
 
 
@@ -48,16 +48,23 @@ class SparseFRF:
     @classmethod
     def of(cls, case: Case) -> SparseFRF:
         groups = case.model.groups.values()
-        matrices = [sp.csc_array(m) for m in [g.stiffness for g in groups] + [g.mass for g in groups]]
+        matrices = [
+            sp.csc_array(m) for m in [g.stiffness for g in groups] + [g.mass for g in groups]
+        ]
         pattern = sp.csc_array(sum(abs(m) for m in matrices))
         pattern.sort_indices()
         keys = [_keys(m) for m in (pattern, *matrices)]
         data = np.concatenate([m.data for m in matrices])
         slots = np.concatenate([np.searchsorted(keys[0], k) for k in keys[1:]])
         owner = np.repeat(np.arange(len(matrices)), [m.nnz for m in matrices])
-        entries = sp.csr_array(sp.coo_array((data, (slots, owner)), shape=(pattern.nnz, len(matrices))))
+        entries = sp.csr_array(
+            sp.coo_array((data, (slots, owner)), shape=(pattern.nnz, len(matrices)))
+        )
         dofs = case.model.dofs
-        rows, columns = dofs.match(case.data.responses, "response"), dofs.match(case.data.references, "reference")
+        rows, columns = (
+            dofs.match(case.data.responses, "response"),
+            dofs.match(case.data.references, "reference"),
+        )
         return cls(case, pattern, entries, rows.index, columns.index)
 
     def receptance(self, x: np.ndarray) -> np.ndarray:
@@ -76,8 +83,15 @@ class SparseFRF:
         H = []
         for omega in 2 * np.pi * self.case.data.freq:
             values = self.entries @ np.concatenate([K * (1 + 1j * loss), -(omega**2) * M])
-            Z = sp.csc_array((values, self.pattern.indices, self.pattern.indptr), shape=self.pattern.shape)
-            lu = splu(Z, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
+            Z = sp.csc_array(
+                (values, self.pattern.indices, self.pattern.indptr), shape=self.pattern.shape
+            )
+            lu = splu(
+                Z,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.001,
+                options={"SymmetricMode": True},
+            )
             H.append(lu.solve(loads)[self.rows])
         return np.array(H)
 
@@ -106,18 +120,35 @@ def compare(case: Case, budget: float) -> list[Row]:
             r, J = np.log(H / case.data.values).ravel(), (dH / H).reshape(len(x), -1).T
             r, J = np.concatenate([r.real, r.imag]), np.concatenate([J.real, J.imag])
         against = rows[0].against if rows else taken
-        rows.append(Row(f"updyn, {backend}", taken, against, note=f"first one, with its analysis: {first:.3g} s"))
+        rows.append(
+            Row(
+                f"updyn, {backend}",
+                taken,
+                against,
+                note=f"first one, with its analysis: {first:.3g} s",
+            )
+        )
     peer = SparseFRF.of(case)
     one, theirs = once(lambda: peer.residual(x))
     differs = same(theirs, r, 1e-8, "finite differences, residual")
     if (len(x) + 1) * one <= budget:
-        taken, answer = once(lambda: least_squares(peer.residual, x, jac="2-point", diff_step=STEP / x, max_nfev=1))
+        taken, answer = once(
+            lambda: least_squares(peer.residual, x, jac="2-point", diff_step=STEP / x, max_nfev=1)
+        )
         mark = ""
         error = same(answer.jac, J, 1e-3, "finite differences, Jacobian")
     else:
         again, moved = once(lambda: peer.residual(x + STEP * np.eye(len(x))[0]))
-        taken, mark = (len(x) + 1) * min(one, again), f"~ {len(x) + 1} evaluations of {min(one, again):.3g} s; "
-        error = same(np.column_stack([(moved - theirs) / STEP, J[:, 1:]]), J, 1e-3, "finite differences, first column")
+        taken, mark = (
+            (len(x) + 1) * min(one, again),
+            f"~ {len(x) + 1} evaluations of {min(one, again):.3g} s; ",
+        )
+        error = same(
+            np.column_stack([(moved - theirs) / STEP, J[:, 1:]]),
+            J,
+            1e-3,
+            "finite differences, first column",
+        )
     ours = next(row.seconds for row in rows if row.who.endswith("superlu"))
     note = f"{mark}Jacobian differs by {error:.0e}; {taken / ours:.1f} x updyn, superlu"
     return [*rows, Row("least_squares, 2-point, SuperLU", taken, rows[0].against, differs, note)]
@@ -128,5 +159,8 @@ def tables(options: Any) -> Iterator[tuple[str, list[Row]]]:
         model = models.solid(models.SOLIDS[name])
         for n in options.unknowns:
             case = Case.build(model, np.linspace(200.0, 240.0, options.sparse_lines), n)
-            head = f"solid of {model.n_dofs} DOFs, {options.sparse_lines} lines, {n} unknowns, 30 sensors, 3 forces"
+            head = (
+                f"solid of {model.n_dofs} DOFs, {options.sparse_lines} lines, {n} unknowns, 30"
+                " sensors, 3 forces"
+            )
             yield f"Log residual and Jacobian, {head}", compare(case, options.budget)

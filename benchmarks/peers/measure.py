@@ -54,7 +54,10 @@ def show(title: str, rows: Sequence[Row]) -> None:
     print(f"{'':<46}{'seconds':>10}{'ratio':>9}{'differs':>10}")
     for row in rows:
         differs = "" if np.isnan(row.differs) else f"{row.differs:.0e}"
-        print(f"  {row.who:<44}{row.seconds:>10.4f}{row.seconds / row.against:>9.2f}{differs:>10}  {row.note}")
+        print(
+            f"  {row.who:<44}{row.seconds:>10.4f}{row.seconds / row.against:>9.2f}{differs:>10} "
+            f" {row.note}"
+        )
 
 
 def machine() -> str:
@@ -104,7 +107,9 @@ def same(theirs: Any, ours: Any, tolerance: float, what: str) -> float:
     """Return the largest difference over the largest value; beyond the tolerance raise `AnotherAnswer`."""
     differs = float(np.abs(theirs - ours).max() / np.abs(ours).max())
     if not differs <= tolerance:
-        raise AnotherAnswer(f"{what}: differs from updyn by {differs:.1e}, more than {tolerance:.0e}: not compared")
+        raise AnotherAnswer(
+            f"{what}: differs from updyn by {differs:.1e}, more than {tolerance:.0e}: not compared"
+        )
     return differs
 
 
@@ -128,7 +133,12 @@ class Case:
 
     @classmethod
     def build(
-        cls, model: updyn.Model, lines: np.ndarray, n_unknowns: int | None = None, *, only_time: bool = False
+        cls,
+        model: updyn.Model,
+        lines: np.ndarray,
+        n_unknowns: int | None = None,
+        *,
+        only_time: bool = False,
     ) -> Case:
         """30 sensors and three forces spread over the model; mass, stiffness and damping of the first groups.
 
@@ -142,11 +152,17 @@ class Case:
         else:
             clean = updyn.response(model, lines, at, at[:3])
             data = replace(clean, values=clean.values * (1.0 + 0.05 * noise))
-        damping = "viscous" if any(g.viscous is not None for g in model.groups.values()) else "loss_factor"
+        damping = (
+            "viscous"
+            if any(g.viscous is not None for g in model.groups.values())
+            else "loss_factor"
+        )
         # 10 are mass, stiffness and damping of three groups, and the mass of a fourth.
         whole, rest = divmod(n_unknowns or 3 * len(model.groups), 3)
         names = list(model.groups)
-        kinds = {k: names[: whole + (i < rest)] for i, k in enumerate(("mass", "stiffness", damping))}
+        kinds = {
+            k: names[: whole + (i < rest)] for i, k in enumerate(("mass", "stiffness", damping))
+        }
         return cls(model, data, updyn.parameters(model, **kinds))
 
     def problem(self, tier: str | None = None, backend: str | None = None) -> Problem:

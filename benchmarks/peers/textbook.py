@@ -1,8 +1,8 @@
 """The update of Bao, Wang & Cheng (2010) as the paper writes it: dense, an inverse at every line, four-term products.
 
-Both compute the condensed equation error and its sensitivity matrix S (eq. 10) of every unknown. "As printed" evaluates
-equations 9, 11, 17 and 18 term by term; "products kept" forms Zss^-1 Zsn once a line, as a careful author might.
-"""
+Both compute the condensed equation error and its sensitivity matrix S (eq. 10) of every unknown.
+"As printed" evaluates equations 9, 11, 17 and 18 term by term; "products kept" forms Zss^-1 Zsn
+once a line, as a careful author might."""
 
 from __future__ import annotations
 
@@ -35,11 +35,21 @@ class Textbook:
 
         def blocks(matrix: Any) -> tuple[Any, ...]:
             dense = matrix.toarray()
-            return tuple(np.ascontiguousarray(dense[np.ix_(i, j)]) for i, j in ((n, n), (n, s), (s, n), (s, s)))
+            return tuple(
+                np.ascontiguousarray(dense[np.ix_(i, j)])
+                for i, j in ((n, n), (n, s), (s, n), (s, s))
+            )
 
-        return cls([(g.loss_factor, blocks(g.stiffness), blocks(g.mass)) for g in case.model.groups.values()])
+        return cls(
+            [
+                (g.loss_factor, blocks(g.stiffness), blocks(g.mass))
+                for g in case.model.groups.values()
+            ]
+        )
 
-    def iteration(self, freq: np.ndarray, measured: np.ndarray, *, keep: bool) -> tuple[np.ndarray, np.ndarray]:
+    def iteration(
+        self, freq: np.ndarray, measured: np.ndarray, *, keep: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return I - Z_red H_X, shape (n_f, n, m), and S by mass, stiffness and loss factor of each unit."""
         K = [sum((1 + 1j * loss) * k[b] for loss, k, _ in self.units) for b in range(4)]
         M = [sum(m[b] for *_, m in self.units) for b in range(4)]
@@ -55,11 +65,17 @@ class Textbook:
             for i, (loss, k, m) in enumerate(self.units):
                 dX = -(omega**2) * _four_terms(m, Zns, inverse, Zsn, kept)
                 dY = _four_terms(k, Zns, inverse, Zsn, kept)
-                S[3 * i, line], S[3 * i + 1, line], S[3 * i + 2, line] = dX @ h, (1 + 1j * loss) * dY @ h, 1j * dY @ h
+                S[3 * i, line], S[3 * i + 1, line], S[3 * i + 2, line] = (
+                    dX @ h,
+                    (1 + 1j * loss) * dY @ h,
+                    1j * dY @ h,
+                )
         return left, S
 
 
-def _four_terms(d: tuple[Any, ...], Zns: Any, inverse: Any, Zsn: Any, kept: tuple[Any, Any] | None) -> Any:
+def _four_terms(
+    d: tuple[Any, ...], Zns: Any, inverse: Any, Zsn: Any, kept: tuple[Any, Any] | None
+) -> Any:
     """Derivative of the condensed matrix (eq. 11) for the blocks `d` of one unit's matrix."""
     nn, ns, sn, ss = d
     if kept is None:
@@ -72,7 +88,10 @@ def tables(options: Any) -> Iterator[tuple[str, list[Row]]]:
     lines = np.linspace(20.0, 200.0, options.dense_lines)
     for name, model in dense_models(options.dense_dofs):
         case = Case.build(model, lines)
-        head = f"{name}: {model.n_dofs} DOFs, {len(lines)} lines, {len(case.unknowns)} unknowns, 30 sensors, 3 forces"
+        head = (
+            f"{name}: {model.n_dofs} DOFs, {len(lines)} lines, {len(case.unknowns)} unknowns, 30"
+            " sensors, 3 forces"
+        )
         yield f"Condensed equation error and its Jacobian, {head}", _compare(case)
 
 
@@ -87,8 +106,12 @@ def _compare(case: Case) -> list[Row]:
     residual = np.eye(*product.shape[1:]) - product
     peer = Textbook.of(case)
     for keep in (False, True):
-        taken, (left, S) = once(lambda k=keep: peer.iteration(case.data.freq, case.data.values, keep=k))
-        differs = max(same(left, residual, 1e-8, "textbook, residual"), same(S, dZh, 1e-8, "textbook, S"))
+        taken, (left, S) = once(
+            lambda k=keep: peer.iteration(case.data.freq, case.data.values, keep=k)
+        )
+        differs = max(
+            same(left, residual, 1e-8, "textbook, residual"), same(S, dZh, 1e-8, "textbook, S")
+        )
         who = f"textbook, {'products kept' if keep else 'as printed'}"
         rows.append(Row(who, taken, rows[0].against, differs))
     return rows

@@ -28,7 +28,11 @@ def to_dataset(frf: FRF) -> xr.Dataset:
     attrs: dict[str, Any] = {"quantity": frf.quantity, "source": frf.source}
     if frf.averages is not None:
         attrs["averages"] = frf.averages
-    coords = {"freq": frf.freq, "response": frf.responses.labels, "reference": frf.references.labels}
+    coords = {
+        "freq": frf.freq,
+        "response": frf.responses.labels,
+        "reference": frf.references.labels,
+    }
     out = xr.Dataset(data, coords=coords, attrs=attrs)
     out["freq"].attrs["units"] = "Hz"
     if frf.geometry is not None:
@@ -45,11 +49,14 @@ def from_dataset(data: xr.Dataset, quantity: str | None) -> dict[str, Any]:
     """Return the arguments of the `FRF` that the dataset holds; see `FRF.from_xarray`."""
     for name in ("frf", *_DIMS):
         if name not in data.variables:
-            raise DataError(f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}")
+            raise DataError(
+                f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}"
+            )
     said = data.attrs.get("quantity")
     if said is None and quantity is None:
         raise DataError(
-            "the dataset does not say what it measured: give quantity='receptance', 'mobility' or 'accelerance'"
+            "the dataset does not say what it measured: give quantity='receptance', 'mobility' or"
+            " 'accelerance'"
         )
     if said is not None and quantity is not None and said != quantity:
         raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
@@ -60,7 +67,9 @@ def from_dataset(data: xr.Dataset, quantity: str | None) -> dict[str, Any]:
     for name in ("frf", "coherence", "variance"):
         if name in data.variables:
             if set(data[name].dims) != set(_DIMS):
-                raise DataError(f"dataset: {name!r} has dimensions {data[name].dims}; expected {_DIMS}")
+                raise DataError(
+                    f"dataset: {name!r} has dimensions {data[name].dims}; expected {_DIMS}"
+                )
             arrays[name] = data[name].transpose(*_DIMS).values
     averages = data.attrs.get("averages")
     return {

@@ -1,7 +1,8 @@
 """Degrees of freedom: strict labels, sign, order, matching and complement.
 
-A label reads ``node:direction`` with an optional sign on the direction: ``"12:Z"``, ``"12:-Z"``, ``"3:RX"``.
-The sign says which way the sensor (or the hammer) pointed; a model's own DOFs are positive.
+A label reads ``node:direction`` with an optional sign on the direction: ``"12:Z"``, ``"12:-Z"``,
+``"3:RX"``. The sign says which way the sensor (or the hammer) pointed; a model's own DOFs are
+positive.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INDEX = {name: i for i, name in enumerate(DIRECTIONS)}
 _LABEL = re.compile(r"(-?[0-9]+):([+-]?)(R?[XYZ])")
 _LARGEST_NODE = 10**17  # node * 6 + direction, and a difference of two, have to fit 64 bits
-_SHAPE = "node:direction, with an integer node, an optional sign and one of " + ", ".join(DIRECTIONS)
+_SHAPE = "node:direction, with an integer node, an optional sign and one of " + ", ".join(
+    DIRECTIONS
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +59,14 @@ class Dof:
         if abs(int(self.node)) > _LARGEST_NODE:
             raise DofError(f"node {self.node}: expected at most {_LARGEST_NODE:g} in size")
         if self.direction not in DIRECTIONS:
-            raise DofError(f"direction {self.direction!r} of node {self.node}: expected one of {', '.join(DIRECTIONS)}")
+            raise DofError(
+                f"direction {self.direction!r} of node {self.node}: expected one of"
+                f" {', '.join(DIRECTIONS)}"
+            )
         if self.sign not in (1, -1) or isinstance(self.sign, bool):
-            raise DofError(f"sign {self.sign!r} of DOF {self.node}:{self.direction}: expected 1 or -1")
+            raise DofError(
+                f"sign {self.sign!r} of DOF {self.node}:{self.direction}: expected 1 or -1"
+            )
         object.__setattr__(self, "node", int(self.node))
         object.__setattr__(self, "sign", int(self.sign))
 
@@ -112,8 +120,9 @@ class Match:
 class DofSet(Sequence[Dof]):
     """An ordered, immutable set of degrees of freedom.
 
-    Held as arrays: a million DOFs take some 35 MB and are matched in a fraction of a second. Two sets are equal if
-    they hold the same DOFs with the same signs in the same order; `in` and `match` look at node and direction only.
+    Held as arrays: a million DOFs take some 35 MB and are matched in a fraction of a second. Two
+    sets are equal if they hold the same DOFs with the same signs in the same order; `in` and
+    `match` look at node and direction only.
 
     Parameters
     ----------
@@ -142,7 +151,9 @@ class DofSet(Sequence[Dof]):
                 object.__setattr__(self, name, getattr(dofs, name))
             return
         if isinstance(dofs, str):
-            raise DofError(f"DOFs {dofs!r}: expected a list of labels, found one text; write [{dofs!r}]")
+            raise DofError(
+                f"DOFs {dofs!r}: expected a list of labels, found one text; write [{dofs!r}]"
+            )
         if not isinstance(dofs, Iterable):
             raise DofError(f"DOFs {dofs!r}: expected a list of labels, found {type(dofs).__name__}")
         parsed = [_read(d) for d in dofs]
@@ -153,7 +164,9 @@ class DofSet(Sequence[Dof]):
         )
 
     @classmethod
-    def from_arrays(cls, nodes: ArrayLike, axes: ArrayLike, signs: ArrayLike | None = None) -> DofSet:
+    def from_arrays(
+        cls, nodes: ArrayLike, axes: ArrayLike, signs: ArrayLike | None = None
+    ) -> DofSet:
         """Build from arrays, without a label a DOF.
 
         Parameters
@@ -177,12 +190,20 @@ class DofSet(Sequence[Dof]):
         """
         node = whole_numbers(nodes, "DOF nodes")
         axis = whole_numbers(axes, "DOF directions")
-        sign = np.ones(node.shape, dtype=np.int64) if signs is None else whole_numbers(signs, "DOF signs")
+        sign = (
+            np.ones(node.shape, dtype=np.int64)
+            if signs is None
+            else whole_numbers(signs, "DOF signs")
+        )
         if not (node.shape == axis.shape == sign.shape and node.ndim == 1):
-            raise DofError(f"DOF arrays: expected equal lengths, found {node.shape}, {axis.shape}, {sign.shape}")
+            raise DofError(
+                f"DOF arrays: expected equal lengths, found {node.shape}, {axis.shape},"
+                f" {sign.shape}"
+            )
         if axis.size and (axis.min() < 0 or axis.max() > 5):
             raise DofError(
-                f"DOF directions: expected 0..5 for {', '.join(DIRECTIONS)}, found {axis.min()}..{axis.max()}"
+                f"DOF directions: expected 0..5 for {', '.join(DIRECTIONS)}, found"
+                f" {axis.min()}..{axis.max()}"
             )
         if not np.isin(sign, (-1, 1)).all():
             raise DofError(f"DOF signs: expected 1 or -1, found {sign[~np.isin(sign, (-1, 1))][0]}")
@@ -190,17 +211,28 @@ class DofSet(Sequence[Dof]):
         out._set(node, axis.astype(np.int8), sign.astype(np.int8))
         return out
 
-    def _set(self, nodes: NDArray[np.int64], axes: NDArray[np.int8], signs: NDArray[np.int8]) -> None:
+    def _set(
+        self, nodes: NDArray[np.int64], axes: NDArray[np.int8], signs: NDArray[np.int8]
+    ) -> None:
         key = nodes * 6 + axes
         order = np.argsort(key, kind="stable")
         arrays: dict[str, NDArray[Any]]
-        arrays = {"nodes": nodes, "axes": axes, "signs": signs, "_by_key": key, "_order": order, "_sorted": key[order]}
+        arrays = {
+            "nodes": nodes,
+            "axes": axes,
+            "signs": signs,
+            "_by_key": key,
+            "_order": order,
+            "_sorted": key[order],
+        }
         for name, array in arrays.items():
             object.__setattr__(self, name, _read_only(array))
         same = np.flatnonzero(np.diff(self._sorted) == 0)
         if same.size:
             first, second = sorted(self._order[same[0] : same[0] + 2])
-            raise DofError(f"DOF {self[int(first)]} stands twice: at positions {first + 1} and {second + 1}")
+            raise DofError(
+                f"DOF {self[int(first)]} stands twice: at positions {first + 1} and {second + 1}"
+            )
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a DofSet cannot be changed: {name!r} is read-only")
@@ -250,7 +282,9 @@ class DofSet(Sequence[Dof]):
         """The labels, in order."""
         return [
             f"{node}:{'-' if sign < 0 else ''}{DIRECTIONS[axis]}"
-            for node, axis, sign in zip(self.nodes.tolist(), self.axes.tolist(), self.signs.tolist(), strict=True)
+            for node, axis, sign in zip(
+                self.nodes.tolist(), self.axes.tolist(), self.signs.tolist(), strict=True
+            )
         ]
 
     def _find(self, other: DofSet) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -285,7 +319,9 @@ class DofSet(Sequence[Dof]):
             missing = np.flatnonzero(~found)
             first = wanted[int(missing[0])]
             more = f" ({len(missing)} such)" if len(missing) > 1 else ""
-            raise DofError(f"{what} {first} is not among the {len(self)} DOFs{more}; {self._near(first)}")
+            raise DofError(
+                f"{what} {first} is not among the {len(self)} DOFs{more}; {self._near(first)}"
+            )
         return Match(index, (self.signs[index] * wanted.signs).astype(np.float64))
 
     def complement(self, other: Iterable[str | Dof]) -> NDArray[np.intp]:
@@ -318,7 +354,9 @@ class DofSet(Sequence[Dof]):
         return "nearest: " + ", ".join(str(self[int(i)]) for i in best)
 
 
-def whole_numbers(given: ArrayLike, what: str, error: type[InputError] = DofError) -> NDArray[np.int64]:
+def whole_numbers(
+    given: ArrayLike, what: str, error: type[InputError] = DofError
+) -> NDArray[np.int64]:
     """Return `given` as integers; a fraction, a text or a truth value is refused, not rounded.
 
     Parameters
@@ -349,7 +387,10 @@ def whole_numbers(given: ArrayLike, what: str, error: type[InputError] = DofErro
     with np.errstate(invalid="ignore"):
         bad = ~((array >= -_LARGEST_NODE) & (array <= _LARGEST_NODE)) | (array != np.floor(array))
     if bad.any():
-        raise error(f"{what}: expected whole numbers of at most {_LARGEST_NODE:g} in size, found {array[bad][0]}")
+        raise error(
+            f"{what}: expected whole numbers of at most {_LARGEST_NODE:g} in size, found"
+            f" {array[bad][0]}"
+        )
     return array.astype(np.int64)
 
 

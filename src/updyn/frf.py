@@ -48,7 +48,8 @@ def check_quantity(quantity: object) -> str:
     Raises
     ------
     DataError
-        If it is an inverse (impedance, ...: refused with the reason) or unknown (the nearest is named).
+        If it is an inverse (impedance, ...: refused with the reason) or unknown (the nearest is
+        named).
     """
     if isinstance(quantity, str):
         if quantity in QUANTITIES:
@@ -56,9 +57,10 @@ def check_quantity(quantity: object) -> str:
         plain = quantity.casefold().replace("_", " ").replace("-", " ").strip()
         if plain in _INVERSES:
             raise DataError(
-                f"quantity {quantity!r} is a force over a motion. One measured element of it is not the inverse of one "
-                f"{_INVERSES[plain]} (all other DOFs would have to be held), so it is not converted: supply "
-                f"{_INVERSES[plain]}, measured with one force at a time"
+                f"quantity {quantity!r} is a force over a motion. One measured element of it is not"
+                f" the inverse of one {_INVERSES[plain]} (all other DOFs would have to be held), so"
+                f" it is not converted: supply {_INVERSES[plain]}, measured with one force at a"
+                " time"
             )
     raise DataError(f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}")
 
@@ -76,7 +78,8 @@ class FRF:
     responses, references : iterable of str or Dof
         Signed DOF labels of the sensors and of the forces, each DOF once.
     quantity : {"receptance", "mobility", "accelerance"}
-        What `values` holds. It has no default: a file that does not say what it measured must be told.
+        What `values` holds. It has no default: a file that does not say what it measured must be
+        told.
     coherence : array_like of float, shape of `values`, optional
         Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence").
     variance : array_like of float, shape of `values`, optional
@@ -91,8 +94,8 @@ class FRF:
     Raises
     ------
     DataError
-        If there is no line, response or reference, shapes disagree, a number is not finite, real or unmasked where it
-        has to be, or a line is out of order; the message says where.
+        If there is no line, response or reference, shapes disagree, a number is not finite, real or
+        unmasked where it has to be, or a line is out of order; the message says where.
     DofError
         If a label cannot be read or stands twice.
     """
@@ -149,20 +152,32 @@ class FRF:
         outside = (array < 0.0) | (array > high)
         if outside.any():
             at = np.argwhere(outside)[0]
-            raise DataError(f"{name} {self._where(at)} is {array[tuple(at)]:g}; expected 0 to {high:g}")
+            raise DataError(
+                f"{name} {self._where(at)} is {array[tuple(at)]:g}; expected 0 to {high:g}"
+            )
         return array
 
     def _where(self, at: Sequence[int] | NDArray[Any]) -> str:
         line, row, column = (int(i) for i in at)
-        return f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference {self.references[column]}"
+        return (
+            f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference"
+            f" {self.references[column]}"
+        )
 
-    def _array(self, name: str, given: ArrayLike, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+    def _array(
+        self, name: str, given: ArrayLike, dtype: type, shape: tuple[int, ...]
+    ) -> NDArray[Any]:
         array = _numbers(name, given, dtype)
         if array.shape != shape:
-            raise DataError(f"{name}: expected shape (lines, responses, references) = {shape}, found {array.shape}")
+            raise DataError(
+                f"{name}: expected shape (lines, responses, references) = {shape}, found"
+                f" {array.shape}"
+            )
         if not np.isfinite(array).all():
             gap = f"; {_GAPS}" if name == "values" and np.isnan(array).any() else ""
-            raise DataError(f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}")
+            raise DataError(
+                f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}"
+            )
         array.flags.writeable = False
         return array
 
@@ -179,8 +194,8 @@ class FRF:
     def converted(self, quantity: str) -> FRF:
         """Return the same measurement as another quantity.
 
-        Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd ed. 2000,
-        section 2.3).
+        Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd
+        ed. 2000, section 2.3).
 
         Parameters
         ----------
@@ -195,15 +210,17 @@ class FRF:
         Raises
         ------
         DataError
-            If the quantity is not known, or there is a 0 Hz line: it has no inverse, and is refused, not shifted.
+            If the quantity is not known, or there is a 0 Hz line: it has no inverse, and is
+            refused, not shifted.
         """
         power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
         if power == 0:
             return self
         if self.freq[0] == 0.0:
             raise DataError(
-                f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it first, for instance "
-                f"with a band that starts at {self.freq[1] if len(self.freq) > 1 else 'a positive frequency'} Hz"
+                f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it"
+                " first, for instance with a band that starts at"
+                f" {self.freq[1] if len(self.freq) > 1 else 'a positive frequency'} Hz"
             )
         factor = ((2j * np.pi * self.freq) ** power)[:, None, None]
         variance = None if self.variance is None else self.variance * np.abs(factor) ** 2
@@ -225,7 +242,8 @@ class FRF:
         band : (float, float), optional
             Lowest and highest line to keep, in Hz, both included.
         lines : array_like of float, optional
-            Lines to keep, in Hz; each must be a line of the data (to 1e-9 relative). Nothing is interpolated.
+            Lines to keep, in Hz; each must be a line of the data (to 1e-9 relative). Nothing is
+            interpolated.
         responses, references : iterable of str or Dof, optional
             DOFs to keep, in the order given. With the opposite sign the values change sign.
 
@@ -237,8 +255,8 @@ class FRF:
         Raises
         ------
         DataError
-            If nothing is left or asked for, the band is not two numbers, or a line is not in the data (the nearest
-            are named).
+            If nothing is left or asked for, the band is not two numbers, or a line is not in the
+            data (the nearest are named).
         DofError
             If a DOF is not in the data.
         """
@@ -248,14 +266,18 @@ class FRF:
             keep = np.flatnonzero((self.freq >= low) & (self.freq <= high))
             if keep.size == 0:
                 raise DataError(
-                    f"band {low:g} to {high:g} Hz holds no line; the data run {self.freq[0]:g} to {self.freq[-1]:g} Hz"
+                    f"band {low:g} to {high:g} Hz holds no line; the data run {self.freq[0]:g} to"
+                    f" {self.freq[-1]:g} Hz"
                 )
         if lines is not None:
             chosen = self.find_lines(lines)
             outside = np.setdiff1d(chosen, keep)
             if outside.size:
                 more = f" ({outside.size} such)" if outside.size > 1 else ""
-                raise DataError(f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g} Hz{more}")
+                raise DataError(
+                    f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g}"
+                    f" Hz{more}"
+                )
             keep = chosen
         chosen_rows = self.responses if responses is None else DofSet(responses)
         chosen_columns = self.references if references is None else DofSet(references)
@@ -297,13 +319,16 @@ class FRF:
         right = np.clip(np.searchsorted(self.freq, wanted), 1, max(len(self.freq) - 1, 1))
         left = right - 1
         right = np.minimum(right, len(self.freq) - 1)
-        at = np.where(np.abs(self.freq[left] - wanted) <= np.abs(self.freq[right] - wanted), left, right)
+        at = np.where(
+            np.abs(self.freq[left] - wanted) <= np.abs(self.freq[right] - wanted), left, right
+        )
         off = np.abs(self.freq[at] - wanted) > 1e-9 * np.maximum(np.abs(wanted), 1e-300)
         if off.any():
             i = int(np.flatnonzero(off)[0])
             raise DataError(
-                f"line {wanted[i]:.9g} Hz is not in the data ({int(off.sum())} such); nearest: "
-                f"{self.freq[left[i]]:.9g} and {self.freq[right[i]]:.9g} Hz. Lines are not interpolated"
+                f"line {wanted[i]:.9g} Hz is not in the data ({int(off.sum())} such); nearest:"
+                f" {self.freq[left[i]]:.9g} and {self.freq[right[i]]:.9g} Hz. Lines are not"
+                " interpolated"
             )
         if (np.diff(at) == 0).any():
             raise DataError(f"line {self.freq[at[:-1][np.diff(at) == 0][0]]:g} Hz is named twice")
@@ -316,8 +341,9 @@ class FRF:
         Returns
         -------
         xarray.Dataset
-            Variables ``frf`` and, where there are, ``coherence``, ``variance`` and the geometry: ``xyz`` in m by
-            ``node``, ``trace`` (lines to draw), ``node_axes`` (displacement directions).
+            Variables ``frf`` and, where there are, ``coherence``, ``variance`` and the geometry:
+            ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``node_axes`` (displacement
+            directions).
         """
         from updyn import _frf_xarray
 
@@ -330,7 +356,8 @@ class FRF:
         Parameters
         ----------
         data : xarray.Dataset
-            Variable ``frf`` over the dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels), in any order.
+            Variable ``frf`` over the dimensions ``freq`` (Hz), ``response`` and ``reference``
+            (labels), in any order.
         quantity : str, optional
             What was measured, where the dataset does not say.
 
@@ -342,8 +369,8 @@ class FRF:
         Raises
         ------
         DataError
-            If a variable, a dimension or the quantity is missing, `quantity` contradicts the dataset, or the
-            frequency is not in Hz.
+            If a variable, a dimension or the quantity is missing, `quantity` contradicts the
+            dataset, or the frequency is not in Hz.
         """
         from updyn import _frf_xarray
 
@@ -357,7 +384,10 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
     except ValueError as error:
         raise DataError(f"{name}: not an array of numbers ({error})") from error
     if np.ma.is_masked(given):
-        raise DataError(f"{name}: holds masked values; leave out their lines, responses or references, or {_GAPS}")
+        raise DataError(
+            f"{name}: holds masked values; leave out their lines, responses or references, or"
+            f" {_GAPS}"
+        )
     if array.dtype.kind not in ("iufc" if dtype is np.complex128 else "iuf"):
         expected = "complex or real" if dtype is np.complex128 else "real"
         raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
@@ -393,9 +423,13 @@ def check_lines(freq: ArrayLike) -> NDArray[np.float64]:
     """
     array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:
-        raise DataError(f"freq: expected at least one line in one dimension, found shape {array.shape}")
+        raise DataError(
+            f"freq: expected at least one line in one dimension, found shape {array.shape}"
+        )
     if not np.isfinite(array).all():
-        raise DataError(f"freq: line {int(np.flatnonzero(~np.isfinite(array))[0]) + 1} is not finite")
+        raise DataError(
+            f"freq: line {int(np.flatnonzero(~np.isfinite(array))[0]) + 1} is not finite"
+        )
     if array[0] < 0:
         raise DataError(f"freq: the first line is {array[0]:g} Hz; expected 0 or above")
     down = np.flatnonzero(np.diff(array) <= 0)

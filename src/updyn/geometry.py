@@ -27,14 +27,14 @@ class Geometry:
     lines : array_like of int, shape (m, 2), optional
         Pairs of node numbers, to draw.
     axes : array_like of float, shape (n, 3, 3), optional
-        Displacement directions of each node: rows are its X, Y, Z, orthonormal (to 1e-4), in the global system. None:
-        global.
+        Displacement directions of each node: rows are its X, Y, Z, orthonormal (to 1e-4), in the
+        global system. None: global.
 
     Raises
     ------
     InputError
-        If shapes disagree, a node is not a whole number or stands twice, a position is not finite, a line names an
-        unknown node, or the directions of a node are not orthonormal.
+        If shapes disagree, a node is not a whole number or stands twice, a position is not finite,
+        a line names an unknown node, or the directions of a node are not orthonormal.
     """
 
     nodes: NDArray[np.int64]
@@ -43,28 +43,48 @@ class Geometry:
     axes: NDArray[np.float64] | None
 
     def __init__(
-        self, nodes: ArrayLike, xyz: ArrayLike, lines: ArrayLike | None = None, axes: ArrayLike | None = None
+        self,
+        nodes: ArrayLike,
+        xyz: ArrayLike,
+        lines: ArrayLike | None = None,
+        axes: ArrayLike | None = None,
     ) -> None:
         ids = whole_numbers(nodes, "geometry: nodes", InputError)
         points = _floats(xyz, "positions")
         if ids.ndim != 1 or points.shape != (len(ids), 3):
             raise InputError(
-                f"geometry: expected n node numbers and (n, 3) positions, found {ids.shape} and {points.shape}"
+                f"geometry: expected n node numbers and (n, 3) positions, found {ids.shape} and"
+                f" {points.shape}"
             )
-        pairs = whole_numbers(np.empty((0, 2)) if lines is None else lines, "geometry: lines", InputError)
+        pairs = whole_numbers(
+            np.empty((0, 2)) if lines is None else lines, "geometry: lines", InputError
+        )
         if pairs.size == 0:
             pairs = pairs.reshape(0, 2)
         if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise InputError(f"geometry: expected lines as (m, 2) node numbers, found {pairs.shape}")
+            raise InputError(
+                f"geometry: expected lines as (m, 2) node numbers, found {pairs.shape}"
+            )
         if not np.isfinite(points).all():
-            raise InputError(f"geometry: the position of node {ids[~np.isfinite(points).all(axis=1)][0]} is not finite")
+            raise InputError(
+                f"geometry: the position of node {ids[~np.isfinite(points).all(axis=1)][0]} is not"
+                " finite"
+            )
         values, counts = np.unique(ids, return_counts=True)
         if (counts > 1).any():
             raise InputError(f"geometry: node {values[counts > 1][0]} stands twice")
         if not np.isin(pairs, ids).all():
-            raise InputError(f"geometry: a line names node {pairs[~np.isin(pairs, ids)][0]}, which has no position")
+            raise InputError(
+                f"geometry: a line names node {pairs[~np.isin(pairs, ids)][0]}, which has no"
+                " position"
+            )
         directions = None if axes is None else _directions(axes, ids)
-        for name, array in (("nodes", ids), ("xyz", points), ("lines", pairs), ("axes", directions)):
+        for name, array in (
+            ("nodes", ids),
+            ("xyz", points),
+            ("lines", pairs),
+            ("axes", directions),
+        ):
             if array is not None:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -92,11 +112,18 @@ class Geometry:
         """
         wanted = np.atleast_1d(whole_numbers(nodes, "geometry: nodes", InputError))
         order = np.argsort(self.nodes)
-        at = np.minimum(np.searchsorted(self.nodes[order], wanted), len(order) - 1) if len(order) else wanted * 0
+        at = (
+            np.minimum(np.searchsorted(self.nodes[order], wanted), len(order) - 1)
+            if len(order)
+            else wanted * 0
+        )
         if len(order) == 0 or (self.nodes[order][at] != wanted).any():
             missing = wanted[~np.isin(wanted, self.nodes)]
             more = f" ({missing.size} such)" if missing.size > 1 else ""
-            raise InputError(f"geometry: node {missing[0]} has no position{more}; {_near(self.nodes, missing[0])}")
+            raise InputError(
+                f"geometry: node {missing[0]} has no position{more};"
+                f" {_near(self.nodes, missing[0])}"
+            )
         return np.asarray(self.xyz[order[at]])
 
 
@@ -112,10 +139,15 @@ def _directions(given: ArrayLike, ids: NDArray[np.int64]) -> NDArray[np.float64]
     if axes.shape != (len(ids), 3, 3):
         raise InputError(f"geometry: expected axes of shape {(len(ids), 3, 3)}, found {axes.shape}")
     with np.errstate(invalid="ignore", over="ignore"):
-        fits = (np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)) < 1e-4).reshape(len(ids), 9).all(axis=1)
+        fits = (
+            (np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)) < 1e-4)
+            .reshape(len(ids), 9)
+            .all(axis=1)
+        )
     if not fits.all():
         raise InputError(
-            f"geometry: the axes of node {ids[~fits][0]} are not three perpendicular directions of length 1"
+            f"geometry: the axes of node {ids[~fits][0]} are not three perpendicular directions of"
+            " length 1"
         )
     return axes
 

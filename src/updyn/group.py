@@ -1,13 +1,15 @@
 """`Group`: one named part of a model, its matrices and its damping.
 
-What a group adds to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2 of eq. 1; the
+What a group adds to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2
+of eq. 1; the
 Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894, section 97)::
 
     Z_e(omega) = (1 + i gamma r(f) + i omega beta) K + i omega C - (omega^2 - i omega alpha) M
 
-with the loss factor gamma, its relative course r over frequency (1 where there is no table), and the Rayleigh
-coefficients alpha (1/s, `mass_damping`) and beta (s, `stiffness_damping`). All of them are relative to the matrices as
-they are: a factor on a group's stiffness or mass multiplies the damping that comes from it.
+with the loss factor gamma, its relative course r over frequency (1 where there is no table), and
+the Rayleigh coefficients alpha (1/s, `mass_damping`) and beta (s, `stiffness_damping`). All of them
+are relative to the matrices as they are: a factor on a group's stiffness or mass multiplies the
+damping that comes from it.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ Matrix: TypeAlias = Any
 
 MATRICES = ("stiffness", "mass", "viscous")
 
-#: What can change in a group, and the matrix that it acts on. Matrices change by a factor, all others are values.
+#: What can change in a group, and the matrix that it acts on. Matrices change by a factor, all
+#: others are values.
 GROUP_QUANTITIES = {
     "stiffness": "stiffness",
     "mass": "mass",
@@ -50,7 +53,8 @@ GROUP_QUANTITIES = {
     "stiffness_damping": "stiffness",
 }
 
-#: Those that are values, with their units; all are damping, not negative, and 0 where nothing is said.
+#: Those that are values, with their units; all are damping, not negative, and 0 where nothing is
+#: said.
 VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
 
 #: All damping of a group besides its viscous matrix, as `Group` takes it by name.
@@ -67,8 +71,8 @@ class Group:
     Parameters
     ----------
     stiffness, mass : array_like or sparse, shape (N, N), optional
-        Real symmetric contribution of the part to K (N/m) and M (kg), in the DOFs of the model. None: the part has no
-        such contribution.
+        Real symmetric contribution of the part to K (N/m) and M (kg), in the DOFs of the model.
+        None: the part has no such contribution.
     loss_factor : float
         Structural (hysteretic) loss factor gamma, relative to `stiffness`; not negative.
     viscous : array_like or sparse, shape (N, N), optional
@@ -78,14 +82,15 @@ class Group:
     stiffness_damping : float
         Rayleigh coefficient beta in s: so is beta times `stiffness`. Not negative.
     loss_table : LossTable or (array_like, array_like), optional
-        Lines in Hz and factors: the loss factor is `loss_factor` times the factor at each line, linear in between. The
-        part answers at no line outside.
+        Lines in Hz and factors: the loss factor is `loss_factor` times the factor at each line,
+        linear in between. The part answers at no line outside.
 
     Raises
     ------
     ModelError
-        If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes differ, a damping
-        coefficient is not a finite number of at least 0, or there is nothing that it could act on.
+        If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes
+        differ, a damping coefficient is not a finite number of at least 0, or there is nothing that
+        it could act on.
     """
 
     stiffness: Matrix | None
@@ -119,18 +124,28 @@ class Group:
             raise ModelError(f"the matrices of a group differ in size: {sizes}")
         self._damp(loss_factor, mass_damping, stiffness_damping, loss_table)
 
-    def _damp(self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any) -> None:
+    def _damp(
+        self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any
+    ) -> None:
         object.__setattr__(self, "loss_factor", _damping("loss factor", loss_factor))
-        for name, value in (("mass_damping", mass_damping), ("stiffness_damping", stiffness_damping)):
+        for name, value in (
+            ("mass_damping", mass_damping),
+            ("stiffness_damping", stiffness_damping),
+        ):
             object.__setattr__(self, name, _damping(name, value))
             if value and not self.has(name):
-                raise ModelError(f"{name} {value:g}: the group has no {GROUP_QUANTITIES[name]} that it could act on")
+                raise ModelError(
+                    f"{name} {value:g}: the group has no {GROUP_QUANTITIES[name]} that it could"
+                    " act on"
+                )
         object.__setattr__(self, "loss_table", as_table(loss_table))
         if self.loss_table is not None and self.stiffness is None:
             raise ModelError("loss_table: the group has no stiffness that it could act on")
 
     @classmethod
-    def _checked(cls, stiffness: Matrix, mass: Matrix, viscous: Matrix, damping: Mapping[str, Any]) -> Group:
+    def _checked(
+        cls, stiffness: Matrix, mass: Matrix, viscous: Matrix, damping: Mapping[str, Any]
+    ) -> Group:
         """Build from matrices that came out of a `Group` and need no second check."""
         out = cls.__new__(cls)
         for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
@@ -149,13 +164,19 @@ class Group:
     @property
     def n_dofs(self) -> int:
         """Number of DOFs N of the matrices."""
-        return int(next(m.shape[0] for m in (self.stiffness, self.mass, self.viscous) if m is not None))
+        return int(
+            next(m.shape[0] for m in (self.stiffness, self.mass, self.viscous) if m is not None)
+        )
 
     @property
     def damping(self) -> dict[str, Any]:
         """All damping but the viscous matrix, by name, as `Group` takes it; what is not there is left out."""
         out: dict[str, Any] = {"loss_factor": self.loss_factor}
-        out |= {name: value for name in VALUES if name != "loss_factor" and (value := getattr(self, name))}
+        out |= {
+            name: value
+            for name in VALUES
+            if name != "loss_factor" and (value := getattr(self, name))
+        }
         return out if self.loss_table is None else out | {"loss_table": self.loss_table}
 
     @property
@@ -163,10 +184,14 @@ class Group:
         """The same as text."""
         units = {name: f" {unit}".rstrip() for name, unit in VALUES.items()}
         said = [
-            f"{name.replace('_', ' ')} {value:g}{units[name]}" for name, value in self.damping.items() if name in VALUES
+            f"{name.replace('_', ' ')} {value:g}{units[name]}"
+            for name, value in self.damping.items()
+            if name in VALUES
         ]
         if self.loss_table is not None:
-            said[0] += f" by a table from {self.loss_table.freq[0]:g} to {self.loss_table.freq[-1]:g} Hz"
+            said[0] += (
+                f" by a table from {self.loss_table.freq[0]:g} to {self.loss_table.freq[-1]:g} Hz"
+            )
         return ", ".join(said)
 
     def has(self, quantity: str) -> bool:
@@ -187,7 +212,9 @@ class Group:
             If there is no such quantity.
         """
         if quantity not in GROUP_QUANTITIES:
-            raise ModelError(f"no quantity {quantity!r}; {suggest(str(quantity), GROUP_QUANTITIES)}")
+            raise ModelError(
+                f"no quantity {quantity!r}; {suggest(str(quantity), GROUP_QUANTITIES)}"
+            )
         return getattr(self, GROUP_QUANTITIES[quantity]) is not None
 
     def value(self, quantity: str) -> float:
@@ -230,8 +257,16 @@ class Group:
 
     def viscous_part(self) -> Matrix | None:
         """Return the group's part of C1: its viscous matrix, alpha M and beta K; None where there is none."""
-        shares = ((self.viscous, 1.0), (self.mass, self.mass_damping), (self.stiffness, self.stiffness_damping))
-        parts = [matrix if share == 1.0 else matrix * share for matrix, share in shares if matrix is not None and share]
+        shares = (
+            (self.viscous, 1.0),
+            (self.mass, self.mass_damping),
+            (self.stiffness, self.stiffness_damping),
+        )
+        parts = [
+            matrix if share == 1.0 else matrix * share
+            for matrix, share in shares
+            if matrix is not None and share
+        ]
         return sum(parts[1:], parts[0]) if parts else None
 
     def with_matrices(self, stiffness: Any | None, mass: Any | None, viscous: Any | None) -> Group:
@@ -259,8 +294,8 @@ class Group:
         Parameters
         ----------
         damping : mapping of str to float, LossTable or None
-            ``loss_factor``, ``mass_damping``, ``stiffness_damping`` and ``loss_table`` as for `Group`; what is not
-            named stays.
+            ``loss_factor``, ``mass_damping``, ``stiffness_damping`` and ``loss_table`` as for
+            `Group`; what is not named stays.
 
         Returns
         -------
@@ -290,7 +325,9 @@ class Group:
             What is unchanged is shared with this one.
         """
         new = {name: change[name] for name in VALUES if name in change}
-        stiffness, mass, viscous = (_times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES)
+        stiffness, mass, viscous = (
+            _times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES
+        )
         return Group._checked(stiffness, mass, viscous, self.damping | new)
 
 
@@ -321,7 +358,9 @@ def _damping(name: str, value: Any) -> float:
 def _times(matrix: Matrix | None, factor: float) -> Matrix | None:
     if matrix is None or factor == 1.0:
         return matrix
-    return sp.csr_array((matrix.data * float(factor), matrix.indices, matrix.indptr), shape=matrix.shape)
+    return sp.csr_array(
+        (matrix.data * float(factor), matrix.indices, matrix.indptr), shape=matrix.shape
+    )
 
 
 def read_only(matrix: Matrix) -> Matrix:
@@ -353,7 +392,9 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
         except ValueError as error:
             raise ModelError(f"{name}: not a matrix of numbers ({error})") from error
     if array.dtype.kind == "c":
-        raise ModelError(f"{name}: found complex numbers; damping goes into loss_factor and viscous")
+        raise ModelError(
+            f"{name}: found complex numbers; damping goes into loss_factor and viscous"
+        )
     if array.dtype.kind not in "iuf":
         raise ModelError(f"{name}: expected a matrix of numbers, found {array.dtype}")
     if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] == 0:
@@ -361,7 +402,11 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
     matrix = sp.csr_array(array).astype(np.float64)
     matrix.sum_duplicates()
     if not np.isfinite(matrix.data).all():
-        row = int(np.searchsorted(matrix.indptr, np.flatnonzero(~np.isfinite(matrix.data))[0], side="right"))
+        row = int(
+            np.searchsorted(
+                matrix.indptr, np.flatnonzero(~np.isfinite(matrix.data))[0], side="right"
+            )
+        )
         raise ModelError(f"{name}: row {row} holds a number that is not finite")
     skew = abs(matrix - matrix.T)
     largest = float(np.abs(matrix.data).max(initial=0.0))

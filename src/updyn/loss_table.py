@@ -42,15 +42,27 @@ class LossTable:
                 array = np.array(given, dtype=np.float64)
             except (TypeError, ValueError) as error:
                 raise ModelError(f"loss_table: {name} is not a row of numbers ({error})") from error
-            if array.ndim != 1 or array.size < 2 or not np.isfinite(array).all() or (array < 0).any():
-                raise ModelError(f"loss_table: {name}: expected two or more finite numbers of at least 0")
+            if (
+                array.ndim != 1
+                or array.size < 2
+                or not np.isfinite(array).all()
+                or (array < 0).any()
+            ):
+                raise ModelError(
+                    f"loss_table: {name}: expected two or more finite numbers of at least 0"
+                )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if len(self.freq) != len(self.relative):
-            raise ModelError(f"loss_table: {len(self.freq)} lines, but {len(self.relative)} factors")
+            raise ModelError(
+                f"loss_table: {len(self.freq)} lines, but {len(self.relative)} factors"
+            )
         back = np.flatnonzero(np.diff(self.freq) <= 0)
         if back.size:
-            raise ModelError(f"loss_table: line {self.freq[back[0] + 1]:g} Hz stands behind {self.freq[back[0]]:g} Hz")
+            raise ModelError(
+                f"loss_table: line {self.freq[back[0] + 1]:g} Hz stands behind"
+                f" {self.freq[back[0]]:g} Hz"
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LossTable, (self.freq, self.relative)
@@ -81,8 +93,9 @@ class LossTable:
         outside = (freq < low * (1.0 - _ROUNDING)) | (freq > high * (1.0 + _ROUNDING))
         if outside.any():
             raise ModelError(
-                f"group {group!r}: {freq[outside][0]:.10g} Hz is outside its loss table, which goes from {low:.10g} to "
-                f"{high:.10g} Hz; nothing is extrapolated: extend the table, or stay inside"
+                f"group {group!r}: {freq[outside][0]:.10g} Hz is outside its loss table, which goes"
+                f" from {low:.10g} to {high:.10g} Hz; nothing is extrapolated: extend the table, or"
+                " stay inside"
             )
         return np.interp(freq, self.freq, self.relative)
 
@@ -107,5 +120,7 @@ def as_table(given: Any) -> LossTable | None:
     if given is None or isinstance(given, LossTable):
         return given
     if isinstance(given, str) or not hasattr(given, "__len__") or len(given) != 2:
-        raise ModelError("loss_table: expected two rows, lines in Hz and factors on the loss factor")
+        raise ModelError(
+            "loss_table: expected two rows, lines in Hz and factors on the loss factor"
+        )
     return LossTable(given[0], given[1])

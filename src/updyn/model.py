@@ -4,8 +4,8 @@ The dynamic stiffness of a model is (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, w
 
     Z(omega) = sum over groups of  (1 + i gamma) K + i omega C - omega^2 M
 
-A factor on a group's stiffness multiplies its K, and with it the damping gamma K. All damping that a group may have is
-in `updyn.group`.
+A factor on a group's stiffness multiplies its K, and with it the damping gamma K. All damping that
+a group may have is in `updyn.group`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,16 @@ import scipy.sparse as sp
 from updyn.dofs import Dof, DofSet
 from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.group import GROUP_QUANTITIES, MATRICES, ROUNDING, VALUES, Group, Matrix, is_number, read_only
+from updyn.group import (
+    GROUP_QUANTITIES,
+    MATRICES,
+    ROUNDING,
+    VALUES,
+    Group,
+    Matrix,
+    is_number,
+    read_only,
+)
 
 __all__ = ["GROUP_QUANTITIES", "VALUES", "Group", "Matrix", "Model"]
 
@@ -33,8 +42,8 @@ _DENSE_CHECK = 600
 class Model:
     """A structure as a sum of named groups on one set of DOFs.
 
-    Massless DOFs (zero rows of M) and free-free structures (singular K) are normal. Build one with `from_groups`,
-    which looks at the matrices too.
+    Massless DOFs (zero rows of M) and free-free structures (singular K) are normal. Build one with
+    `from_groups`, which looks at the matrices too.
 
     Parameters
     ----------
@@ -62,9 +71,14 @@ class Model:
         object.__setattr__(self, "dofs", DofSet(self.dofs))
         if (self.dofs.signs < 0).any():
             first = self.dofs[int(np.flatnonzero(self.dofs.signs < 0)[0])]
-            raise ModelError(f"DOF {first}: the DOFs of a model are positive; the sign belongs to sensors and forces")
+            raise ModelError(
+                f"DOF {first}: the DOFs of a model are positive; the sign belongs to sensors and"
+                " forces"
+            )
         if not isinstance(self.groups, Mapping):
-            raise ModelError(f"groups: expected a mapping of name to Group, found {type(self.groups).__name__}")
+            raise ModelError(
+                f"groups: expected a mapping of name to Group, found {type(self.groups).__name__}"
+            )
         if not self.groups:
             raise ModelError("a model needs at least one group")
         for name, group in self.groups.items():
@@ -72,7 +86,9 @@ class Model:
             if not isinstance(group, Group):
                 raise ModelError(f"group {name!r}: expected a Group, found {type(group).__name__}")
             if group.n_dofs != self.n_dofs:
-                raise ModelError(f"group {name!r} has {group.n_dofs} DOFs, the model has {self.n_dofs} labels")
+                raise ModelError(
+                    f"group {name!r} has {group.n_dofs} DOFs, the model has {self.n_dofs} labels"
+                )
         object.__setattr__(self, "groups", MappingProxyType(dict(self.groups)))
 
     @classmethod
@@ -89,7 +105,8 @@ class Model:
         Parameters
         ----------
         groups : mapping of str to Group
-            Parts by name. A name holds no dot and no glob character, as unknowns are called ``name.quantity``.
+            Parts by name. A name holds no dot and no glob character, as unknowns are called
+            ``name.quantity``.
         dofs : iterable of str or Dof
             N labels, ``node:direction``, all positive.
         geometry : Geometry, optional
@@ -105,15 +122,16 @@ class Model:
         Raises
         ------
         ModelError
-            If a size does not fit, a name is not usable, or a DOF has neither stiffness, mass nor damping.
+            If a size does not fit, a name is not usable, or a DOF has neither stiffness, mass nor
+            damping.
         DofError
             If a label cannot be read or stands twice.
 
         Warns
         -----
         UpdynWarning
-            If a group's K, M or C is indefinite beyond rounding: physically it stores or loses negative energy. Table
-            rounding is enough to make one so.
+            If a group's K, M or C is indefinite beyond rounding: physically it stores or loses
+            negative energy. Table rounding is enough to make one so.
         """
         model = cls(groups, DofSet(dofs), geometry, title)
         model._check_every_dof_is_used()
@@ -122,8 +140,8 @@ class Model:
                 matrix = getattr(group, what)
                 if matrix is not None and (found := _negative(matrix)) is not None:
                     warnings.warn(
-                        f"group {name!r}: {what} is indefinite ({found}); rounded tables and differences of matrices "
-                        "do this, a wrong sign or a wrong unit too",
+                        f"group {name!r}: {what} is indefinite ({found}); rounded tables and"
+                        " differences of matrices do this, a wrong sign or a wrong unit too",
                         UpdynWarning,
                         stacklevel=2,
                     )
@@ -138,12 +156,15 @@ class Model:
         if not used.all():
             first = self.dofs[int(np.flatnonzero(~used)[0])]
             raise ModelError(
-                f"DOF {first} has neither stiffness, mass nor damping ({int((~used).sum())} such): the model is "
-                "singular at every frequency; leave such DOFs out"
+                f"DOF {first} has neither stiffness, mass nor damping ({int((~used).sum())} such):"
+                " the model is singular at every frequency; leave such DOFs out"
             )
 
     def __repr__(self) -> str:
-        return f"Model({self.n_dofs} DOFs, {len(self.groups)} groups: {', '.join(list(self.groups)[:6])})"
+        return (
+            f"Model({self.n_dofs} DOFs, {len(self.groups)} groups:"
+            f" {', '.join(list(self.groups)[:6])})"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Model, (dict(self.groups), self.dofs, self.geometry, self.title)
@@ -180,8 +201,8 @@ class Model:
         for name, group in self.groups.items():
             if group.loss_table is not None:
                 raise ModelError(
-                    f"group {name!r}: its loss factor depends on frequency, and so does the structural damping; ask "
-                    "structural_at(freq)"
+                    f"group {name!r}: its loss factor depends on frequency, and so does the"
+                    " structural damping; ask structural_at(freq)"
                 )
         return self.structural_at(0.0)
 
@@ -244,9 +265,9 @@ class Model:
         Parameters
         ----------
         changes : mapping of str to mapping of str to float
-            By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what is there (1 = unchanged);
-            ``loss_factor`` and ``stiffness_damping`` (s) are new values, relative to the changed stiffness,
-            ``mass_damping`` (1/s) to the changed mass.
+            By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what is there (1 =
+            unchanged); ``loss_factor`` and ``stiffness_damping`` (s) are new values, relative to
+            the changed stiffness, ``mass_damping`` (1/s) to the changed mass.
 
         Returns
         -------
@@ -256,15 +277,21 @@ class Model:
         Raises
         ------
         ModelError
-            If a group or a quantity is not there, a number is not finite, or a damping coefficient is negative.
+            If a group or a quantity is not there, a number is not finite, or a damping coefficient
+            is negative.
         """
         if not isinstance(changes, Mapping):
-            raise ModelError(f"changes: expected a mapping of group to quantities, found {type(changes).__name__}")
+            raise ModelError(
+                "changes: expected a mapping of group to quantities, found"
+                f" {type(changes).__name__}"
+            )
         groups = dict(self.groups)
         for name, change in changes.items():
             group = self.group(name)
             if not isinstance(change, Mapping):
-                raise ModelError(f"group {name!r}: expected a mapping of quantity to number, found {change!r}")
+                raise ModelError(
+                    f"group {name!r}: expected a mapping of quantity to number, found {change!r}"
+                )
             for quantity, value in change.items():
                 _check_change(name, group, quantity, value)
             groups[name] = group.changed(change)
@@ -276,8 +303,9 @@ class Model:
         Parameters
         ----------
         damping : mapping of str to mapping
-            By group: ``loss_factor``, ``mass_damping`` (1/s), ``stiffness_damping`` (s) and ``loss_table`` (two rows,
-            lines in Hz and factors on the loss factor; None for none), as for `Group`. What is not named stays.
+            By group: ``loss_factor``, ``mass_damping`` (1/s), ``stiffness_damping`` (s) and
+            ``loss_table`` (two rows, lines in Hz and factors on the loss factor; None for none), as
+            for `Group`. What is not named stays.
 
         Returns
         -------
@@ -289,12 +317,16 @@ class Model:
             If a group or a kind of damping is not there, or a value is not usable.
         """
         if not isinstance(damping, Mapping):
-            raise ModelError(f"damping: expected a mapping of group to damping, found {type(damping).__name__}")
+            raise ModelError(
+                f"damping: expected a mapping of group to damping, found {type(damping).__name__}"
+            )
         groups = dict(self.groups)
         for name, own in damping.items():
             group = self.group(name)
             if not isinstance(own, Mapping):
-                raise ModelError(f"group {name!r}: expected a mapping of damping by name, found {own!r}")
+                raise ModelError(
+                    f"group {name!r}: expected a mapping of damping by name, found {own!r}"
+                )
             try:
                 groups[name] = group.with_damping(own)
             except ModelError as error:
@@ -307,12 +339,17 @@ def _check_name(name: object) -> None:
         raise ModelError(f"group name {name!r}: expected a text without blanks at its ends")
     bad = sorted(set(name) & set(".*?[]\n\t"))
     if bad:
-        raise ModelError(f"group name {name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen by glob")
+        raise ModelError(
+            f"group name {name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen by"
+            " glob"
+        )
 
 
 def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
     if quantity not in GROUP_QUANTITIES:
-        raise ModelError(f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, GROUP_QUANTITIES)}")
+        raise ModelError(
+            f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, GROUP_QUANTITIES)}"
+        )
     if not group.has(quantity):
         raise ModelError(f"group {name!r} has no {GROUP_QUANTITIES[quantity]} to change")
     if not is_number(value):
@@ -324,8 +361,8 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
 def _negative(matrix: Matrix) -> str | None:
     """Say how a matrix is indefinite beyond rounding, or return None.
 
-    On at most 600 own DOFs the eigenvalues decide. On more, the diagonal and the 2 x 2 minors are looked at, which
-    finds wrong signs but not every indefinite matrix.
+    On at most 600 own DOFs the eigenvalues decide. On more, the diagonal and the 2 x 2 minors are
+    looked at, which finds wrong signs but not every indefinite matrix.
     """
     own = np.unique(matrix.indices)
     if own.size == 0:
@@ -333,7 +370,9 @@ def _negative(matrix: Matrix) -> str | None:
     if own.size <= _DENSE_CHECK:
         values = np.linalg.eigvalsh(matrix[own][:, own].toarray())
         low, high = float(values[0]), float(np.abs(values).max())
-        return f"smallest eigenvalue {low:.3g}, largest {high:.3g}" if low < -ROUNDING * high else None
+        return (
+            f"smallest eigenvalue {low:.3g}, largest {high:.3g}" if low < -ROUNDING * high else None
+        )
     diagonal = matrix.diagonal()
     largest = float(np.abs(matrix.data).max())
     if diagonal.min() < -ROUNDING * largest:
@@ -341,7 +380,8 @@ def _negative(matrix: Matrix) -> str | None:
     upper = matrix.tocoo()
     off = np.flatnonzero(upper.row < upper.col)
     product = diagonal[upper.row[off]] * diagonal[upper.col[off]]
-    # Rounding may lift an entry above the geometric mean of its diagonal entries, or stand beside a diagonal of 0.
+    # Rounding may lift an entry above the geometric mean of its diagonal entries, or stand beside a
+    # diagonal of 0.
     excess = upper.data[off] ** 2 - product - 1e-8 * np.abs(product) - (ROUNDING * largest) ** 2
     if excess.size and excess.max() > 0.0:
         at = off[int(np.argmax(excess))]

@@ -1,9 +1,10 @@
 """Exact derivatives of the receptance and of the condensed dynamic stiffness with respect to the unknowns.
 
-Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same solves serve both,
-as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T, dZ_red/dp = T^T Z'_p T (Bao, Wang &
-Cheng 2010, eqs. 11, 17, 18, in closed form). Both are contractions of one stored matrix on its group's own DOFs.
-Stiffness, loss factor and stiffness-proportional damping of a group share one contraction, as do mass and its damping.
+Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same
+solves serve both, as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T,
+dZ_red/dp = T^T Z'_p T (Bao, Wang & Cheng 2010, eqs. 11, 17, 18, in closed form). Both are
+contractions of one stored matrix on its group's own DOFs. Stiffness, loss factor and
+stiffness-proportional damping of a group share one contraction, as do mass and its damping.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ _Complex = NDArray[np.complex128]
 _FACTOR, _LOSS, _RATE = range(3)
 _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RATE}
 
-#: Multiplications in a product that BLAS does in one thread (OpenBLAS: up to 2^15). Its threads would wait for the
-#: cores on which those of the sparse solver still spin, which takes longer than all else beside the solve.
+#: Multiplications in a product that BLAS does in one thread (OpenBLAS: up to 2^15). Its threads
+#: would wait for the cores on which those of the sparse solver still spin, which takes longer than
+#: all else beside the solve.
 _ALONE = 2**15
 
 
@@ -38,8 +40,8 @@ _ALONE = 2**15
 class Unknowns:
     """Where the unknowns act in a compiled model: a list of drives, one or more for each unknown.
 
-    A term's factor is the product of value**power over the drives that act on it; a loss factor or a Rayleigh
-    coefficient is the value itself.
+    A term's factor is the product of value**power over the drives that act on it; a loss factor or
+    a Rayleigh coefficient is the value itself.
 
     Attributes
     ----------
@@ -77,7 +79,12 @@ class Unknowns:
         Unknowns
         """
         items = list(parameters)
-        drives = [(i, d) for i, p in enumerate(items) for d in p.acts_on if system.has(d.group, d.quantity)]
+        drives = [
+            (i, d)
+            for i, p in enumerate(items)
+            for d in p.acts_on
+            if system.has(d.group, d.quantity)
+        ]
         return cls(
             len(items),
             np.array([i for i, _ in drives], dtype=np.intp),
@@ -111,7 +118,11 @@ class Unknowns:
         return State(factor, loss, rate)
 
     def slopes(
-        self, system: AffineSystem, state: State, values: NDArray[np.float64], omega: NDArray[np.float64]
+        self,
+        system: AffineSystem,
+        state: State,
+        values: NDArray[np.float64],
+        omega: NDArray[np.float64],
     ) -> _Complex:
         """Return the derivative of each drive's coefficient by its unknown.
 
@@ -130,10 +141,17 @@ class Unknowns:
         -------
         ndarray of complex, shape (n_d, n_f)
         """
-        # Of the coefficient at a factor of 1: where a drive is alone and linear, factor over value is exactly that.
-        unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[self.at]
+        # Of the coefficient at a factor of 1: where a drive is alone and linear, factor over value
+        # is exactly that.
+        unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[
+            self.at
+        ]
         scales, factor = self.number == _FACTOR, state.factor[self.at, None]
-        share = np.where(scales, self.power * state.factor[self.at] / np.where(scales, values[self.owner], 1.0), 1.0)
+        share = np.where(
+            scales,
+            self.power * state.factor[self.at] / np.where(scales, values[self.owner], 1.0),
+            1.0,
+        )
         unit *= share[:, None]
         lost, rated = self.number == _LOSS, self.number == _RATE
         if lost.any():
@@ -245,7 +263,9 @@ def condensed_product(
     if not derivatives:
         return product, None
     moved = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
-    return product, contract(system, unknowns, unknowns.slopes(system, state, values, omega), T, moved)
+    return product, contract(
+        system, unknowns, unknowns.slopes(system, state, values, omega), T, moved
+    )
 
 
 def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -260,7 +280,9 @@ def _view(places: NDArray[np.intp]) -> Any:
     return slice(len(places)) if np.array_equal(places, np.arange(len(places))) else places
 
 
-def contract(system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex) -> _Complex:
+def contract(
+    system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex
+) -> _Complex:
     """Sum slope_d V^T A_d U over the drives of every unknown, line by line.
 
     Parameters

@@ -31,14 +31,16 @@ def rigid(model, x0=0.0):
 def timoshenko_free(count):
     """Natural frequencies of the free-free Timoshenko beam from its characteristic equation, in Hz.
 
-    The general solution of EI psi'' + kGA (w' - psi) + rho I omega^2 psi = 0, kGA (w'' - psi') + rho A omega^2 w = 0 is
-    put together from exponentials exp(lambda x); moment EI psi' and shear kGA (w' - psi) vanish at both ends.
-    """
+    The general solution of EI psi'' + kGA (w' - psi) + rho I omega^2 psi = 0, kGA (w'' - psi') +
+    rho A omega^2 w = 0 is put together from exponentials exp(lambda x); moment EI psi' and shear
+    kGA (w' - psi) vanish at both ends."""
     EI, S, m, j = 210e9 * INERTIA, KAPPA * G * A, 7850 * A, 7850 * INERTIA
 
     def determinant(f):
         w2 = (2 * np.pi * f) ** 2
-        p = np.polynomial.Polynomial([m * w2 * (j * w2 - S) / (EI * S), j * w2 / EI + m * w2 / S, 1.0])
+        p = np.polynomial.Polynomial(
+            [m * w2 * (j * w2 - S) / (EI * S), j * w2 / EI + m * w2 / S, 1.0]
+        )
         columns = []
         for square in p.roots():  # one positive, one negative below the cut-on frequency
             k = np.sqrt(abs(square))
@@ -46,7 +48,9 @@ def timoshenko_free(count):
             for even in (True, False):
                 # w = c(kx) or s(kx) about the middle, psi from the second equation
                 x = LENGTH / 2
-                c, s = (np.cosh(k * x), np.sinh(k * x)) if growing else (np.cos(k * x), np.sin(k * x))
+                c, s = (
+                    (np.cosh(k * x), np.sinh(k * x)) if growing else (np.cos(k * x), np.sin(k * x))
+                )
                 slope = m * w2 / (S * k) + (k if growing else -k)  # psi' = w'' + m w2 w / S
                 value = c if even else s
                 if growing:
@@ -69,7 +73,11 @@ def timoshenko_free(count):
     roots = []
     for family in (0, 1):
         for i in np.flatnonzero(np.sign(values[:-1, family]) != np.sign(values[1:, family])):
-            roots.append(scipy.optimize.brentq(lambda f, k=family: determinant(f)[k], grid[i], grid[i + 1], xtol=1e-10))
+            roots.append(
+                scipy.optimize.brentq(
+                    lambda f, k=family: determinant(f)[k], grid[i], grid[i + 1], xtol=1e-10
+                )
+            )
     return np.sort(roots)[:count]
 
 
@@ -79,10 +87,13 @@ def test_element_mass_is_that_of_its_shape_functions():
     phi = 12 * shear / length**2
     x, weight = np.polynomial.legendre.leggauss(8)
     x, weight = (x + 1) / 2, weight / 2 * length
-    # w = a + b x + c x^2 + d x^3 with t = w' + (shear) w''' l-scaled: static equilibrium of the Timoshenko element
+    # w = a + b x + c x^2 + d x^3 with t = w' + (shear) w''' l-scaled: static equilibrium of the
+    # Timoshenko element
     powers = np.stack([np.ones_like(x), x, x**2, x**3])
     slopes = np.stack([np.zeros_like(x), np.ones_like(x), 2 * x, 3 * x**2 + phi / 2]) / length
-    ends = np.array([[1, 0, 0, 0], [0, 1, 0, phi / 2], [1, 1, 1, 1], [0, 1, 2, 3 + phi / 2]], dtype=float)
+    ends = np.array(
+        [[1, 0, 0, 0], [0, 1, 0, phi / 2], [1, 1, 1, 1], [0, 1, 2, 3 + phi / 2]], dtype=float
+    )
     ends[1::2] /= length
     N = np.linalg.solve(ends.T, powers)
     Nt = np.linalg.solve(ends.T, slopes)
@@ -103,8 +114,12 @@ def test_cantilever_tip_with_shear_is_exact_on_any_mesh(n_elements):
     force[-2] = 100.0
     tip = np.linalg.solve(K, force)[-2:]
     EI = 210e9 * INERTIA
-    assert tip[0] == pytest.approx(100 * LENGTH**3 / (3 * EI) + 100 * LENGTH / (KAPPA * G * A), rel=1e-9)
-    assert tip[1] == pytest.approx(-100 * LENGTH**2 / (2 * EI), rel=1e-9)  # upward force turns X towards +Z: RY < 0
+    assert tip[0] == pytest.approx(
+        100 * LENGTH**3 / (3 * EI) + 100 * LENGTH / (KAPPA * G * A), rel=1e-9
+    )
+    assert tip[1] == pytest.approx(
+        -100 * LENGTH**2 / (2 * EI), rel=1e-9
+    )  # upward force turns X towards +Z: RY < 0
 
 
 def test_free_free_frequencies_against_the_timoshenko_equation():
@@ -115,14 +130,18 @@ def test_free_free_frequencies_against_the_timoshenko_equation():
     found = updyn.modes(beam(LENGTH, **STEEL, n_elements=100), 9).frequency
     assert (found[:2] == 0.0).all()
     assert found[2:] == pytest.approx(exact, rel=4e-4)
-    # The error is of second order (constant shear strain in an element): two meshes extrapolate to the exact value.
+    # The error is of second order (constant shear strain in an element): two meshes extrapolate to
+    # the exact value.
     finer = updyn.modes(beam(LENGTH, **STEEL, n_elements=200), 9).frequency
     assert ((4 * finer - found) / 3)[2:] == pytest.approx(exact, rel=1e-6)
 
 
 def test_frequencies_converge_from_above():
     exact = timoshenko_free(2)[1]
-    error = [updyn.modes(beam(LENGTH, **STEEL, n_elements=n), 4).frequency[3] / exact - 1 for n in (50, 100, 200)]
+    error = [
+        updyn.modes(beam(LENGTH, **STEEL, n_elements=n), 4).frequency[3] / exact - 1
+        for n in (50, 100, 200)
+    ]
     assert 0 < error[2] < 2e-6
     assert error[0] / error[1] == pytest.approx(4, rel=0.05)
     assert error[1] / error[2] == pytest.approx(4, rel=0.05)
@@ -131,7 +150,13 @@ def test_frequencies_converge_from_above():
 def test_euler_bernoulli_cantilever():
     """A very slender beam: (1.8751, 4.6941, 7.8548)^2 (Blevins 1979, table 8-1)."""
     model = beam(
-        1.0, E=210e9, rho=7850, width=0.01, height=0.001, n_elements=40, supports=[Support("clamp", 0.0, 1e9, 1e9)]
+        1.0,
+        E=210e9,
+        rho=7850,
+        width=0.01,
+        height=0.001,
+        n_elements=40,
+        supports=[Support("clamp", 0.0, 1e9, 1e9)],
     )
     EI, m = 210e9 * 0.01 * 0.001**3 / 12, 7850 * 1e-5
     exact = np.array([1.87510407, 4.69409113, 7.85475744]) ** 2 / (2 * np.pi) * np.sqrt(EI / m)
@@ -139,7 +164,13 @@ def test_euler_bernoulli_cantilever():
 
 
 def test_mass_inertia_and_rigid_body_modes_are_exact():
-    model = beam(LENGTH, **STEEL, n_elements=13, stations=[0.11, 0.37], masses=[PointMass("sensor", 0.37, 0.02, 3e-6)])
+    model = beam(
+        LENGTH,
+        **STEEL,
+        n_elements=13,
+        stations=[0.11, 0.37],
+        masses=[PointMass("sensor", 0.37, 0.02, 3e-6)],
+    )
     heave, pitch = rigid(model, LENGTH / 2)
     M, K = model.mass, model.stiffness
     m = 7850 * A * LENGTH
@@ -158,7 +189,10 @@ def test_segments_sum_to_the_whole_and_carry_their_own_properties():
     parts = beam(LENGTH, **STEEL, nodes=np.linspace(0, LENGTH, 13), segments=cut)
     assert list(parts.groups) == ["end", "middle"]
     for what in ("stiffness", "mass"):
-        assert abs(getattr(whole, what) - getattr(parts, what)).max() <= 1e-15 * abs(getattr(whole, what)).max()
+        assert (
+            abs(getattr(whole, what) - getattr(parts, what)).max()
+            <= 1e-15 * abs(getattr(whole, what)).max()
+        )
     special = beam(
         LENGTH,
         **STEEL,
@@ -177,15 +211,25 @@ def test_supports_and_masses_stand_where_they_were_put():
     model = beam(
         LENGTH,
         **STEEL,
-        supports=[Support("foam", 0.1, 2e4, 3.0, 0.3, 5.0), Support("foam", 0.5, 1e4, loss_factor=0.3)],
-        masses=[PointMass("acc", 0.1, 0.004), PointMass("acc", 0.1, 0.001), PointMass("acc", 0.5, 0.002)],
+        supports=[
+            Support("foam", 0.1, 2e4, 3.0, 0.3, 5.0),
+            Support("foam", 0.5, 1e4, loss_factor=0.3),
+        ],
+        masses=[
+            PointMass("acc", 0.1, 0.004),
+            PointMass("acc", 0.1, 0.001),
+            PointMass("acc", 0.5, 0.002),
+        ],
     )
     assert list(model.groups) == ["beam", "foam", "acc"]
     x = model.geometry.xyz[:, 0]
     a, b = (2 * int(np.flatnonzero(np.isclose(x, p))[0]) for p in (0.1, 0.5))
     foam = model.group("foam")
     assert foam.loss_factor == 0.3
-    assert {(i, j): v for i, j, v in zip(*foam.stiffness.tocoo().coords, foam.stiffness.data, strict=True)} == {
+    assert {
+        (i, j): v
+        for i, j, v in zip(*foam.stiffness.tocoo().coords, foam.stiffness.data, strict=True)
+    } == {
         (a, a): 2e4,
         (a + 1, a + 1): 3.0,
         (b, b): 1e4,
@@ -202,7 +246,9 @@ def test_stations_are_nodes_and_may_carry_their_own_numbers():
     assert np.isin([0.1234, 0.1236], x).all()
     assert np.diff(x).max() <= 0.06 * (1 + 1e-9)
     named = beam(LENGTH, **STEEL, n_elements=10, stations={2: 0.5, 101: 0.1234})
-    assert named.geometry.position([101, 2, 1, 3])[:, 0] == pytest.approx([0.1234, 0.5, 0.0, 0.1234 / 3])
+    assert named.geometry.position([101, 2, 1, 3])[:, 0] == pytest.approx(
+        [0.1234, 0.5, 0.0, 0.1234 / 3]
+    )
     assert "2:Z" in named.dofs
     # Numbers do not change the physics.
     f = [1.0, 300.0]
@@ -219,7 +265,10 @@ def test_table_builds_the_same_beam():
         **STEEL,
         "loss_factor": 0.01,
         "stations": {"101": 0.2, "102": 0.35},
-        "segments": [{"name": "a", "start": 0.0, "end": 0.3}, {"name": "b", "start": 0.3, "end": 0.6}],
+        "segments": [
+            {"name": "a", "start": 0.0, "end": 0.3},
+            {"name": "b", "start": 0.3, "end": 0.6},
+        ],
         "supports": [{"name": "foam", "x": 0.1, "stiffness": 1e4}],
         "masses": [{"name": "acc", "x": 0.2, "mass": 0.004}],
     }
@@ -248,19 +297,34 @@ def test_table_builds_the_same_beam():
         ({"n_elements": 0}, "n_elements 0; expected a whole number"),
         ({"n_elements": 5, "nodes": [0, 0.6]}, "either n_elements or nodes"),
         ({"nodes": [0, 0.3, 0.5]}, "nodes run from 0 to 0.5 m; expected 0 to 0.6 m"),
-        ({"nodes": [0, 0.3, 0.6], "stations": [0.31]}, "station at 0.31 m is not a node; nearest: 0.3 m"),
+        (
+            {"nodes": [0, 0.3, 0.6], "stations": [0.31]},
+            "station at 0.31 m is not a node; nearest: 0.3 m",
+        ),
         ({"stations": [0.7]}, "station at 0.7 m lies off the beam, which runs from 0 to 0.6 m"),
         ({"stations": {7: 0.1, 8: 0.1}}, "stations 7 and 8 share the position 0.1 m"),
         ({"stations": {0: 0.1}}, "station 0: expected a node number of at least 1"),
         ({"segments": [("a", 0, 0.3)]}, "no segment covers 0.3 to 0.6 m, after segment 'a'"),
         ({"segments": [("a", 0, 0.3), ("b", 0.35, 0.6)]}, "no segment covers 0.3 to 0.35 m"),
-        ({"segments": [("a", 0, 0.3), ("b", 0.25, 0.6)]}, "'b' starts at 0.25 m, within segment 'a'"),
+        (
+            {"segments": [("a", 0, 0.3), ("b", 0.25, 0.6)]},
+            "'b' starts at 0.25 m, within segment 'a'",
+        ),
         ({"segments": [("a", 0.6, 0.0)]}, "expected its end beyond its start"),
         ({"segments": ["abc"]}, "expected a Segment or (name, start, end"),
-        ({"segments": [("a", 0, 0.6)], "supports": [("a", 0.1, 1e3)]}, "'a' names a segment and a support"),
+        (
+            {"segments": [("a", 0, 0.6)], "supports": [("a", 0.1, 1e3)]},
+            "'a' names a segment and a support",
+        ),
         ({"supports": [("foam", 0.1)]}, "neither stiffness nor viscous damping"),
-        ({"supports": [("foam", 0.1, -5.0)]}, "support 'foam': stiffness -5.0; expected a number of at least 0"),
-        ({"supports": [("f", 0.1, 1.0, 0.0, 0.1), ("f", 0.2, 1.0)]}, "loss factors [0.0, 0.1] in one group"),
+        (
+            {"supports": [("foam", 0.1, -5.0)]},
+            "support 'foam': stiffness -5.0; expected a number of at least 0",
+        ),
+        (
+            {"supports": [("f", 0.1, 1.0, 0.0, 0.1), ("f", 0.2, 1.0)]},
+            "loss factors [0.0, 0.1] in one group",
+        ),
         ({"masses": [("acc", 0.1, 0.0)]}, "mass 'acc': mass 0.0; expected a number above 0"),
     ],
 )
@@ -273,7 +337,10 @@ def test_nonsense_is_refused_with_advice(change, message):
     ("change", "message"),
     [
         ({"lenght": 1.0}, "model: no key 'lenght'; did you mean 'length'"),
-        ({"supports": [{"name": "a", "x": 0.1, "stifness": 1.0}]}, "model.supports, number 1: no key 'stifness'"),
+        (
+            {"supports": [{"name": "a", "x": 0.1, "stifness": 1.0}]},
+            "model.supports, number 1: no key 'stifness'",
+        ),
         ({"masses": [{"name": "a", "x": 0.1}]}, "model.masses, number 1: 'mass' is missing"),
         ({"masses": {"name": "a"}}, "expected an array of tables, [[model.masses]]"),
         ({"stations": {"left": 0.1}}, "model.stations: 'left'; expected a node number"),

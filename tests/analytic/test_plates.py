@@ -34,20 +34,31 @@ def grid(
     X, Y = np.meshgrid(x, x, indexing="ij")
     inner = np.zeros_like(X)
     inner[1:-1, 1:-1] = skew * SIDE / n
-    xyz = np.stack([X + inner * rng.uniform(-1, 1, X.shape), Y + inner * rng.uniform(-1, 1, X.shape), 0 * X], axis=-1)
+    xyz = np.stack(
+        [X + inner * rng.uniform(-1, 1, X.shape), Y + inner * rng.uniform(-1, 1, X.shape), 0 * X],
+        axis=-1,
+    )
     xyz[..., 2] = warp * SIDE / n * rng.uniform(-1, 1, X.shape)
     I = np.arange(1, X.size + 1).reshape(X.shape)
     quads = np.stack([I[:-1, :-1], I[1:, :-1], I[1:, 1:], I[:-1, 1:]], axis=-1).reshape(-1, 4)
-    elements = quads if kind == "quads" else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    elements = (
+        quads if kind == "quads" else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    )
     return xyz.reshape(-1, 3), I, elements
 
 
 def held(I: np.ndarray, edges: str) -> list[str | int]:
     """What holds a plate: S, C or F at x = 0, x = a, y = 0, y = a; and its motion in the plane."""
-    out: dict[str | int, None] = {f"{k}:{d}": None for k in I.ravel().tolist() for d in ("X", "Y", "RZ")}
-    for how, nodes, turn in zip(edges, (I[0], I[-1], I[:, 0], I[:, -1]), ("RX", "RX", "RY", "RY"), strict=True):
+    out: dict[str | int, None] = {
+        f"{k}:{d}": None for k in I.ravel().tolist() for d in ("X", "Y", "RZ")
+    }
+    for how, nodes, turn in zip(
+        edges, (I[0], I[-1], I[:, 0], I[:, -1]), ("RX", "RX", "RY", "RY"), strict=True
+    ):
         for k in nodes.tolist():
-            out |= dict.fromkeys([f"{k}:{d}" for d in {"F": (), "S": ("Z", turn), "C": ("Z", "RX", "RY")}[how]])
+            out |= dict.fromkeys(
+                [f"{k}:{d}" for d in {"F": (), "S": ("Z", turn), "C": ("Z", "RX", "RY")}[how]]
+            )
     return list(out)
 
 
@@ -82,7 +93,8 @@ def ritz(edges: str, count: int, terms: int = 14) -> np.ndarray:
     return np.sqrt(np.clip(found[:count], 0, None))
 
 
-#: Square plates, nu = 0.3: Leissa, J. Sound and Vibration 31 (1973) 257-293 (with free edges, upper bounds by Ritz).
+#: Square plates, nu = 0.3: Leissa, J. Sound and Vibration 31 (1973) 257-293 (with free edges, upper
+#: bounds by Ritz).
 LEISSA = {
     "SSSS": [19.7392, 49.3480, 49.3480, 78.9568],
     "CCCC": [35.992, 73.413, 73.413, 108.27],
@@ -119,7 +131,9 @@ def test_a_thick_plate_vibrates_as_in_mindlin(kind):
     rigidity, shear = E * h**3 / (12 * (1 - NU**2)), 5 / 6 * E / (2 * (1 + NU)) * h
     # (S k2 - rho h x) (D k2 + S - rho h^3 / 12 x) = S^2 k2, x = omega^2
     m, r = RHO * h, RHO * h**3 / 12
-    roots = np.roots([m * r, -(m * (rigidity * k2 + shear) + r * shear * k2), shear * k2 * rigidity * k2])
+    roots = np.roots(
+        [m * r, -(m * (rigidity * k2 + shear) + r * shear * k2), shear * k2 * rigidity * k2]
+    )
     exact = np.sqrt(roots.min()) / (2 * pi)
     xyz, I, elements = grid(24, kind)
     plate = structure(xyz, [Shell("plate", elements, E, RHO, h, NU)], grounded=held(I, "SSSS"))
@@ -139,7 +153,13 @@ def test_a_thin_plate_does_not_lock():
         plate = structure(xyz, [Shell("plate", elements, E, RHO, h, NU)], grounded=held(I, "CCCC"))
         centre = int(I[4, 4])
         # w = 0.00560 P a^2 / D of a clamped plate: Timoshenko & Woinowsky-Krieger 1959, table 37.
-        w = deflection(plate, {f"{centre}:Z": 1.0})[f"{centre}:Z"] * E * h**3 / (12 * (1 - NU**2)) / SIDE**2
+        w = (
+            deflection(plate, {f"{centre}:Z": 1.0})[f"{centre}:Z"]
+            * E
+            * h**3
+            / (12 * (1 - NU**2))
+            / SIDE**2
+        )
         answer.append(w)
     np.testing.assert_allclose(answer, 0.00560, rtol=0.05)
     assert answer[0] == pytest.approx(answer[1], rel=0.02)
@@ -163,7 +183,9 @@ def test_mass_and_inertia_of_a_plate(kind):
     xyz, _, elements = grid(4, kind, skew=0.2)
     h = 0.05
     mass = RHO * h * SIDE**2
-    found = rigid_inertia(structure(xyz - [SIDE / 2, SIDE / 2, 0], [Shell("plate", elements, E, RHO, h, NU)]))
+    found = rigid_inertia(
+        structure(xyz - [SIDE / 2, SIDE / 2, 0], [Shell("plate", elements, E, RHO, h, NU)])
+    )
     np.testing.assert_allclose(found[:3, :3], mass * np.eye(3), rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(found[:3, 3:], 0.0, atol=1e-9)
     # The drilling rotation has no inertia of its own: about z, that of the mean plane.
@@ -174,7 +196,10 @@ def test_mass_and_inertia_of_a_plate(kind):
 def test_a_turned_shell_has_the_same_frequencies():
     xyz, I, elements = grid(5, skew=0.2, warp=0.05)
     Q = rotation(5)
-    extra = [PointMass("mass", 1, 0.4, (0.01, 0.02, 0.03)), Spring("spring", 6, stiffness=(1e4,) * 3 + (1e3,) * 3)]
+    extra = [
+        PointMass("mass", 1, 0.4, (0.01, 0.02, 0.03)),
+        Spring("spring", 6, stiffness=(1e4,) * 3 + (1e3,) * 3),
+    ]
     parts = [Shell("plate", elements, E, RHO, THIN, NU), *extra]
     same = [parts[0], PointMass("mass", 1, 0.4, Q @ extra[0].inertia @ Q.T), extra[1]]
     before = updyn.modes(structure(xyz, parts, grounded=I[-1].tolist()), 8).frequency
@@ -186,13 +211,17 @@ def test_a_turned_shell_has_the_same_frequencies():
 def test_a_shell_bends_in_its_plane_as_a_beam(n, error):
     """Tip deflection of a deep cantilever, P L^3 / 3 E I + P L / (kappa G A), by 6 n x n quadrilaterals."""
     length, deep, h = 3.0, 0.4, 0.01
-    x, y = np.meshgrid(np.linspace(0, length, 6 * n + 1), np.linspace(0, deep, n + 1), indexing="ij")
+    x, y = np.meshgrid(
+        np.linspace(0, length, 6 * n + 1), np.linspace(0, deep, n + 1), indexing="ij"
+    )
     I = np.arange(1, x.size + 1).reshape(x.shape)
     quads = np.stack([I[:-1, :-1], I[1:, :-1], I[1:, 1:], I[:-1, 1:]], axis=-1).reshape(-1, 4)
     xyz = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     wall = structure(xyz, [Shell("wall", quads, E, RHO, h, NU)], grounded=I[0].tolist())
     found = deflection(wall, {f"{k}:Y": 1 / (n + 1) for k in I[-1].tolist()})
-    exact = length**3 / (3 * E * h * deep**3 / 12) + length / (5 / 6 * E / (2 * (1 + NU)) * h * deep)
+    exact = length**3 / (3 * E * h * deep**3 / 12) + length / (
+        5 / 6 * E / (2 * (1 + NU)) * h * deep
+    )
     assert found[f"{I[-1, 0]}:Y"] == pytest.approx(exact, rel=error)
 
 
@@ -205,13 +234,17 @@ def test_the_roof_of_scordelis_and_lo(kind, error):
     xyz = np.stack([radius * np.sin(angle), along, radius * np.cos(angle)], axis=-1).reshape(-1, 3)
     I = np.arange(1, angle.size + 1).reshape(angle.shape)
     quads = np.stack([I[:-1, :-1], I[1:, :-1], I[1:, 1:], I[:-1, 1:]], axis=-1).reshape(-1, 4)
-    elements = quads if kind == "quads" else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    elements = (
+        quads if kind == "quads" else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    )
     crown, middle, end = I[0].tolist(), I[:, 0].tolist(), I[:, -1].tolist()
     ground = {f"{k}:{d}": None for k in crown for d in ("X", "RY", "RZ")}  # symmetry
     ground |= {f"{k}:{d}": None for k in middle for d in ("Y", "RX", "RZ")}
     ground |= {f"{k}:{d}": None for k in end for d in ("X", "Z")}  # diaphragm
     weight = 90.0
-    roof = structure(xyz, [Shell("roof", elements, 4.32e8, weight / 0.25, 0.25, 0.0)], grounded=list(ground))
+    roof = structure(
+        xyz, [Shell("roof", elements, 4.32e8, weight / 0.25, 0.25, 0.0)], grounded=list(ground)
+    )
     down = -(roof.dofs.axes == 2).astype(float)
     answer = spsolve(roof.stiffness.tocsc(), roof.mass @ down)
     found = answer[roof.dofs.match([f"{I[-1, 0]}:Z"]).index[0]]
@@ -232,14 +265,20 @@ def test_a_stiffened_plate_joins_beams_and_shells():
 
 def test_a_warped_element_is_warned_of():
     nodes = [[0, 0, 0], [1, 0, 0], [1, 1, 0.6], [0, 1, 0]]
-    with pytest.warns(UpdynWarning, match=r"nodes \[1, 2, 3, 4\] is warped: a node stands 1\d% of its size off"):
+    with pytest.warns(
+        UpdynWarning, match=r"nodes \[1, 2, 3, 4\] is warped: a node stands 1\d% of its size off"
+    ):
         structure(nodes, [Shell("s", [[1, 2, 3, 4]], E, RHO, 0.01)])
 
 
 @pytest.mark.parametrize(
     ("nodes", "element", "said"),
     [
-        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [1, 2, 3], "the element of nodes \\[1, 2, 3\\] has no area"),
+        (
+            [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
+            [1, 2, 3],
+            "the element of nodes \\[1, 2, 3\\] has no area",
+        ),
         ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [1, 3, 2, 4], "is not convex|has no area"),
         ([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]], [1, 2, 3, 4], "is not convex"),
     ],

@@ -61,7 +61,9 @@ def test_a_free_solid_has_exactly_six_motions_without_energy(nodes):
 def test_mass_centre_and_inertia_of_a_block(nodes):
     a, b, c = 1.0, 0.8, 0.6
     xyz, elements = block((2, 3, 2), (a, b, c), nodes, skew=0.2)
-    found = rigid_inertia(structure(xyz - np.array([a, b, c]) / 2, [Solid("solid", elements, E, RHO, NU)]))
+    found = rigid_inertia(
+        structure(xyz - np.array([a, b, c]) / 2, [Solid("solid", elements, E, RHO, NU)])
+    )
     mass = RHO * a * b * c
     np.testing.assert_allclose(found[:3, :3], mass * np.eye(3), rtol=1e-10, atol=1e-9 * mass)
     np.testing.assert_allclose(found[:3, 3:], 0.0, atol=1e-9 * mass)
@@ -90,7 +92,9 @@ def test_a_free_rod_stretches_as_in_rao(nodes, error):
     np.testing.assert_allclose(updyn.modes(rod, 3).frequency[1:], exact, rtol=error)
 
 
-@pytest.mark.parametrize(("nodes", "cells", "error"), [(20, 12, 2e-3), (10, 12, 6e-3), (8, 12, 0.025), (8, 24, 0.012)])
+@pytest.mark.parametrize(
+    ("nodes", "cells", "error"), [(20, 12, 2e-3), (10, 12, 6e-3), (8, 12, 0.025), (8, 24, 0.012)]
+)
 def test_a_cantilever_bends_as_a_timoshenko_beam(nodes, cells, error):
     size = (1.0, 0.08, 0.12)
     xyz, elements = block((cells, 2, 2), size, nodes)
@@ -98,7 +102,9 @@ def test_a_cantilever_bends_as_a_timoshenko_beam(nodes, cells, error):
     line = np.column_stack([np.linspace(0, 1, 61), np.zeros((61, 2))])
     section = rectangle(size[1], size[2], nu=0.0)
     pairs = np.column_stack([np.arange(1, 61), np.arange(2, 62)])
-    beam = structure(line, [Beam("b", pairs, E, RHO, section, nu=0.0, orientation=[0, 1, 0])], grounded=[1])
+    beam = structure(
+        line, [Beam("b", pairs, E, RHO, section, nu=0.0, orientation=[0, 1, 0])], grounded=[1]
+    )
     expected = updyn.modes(beam, 4).frequency
     np.testing.assert_allclose(updyn.modes(solid, 4).frequency, expected, rtol=error)
 
@@ -114,7 +120,8 @@ def test_eight_node_bricks_bend_without_locking():
 
 
 @pytest.mark.parametrize(
-    ("nodes", "cells", "error"), [(20, 3, 2e-3), (20, 6, 2e-4), (10, 3, 5e-3), (8, 8, 0.01), (4, 8, 0.04)]
+    ("nodes", "cells", "error"),
+    [(20, 3, 2e-3), (20, 6, 2e-4), (10, 3, 5e-3), (8, 8, 0.01), (4, 8, 0.04)],
 )
 def test_a_free_cube_has_the_modes_of_lame(nodes, cells, error):
     """f = c_s / (sqrt(2) a) whatever nu, equivoluminal: Lame, Lecons sur la theorie de l'elasticite, 1852."""
@@ -152,7 +159,10 @@ def test_a_rigid_link_holds_a_motor_on_a_block():
     master = len(nodes)
     motor = PointMass("motor", master, 30.0, (0.1, 0.2, 0.3))
     model = structure(
-        nodes, [Solid("solid", elements, E, RHO, NU), motor], links=[RigidLink(master, face)], grounded=clamped
+        nodes,
+        [Solid("solid", elements, E, RHO, NU), motor],
+        links=[RigidLink(master, face)],
+        grounded=clamped,
     )
     assert [d for d in model.dofs.labels if d.startswith(f"{master}:")] == [
         f"{master}:{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")
@@ -178,10 +188,19 @@ def test_solids_and_shells_share_nodes():
 @pytest.mark.parametrize(
     ("build", "said"),
     [
-        (lambda e: Solid("s", e[:, [1, 0, 2, 3, 4, 5, 6, 7]], E, RHO), "is turned inside out or has no volume"),
-        (lambda e: Solid("s", e[:, [4, 5, 6, 7, 0, 1, 2, 3]], E, RHO), "solid 's': the element of nodes [2,"),
+        (
+            lambda e: Solid("s", e[:, [1, 0, 2, 3, 4, 5, 6, 7]], E, RHO),
+            "is turned inside out or has no volume",
+        ),
+        (
+            lambda e: Solid("s", e[:, [4, 5, 6, 7, 0, 1, 2, 3]], E, RHO),
+            "solid 's': the element of nodes [2,",
+        ),
         (lambda e: Solid("s", e, E, RHO, nu=0.5), "solid 's': nu 0.5; expected below 0.5"),
-        (lambda e: Solid("s", e[:, :6], E, RHO), "expected (m, 4) or (m, 8) or (m, 10) or (m, 20) node numbers"),
+        (
+            lambda e: Solid("s", e[:, :6], E, RHO),
+            "expected (m, 4) or (m, 8) or (m, 10) or (m, 20) node numbers",
+        ),
         (lambda e: Solid("s", e, E, RHO, lumped=1), "solid 's': lumped 1; expected True or False"),
     ],
 )

@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose
 import updyn
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Planetary, Shaft, Worm, drivetrain
 
-CASES = json.loads((Path(__file__).parents[1] / "data" / "cases" / "torsional.json").read_text(encoding="utf-8"))
+CASES = json.loads(
+    (Path(__file__).parents[1] / "data" / "cases" / "torsional.json").read_text(encoding="utf-8")
+)
 
 
 def frequencies(model, count):
@@ -44,7 +46,16 @@ def test_branched_gears(kind, mesh):
     parts = [
         Inertia("motor", 1, c["Im"]),
         Shaft("motor shaft", 1, 2, c["k_m"]),
-        GearPair("gears", 2, 3, radii=(0.05, 0.05), kind=kind, inertia_a=c["Ig"], inertia_b=c["Ig"], **mesh),
+        GearPair(
+            "gears",
+            2,
+            3,
+            radii=(0.05, 0.05),
+            kind=kind,
+            inertia_a=c["Ig"],
+            inertia_b=c["Ig"],
+            **mesh,
+        ),
         Shaft("first", 2, 4, c["k_R"]),
         Shaft("second", 3, 5, c["k_R"]),
         Inertia("rotor 1", 4, c["Ir"]),
@@ -87,7 +98,9 @@ def test_example_9_9_hollow_shaft(elements):
         length=c["length_m"],
         n_elements=elements,
     )
-    model = drivetrain([shaft, Inertia("start", 1, c["inertia_start"]), Inertia("end", 2, c["inertia_end"])])
+    model = drivetrain(
+        [shaft, Inertia("start", 1, c["inertia_start"]), Inertia("end", 2, c["inertia_end"])]
+    )
     assert model.n_dofs == elements + 1
     assert_four_digits(frequencies(model, 5), c["first_frequencies_hz_by_elements"][str(elements)])
 
@@ -134,7 +147,9 @@ def rod_frequency(n):
 
 
 def rod(elements, count):
-    return frequencies(drivetrain([Shaft("rod", 1, 2, **ROD, n_elements=elements)], held=[1]), count)
+    return frequencies(
+        drivetrain([Shaft("rod", 1, 2, **ROD, n_elements=elements)], held=[1]), count
+    )
 
 
 def test_fixed_free_rod_converges_with_the_square_of_the_elements():
@@ -182,12 +197,20 @@ def rigid_motion(model):
 )
 def test_ratios_of_willis(fixed, turns, ratio):
     stage = Planetary(
-        "stage", **STAGE, module=0.002, sun_mesh=3e8, ring_mesh=5e8, planets=(7, 8, 9), planet_inertia=1e-4
+        "stage",
+        **STAGE,
+        module=0.002,
+        sun_mesh=3e8,
+        ring_mesh=5e8,
+        planets=(7, 8, 9),
+        planet_inertia=1e-4,
     )
     ends = [Inertia(f"end {n}", n, 0.1) for n in turns]
     motion = rigid_motion(drivetrain([stage, *ends], held=[fixed]))
     assert_allclose(motion[f"{turns[0]}:RZ"] / motion[f"{turns[1]}:RZ"], ratio, rtol=1e-9)
-    rigid = drivetrain([Planetary("stage", **STAGE, rigid=True), *ends], held=[fixed], keep=[turns[1]])
+    rigid = drivetrain(
+        [Planetary("stage", **STAGE, rigid=True), *ends], held=[fixed], keep=[turns[1]]
+    )
     assert rigid.dofs.labels == [f"{turns[1]}:RZ"]
     assert_allclose(rigid.mass.toarray(), [[0.1 * (1 + ratio**2)]], rtol=1e-12)
 
@@ -200,13 +223,21 @@ def test_planetary_frequency_with_rigid_meshes():
     arm = 0.002 * (Z_S + z_p) / 2
     planet = 1 - (i - 1) * Z_S / z_p  # theta_p / theta_c = 1 - (z_s / z_p) (theta_s / theta_c - 1)
     J_load = J_c + 3 * (J_p * planet**2 + m_p * arm**2)
-    stage = Planetary("stage", **STAGE, rigid=True, module=0.002, planet_inertia=J_p, planet_mass=m_p)
+    stage = Planetary(
+        "stage", **STAGE, rigid=True, module=0.002, planet_inertia=J_p, planet_mass=m_p
+    )
     parts = [Inertia("motor", 1, J_m), Shaft("shaft", 1, 2, k), stage, Inertia("carrier", 4, J_c)]
     found = frequencies(drivetrain(parts, held=[3]), 2)
     exact = np.sqrt(k * (1 / J_m + i**2 / J_load)) / (2 * np.pi)
     assert_allclose(found[1], exact, rtol=1e-11)
     stiff = Planetary(
-        "stage", **STAGE, module=0.002, sun_mesh=1e14, ring_mesh=1e14, planet_inertia=J_p, planet_mass=m_p
+        "stage",
+        **STAGE,
+        module=0.002,
+        sun_mesh=1e14,
+        ring_mesh=1e14,
+        planet_inertia=J_p,
+        planet_mass=m_p,
     )
     parts[2] = stiff
     assert_allclose(frequencies(drivetrain(parts, held=[3]), 2)[1], exact, rtol=1e-5)
@@ -231,8 +262,17 @@ def test_modes_of_the_planets_alone():
     base = module / 2 * (Z_R - Z_S) / 2 * np.cos(np.radians(20))
     alone = np.sqrt((k_s + k_r) * base**2 / J_p) / (2 * np.pi)
     assert (np.abs(found.frequency / alone - 1) < 1e-10).sum() == 3
-    # free: two rigid-body motions (Willis), and two modes of the whole that the lumped planet has as well
-    lumped = Planetary("stage", **STAGE, n_planets=4, module=module, sun_mesh=k_s, ring_mesh=k_r, planet_inertia=J_p)
+    # free: two rigid-body motions (Willis), and two modes of the whole that the lumped planet has
+    # as well
+    lumped = Planetary(
+        "stage",
+        **STAGE,
+        n_planets=4,
+        module=module,
+        sun_mesh=k_s,
+        ring_mesh=k_r,
+        planet_inertia=J_p,
+    )
     whole = frequencies(drivetrain([lumped, *ends]), 4)
     others = found.frequency[np.abs(found.frequency / alone - 1) >= 1e-10]
     assert_allclose(others[2:], whole[2:], rtol=1e-9)
@@ -242,9 +282,8 @@ def test_modes_of_the_planets_alone():
 def test_two_overall_modes_of_a_free_stage_in_closed_form():
     """In delta_s, delta_r the free stage has two DOFs: their flexibility is that of three masses by Willis' levers.
 
-    M^-1 of the four wheels is seen by the two meshes as A = B M^-1 B^T, and omega^2 are the roots of
-    lambda^2 - tr(A k) lambda + det(A k) = 0.
-    """
+    M^-1 of the four wheels is seen by the two meshes as A = B M^-1 B^T, and omega^2 are the roots
+    of lambda^2 - tr(A k) lambda + det(A k) = 0."""
     k_s, k_r, n = 3e8, 5e8, 4
     J_s, J_r, J_c, J_p = 0.02, 0.9, 0.6, 1.1e-3
     cosine = np.cos(np.radians(20))
@@ -254,9 +293,15 @@ def test_two_overall_modes_of_a_free_stage_in_closed_form():
     a_rr = n * (r_r**2 / J_r + (r_r - r_p) ** 2 / J_c) + r_p**2 / J_p
     a_sr = n * (r_s + r_p) * (r_r - r_p) / J_c - r_p**2 / J_p
     trace, det = a_ss * k_s + a_rr * k_r, (a_ss * a_rr - a_sr**2) * k_s * k_r
-    lambdas = np.array([(trace - np.sqrt(trace**2 - 4 * det)) / 2, (trace + np.sqrt(trace**2 - 4 * det)) / 2])
-    stage = Planetary("stage", **STAGE, n_planets=n, module=0.003, sun_mesh=k_s, ring_mesh=k_r, planet_inertia=J_p)
-    model = drivetrain([stage, Inertia("sun", 2, J_s), Inertia("ring", 3, J_r), Inertia("carrier", 4, J_c)])
+    lambdas = np.array(
+        [(trace - np.sqrt(trace**2 - 4 * det)) / 2, (trace + np.sqrt(trace**2 - 4 * det)) / 2]
+    )
+    stage = Planetary(
+        "stage", **STAGE, n_planets=n, module=0.003, sun_mesh=k_s, ring_mesh=k_r, planet_inertia=J_p
+    )
+    model = drivetrain(
+        [stage, Inertia("sun", 2, J_s), Inertia("ring", 3, J_r), Inertia("carrier", 4, J_c)]
+    )
     assert_allclose(frequencies(model, 4)[2:], np.sqrt(lambdas) / (2 * np.pi), rtol=1e-9)
 
 

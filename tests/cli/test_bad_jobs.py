@@ -11,7 +11,8 @@ import pytest
 from updyn.cli import main
 
 BAD = sorted((Path(__file__).parents[1] / "data" / "bad" / "job").glob("*.toml"))
-#: First line of each file: the line that the message has to name (none: the file as a whole), and a part of it.
+#: First line of each file: the line that the message has to name (none: the file as a whole), and a
+#: part of it.
 EXPECT = re.compile(rb"# expect(?: (\d+))?: (.+)")
 
 
@@ -25,7 +26,9 @@ def test_there_are_bad_jobs() -> None:
 
 @pytest.mark.parametrize("command", ["run", "check"])
 @pytest.mark.parametrize("bad", BAD, ids=lambda p: p.stem)
-def test_bad_job(bad: Path, command: str, chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_job(
+    bad: Path, command: str, chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = chain_folder / "job.toml"
     shutil.copy(bad, job)
     found = EXPECT.match(bad.read_bytes())

@@ -63,7 +63,9 @@ def write(folder: Path, text: str, name: str = "job.toml") -> Path:
 
 
 # -- run ---------------------------------------------------------------------------------------------------
-def test_run_recovers_the_truth_and_says_0(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_recovers_the_truth_and_says_0(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = write(chain_folder, JOB)
     assert main(["run", str(job)]) == 0
 
@@ -80,7 +82,10 @@ def test_run_recovers_the_truth_and_says_0(chain_folder: Path, capsys: pytest.Ca
     for p in found["parameters"]:
         assert p["value"] == pytest.approx(chain.TRUTH[p["group"]][p["quantity"]], abs=5 * p["std"])
         assert p["value"] == pytest.approx(chain.TRUTH[p["group"]][p["quantity"]], rel=0.03)
-    assert found["parameters"][2] | {"start": 0.02, "quantity": "loss_factor"} == found["parameters"][2]
+    assert (
+        found["parameters"][2] | {"start": 0.02, "quantity": "loss_factor"}
+        == found["parameters"][2]
+    )
     assert set(found["correlation"]["validation"]) == {"before", "after"}
 
     result = updyn.read_result(folder / "run.nc")
@@ -90,7 +95,8 @@ def test_run_recovers_the_truth_and_says_0(chain_folder: Path, capsys: pytest.Ca
     part = model.groups["part3"]
     assert part.loss_factor == result.values["part3.loss_factor"]
     np.testing.assert_allclose(
-        part.stiffness.toarray(), chain.build().groups["part3"].stiffness.toarray() * result.values["part3.stiffness"]
+        part.stiffness.toarray(),
+        chain.build().groups["part3"].stiffness.toarray() * result.values["part3.stiffness"],
     )
 
 
@@ -110,7 +116,8 @@ def test_the_resolved_job_runs_again_with_the_same_result(
     monkeypatch.chdir(moved.parent)
     assert main(["run", "all/deep/er/job.toml"]) == 0
     first, again = (
-        json.loads((moved / p / "result.json").read_text(encoding="utf-8")) for p in ("deep/er", "deep/er/job")
+        json.loads((moved / p / "result.json").read_text(encoding="utf-8"))
+        for p in ("deep/er", "deep/er/job")
     )
     assert first["parameters"] == again["parameters"]
     assert first["title"] == again["title"] == "Chain"
@@ -121,7 +128,9 @@ def test_the_resolved_job_runs_again_with_the_same_result(
     ]
 
 
-def test_not_all_determined_says_3_and_writes(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_not_all_determined_says_3_and_writes(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = write(chain_folder, OPEN)
     assert main(["run", str(job)]) == 3
     found = json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))
@@ -131,9 +140,14 @@ def test_not_all_determined_says_3_and_writes(chain_folder: Path, capsys: pytest
 
 
 def test_too_few_iterations_say_3(chain_folder: Path) -> None:
-    job = write(chain_folder, JOB.replace("[method]", "[method]\nname = 'output-error'\nmax_iterations = 1"))
+    job = write(
+        chain_folder, JOB.replace("[method]", "[method]\nname = 'output-error'\nmax_iterations = 1")
+    )
     assert main(["run", str(job)]) == 3
-    assert json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))["status"] == "max-iterations"
+    assert (
+        json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))["status"]
+        == "max-iterations"
+    )
 
 
 def test_a_finished_run_replaces_what_an_earlier_one_wrote(chain_folder: Path) -> None:
@@ -145,7 +159,13 @@ def test_a_finished_run_replaces_what_an_earlier_one_wrote(chain_folder: Path) -
     write(chain_folder, JOB)
     assert main(["run", str(job), "--out", str(out)]) == 0
     assert json.loads((out / "result.json").read_text(encoding="utf-8"))["status"] == "converged"
-    assert {p.name for p in out.iterdir()} == {"result.json", "run.nc", "model.h5", "job.toml", "notes.txt"}
+    assert {p.name for p in out.iterdir()} == {
+        "result.json",
+        "run.nc",
+        "model.h5",
+        "job.toml",
+        "notes.txt",
+    }
 
 
 def test_bad_input_leaves_an_earlier_run_as_it_was(chain_folder: Path) -> None:
@@ -158,22 +178,30 @@ def test_bad_input_leaves_an_earlier_run_as_it_was(chain_folder: Path) -> None:
         chain_folder, OPEN.replace("noise = { relative = 0.01 }", 'lines = "d-optimal:99"')
     )  # found by the update itself
     assert main(["run", str(job)]) == 2
-    assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in (chain_folder / "job").iterdir()} == before
+    assert {
+        p: (p.read_bytes(), p.stat().st_mtime_ns) for p in (chain_folder / "job").iterdir()
+    } == before
 
 
-def test_a_run_never_writes_over_its_inputs(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_never_writes_over_its_inputs(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (chain_folder / "chain.h5").rename(chain_folder / "model.h5")
     job = write(chain_folder, OPEN.replace("chain.h5", "model.h5"), "start.toml")
     before = (chain_folder / "model.h5").read_bytes()
     assert main(["run", str(job), "--out", str(chain_folder)]) == 2
     assert "would write over its own model" in capsys.readouterr().err
     job.rename(chain_folder / "job.toml")
-    assert main(["run", str(chain_folder / "job.toml"), "--out", str(chain_folder / "x" / "..")]) == 2
+    assert (
+        main(["run", str(chain_folder / "job.toml"), "--out", str(chain_folder / "x" / "..")]) == 2
+    )
     assert "would write over its own job file" in capsys.readouterr().err
     assert (chain_folder / "model.h5").read_bytes() == before
 
 
-def test_an_output_folder_that_is_a_file(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_output_folder_that_is_a_file(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = write(chain_folder, OPEN)
     assert main(["run", str(job), "--out", str(chain_folder / "chain.npz")]) == 2
     assert "is a file; choose another with --out" in capsys.readouterr().err
@@ -182,7 +210,9 @@ def test_an_output_folder_that_is_a_file(chain_folder: Path, capsys: pytest.Capt
 
 
 # -- check, correlate --------------------------------------------------------------------------------------
-def test_check_says_what_can_be_known(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_says_what_can_be_known(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = write(chain_folder, JOB)
     assert main(["check", str(job)]) == 0
     out = capsys.readouterr().out
@@ -202,7 +232,9 @@ def test_check_says_3_where_the_data_leave_something_open(
     assert ".stiffness" in out.split("open combination 1: ")[1]
 
 
-def test_correlate_agrees_with_the_library(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_correlate_agrees_with_the_library(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["correlate", str(write(chain_folder, JOB))]) == 0
     out = capsys.readouterr().out
     expected = updyn.correlate(chain.build(), chain.measure()).figures()
@@ -220,10 +252,14 @@ def test_convert_a_measurement(chain_folder: Path) -> None:
 def test_convert_a_model(chain_folder: Path) -> None:
     source, target = chain_folder / "chain.h5", chain_folder / "out.npz"
     assert main(["convert", str(source), str(target)]) == 0
-    np.testing.assert_array_equal(updyn.read_model(target).stiffness.toarray(), chain.build().stiffness.toarray())
+    np.testing.assert_array_equal(
+        updyn.read_model(target).stiffness.toarray(), chain.build().stiffness.toarray()
+    )
 
 
-def test_convert_does_not_write_over(chain_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_does_not_write_over(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source, target = chain_folder / "chain.h5", chain_folder / "out.npz"
     target.write_bytes(b"mine")
     assert main(["convert", str(source), str(target)]) == 2
@@ -273,7 +309,9 @@ def test_info_of_each_kind(chain_folder: Path, capsys: pytest.CaptureFixture[str
     assert out.splitlines()[-1].startswith("Natural frequencies (Hz): ")
     first = float(out.splitlines()[-1].removeprefix("Natural frequencies (Hz): ").split(",")[0])
     K, M = chain.build().stiffness.toarray(), chain.build().mass.toarray()
-    assert first == pytest.approx(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min()) / (2 * np.pi), rel=1e-4)
+    assert first == pytest.approx(
+        np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min()) / (2 * np.pi), rel=1e-4
+    )
 
     assert main(["info", str(chain_folder / "chain.npz")]) == 0
     out = capsys.readouterr().out
@@ -282,10 +320,15 @@ def test_info_of_each_kind(chain_folder: Path, capsys: pytest.CaptureFixture[str
 
     (chain_folder / "nodes.csv").write_text("node,x,y,z\n1,0,0,0\n2,1.5,0,-2\n")
     assert main(["info", str(chain_folder / "nodes.csv")]) == 0
-    assert "2 nodes, 0 lines to draw, in m: X 0 to 1.5, Y 0 to 0, Z -2 to 0" in capsys.readouterr().out
+    assert (
+        "2 nodes, 0 lines to draw, in m: X 0 to 1.5, Y 0 to 0, Z -2 to 0" in capsys.readouterr().out
+    )
 
     assert main(["info", str(write(chain_folder, JOB))]) == 2
-    assert "looks like a job file (it has 'model'), not a model: updyn check job.toml" in capsys.readouterr().err
+    assert (
+        "looks like a job file (it has 'model'), not a model: updyn check job.toml"
+        in capsys.readouterr().err
+    )
 
 
 # -- demo --------------------------------------------------------------------------------------------------
@@ -295,7 +338,9 @@ def test_demo_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert next(iter(DEMOS)) == "beam"
 
 
-def test_demo_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_demo_chain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["demo", "chain"]) == 0
     out = capsys.readouterr().out
@@ -304,7 +349,9 @@ def test_demo_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
         "inputs", "job.toml", "model.h5", "report.html", "result.json", "run.nc",
     }  # fmt: skip
     assert "Against the values that made the data:" in out
-    errors = [float(line.split()[-1]) for line in out.split("made the data:\n")[1].splitlines()[1:13]]
+    errors = [
+        float(line.split()[-1]) for line in out.split("made the data:\n")[1].splitlines()[1:13]
+    ]
     assert len(errors) == 12
     assert max(map(abs, errors)) < 4
     assert main(["check", str(folder / "job.toml")]) == 0
@@ -352,7 +399,9 @@ def test_bad_usage_says_2_in_one_message(
     assert not list(tmp_path.iterdir())
 
 
-def test_errors_of_the_system_say_2(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_of_the_system_say_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied", "job.toml")
 

@@ -75,7 +75,9 @@ def test_the_record(ran: tuple[Path, int, str]) -> None:
     assert paper["n_unknowns"] == 12
     assert paper["seconds"] > 0
     # The paper's criticism: with independently reduced matrices the FRF is further off than before.
-    before, after = (reduced["correlation"]["fitted"][when]["db_error_median"] for when in ("before", "after"))
+    before, after = (
+        reduced["correlation"]["fitted"][when]["db_error_median"] for when in ("before", "after")
+    )
     assert after > 2 * before > 4
     assert reduced["error_max"] > 1
     assert reduced["fewest"]["count"] is None
@@ -108,10 +110,19 @@ def test_options_of_the_job_go_to_its_method_and_the_folder_is_beside_it(inputs:
 
 
 def test_several_tests(inputs: Path, tmp_path: Path) -> None:
-    job = (inputs / "compare_stiffness.toml").read_text(encoding="utf-8").replace('"known', f'"{inputs}/known')
-    one = f'[[test]]\nname = "one"\nfile = "{inputs}/compare_stiffness.uff"\nresponses = ["1:RZ", "2:RZ"]\n'
+    job = (
+        (inputs / "compare_stiffness.toml")
+        .read_text(encoding="utf-8")
+        .replace('"known', f'"{inputs}/known')
+    )
+    one = (
+        f'[[test]]\nname = "one"\nfile = "{inputs}/compare_stiffness.uff"\nresponses = ["1:RZ",'
+        ' "2:RZ"]\n'
+    )
     two = one.replace("one", "two").replace('"1:RZ", "2:RZ"', '"3:RZ", "4:RZ"')
-    (tmp_path / "two.toml").write_text(job.replace('[test]\nfile = "compare_stiffness.uff"\n', one + two), "utf-8")
+    (tmp_path / "two.toml").write_text(
+        job.replace('[test]\nfile = "compare_stiffness.uff"\n', one + two), "utf-8"
+    )
     assert main(["compare", str(tmp_path / "two.toml"), "--methods", "log,maximum-likelihood"]) == 0
     found = json.loads((tmp_path / "two-compare" / "compare.json").read_text(encoding="utf-8"))
     assert [row["n_lines"] for row in found["rows"]] == [60, 60]
@@ -120,11 +131,15 @@ def test_several_tests(inputs: Path, tmp_path: Path) -> None:
 
 
 def test_measured_modes_go_to_the_methods_that_take_them(inputs: Path, tmp_path: Path) -> None:
-    frf = updyn.response(true_model(), np.linspace(0.8, 143.0, 600), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"])
+    frf = updyn.response(
+        true_model(), np.linspace(0.8, 143.0, 600), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"]
+    )
     updyn.write_modes(updyn.identify_modes(frf), inputs / "modes.uff")
     text = (inputs / "compare_stiffness.toml").read_text(encoding="utf-8")
     file = 'file = "compare_stiffness.uff"\n'
-    (inputs / "modes.toml").write_text(text.replace(file, f'{file}modes = "modes.uff"\n'), encoding="utf-8")
+    (inputs / "modes.toml").write_text(
+        text.replace(file, f'{file}modes = "modes.uff"\n'), encoding="utf-8"
+    )
     words = ["compare", str(inputs / "modes.toml"), "--methods", "equation-error,modal", "--fewest"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
@@ -136,7 +151,14 @@ def test_measured_modes_go_to_the_methods_that_take_them(inputs: Path, tmp_path:
 
 
 def test_no_method_with_an_answer_says_3(inputs: Path, tmp_path: Path) -> None:
-    words = ["compare", str(inputs / "compare.toml"), "--methods", "reduced-frf,rfm", "--out", str(tmp_path / "out")]
+    words = [
+        "compare",
+        str(inputs / "compare.toml"),
+        "--methods",
+        "reduced-frf,rfm",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(words) == 3
     assert (tmp_path / "out" / "compare.html").exists()
 
@@ -145,7 +167,9 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:]] == list(METHODS)
-    assert next(line for line in lines if line.startswith("equation-error")).endswith("Bao, Wang & Cheng 2010")
+    assert next(line for line in lines if line.startswith("equation-error")).endswith(
+        "Bao, Wang & Cheng 2010"
+    )
 
 
 # -- refusals --------------------------------------------------------------------------------------------------
@@ -156,7 +180,10 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
         (["--methods", ""], "expected at least one"),
         (["--methods", "log,log"], "stands twice"),
         (["--truth", "gone.toml"], "gone.toml: the true values cannot be read: No such file"),
-        (["--truth", "wrong.toml"], "wrong.toml: 'unit 1.stifness' is no unknown of the job; did you mean"),
+        (
+            ["--truth", "wrong.toml"],
+            "wrong.toml: 'unit 1.stifness' is no unknown of the job; did you mean",
+        ),
         (["--truth", "text.toml"], "'unit 1.stiffness': expected a finite number, found 'much'"),
         (["--truth", "broken.json"], "broken.json: not JSON"),
         (["--truth", "empty.toml"], "holds no true value"),
@@ -196,7 +223,9 @@ def test_a_job_is_needed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "which job?" in capsys.readouterr().err
 
 
-def test_a_folder_that_cannot_be(inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_cannot_be(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("mine", encoding="utf-8")
     assert main(["compare", str(inputs / "compare.toml"), "--out", str(tmp_path / "file")]) == 2
     assert "is a file; choose another with --out" in " ".join(capsys.readouterr().err.split())
@@ -205,13 +234,21 @@ def test_a_folder_that_cannot_be(inputs: Path, tmp_path: Path, capsys: pytest.Ca
 
 # -- stopping --------------------------------------------------------------------------------------------------
 def test_stopped_by_the_user_says_130_and_keeps_the_rows_so_far(
-    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def stop_in_the_second(self: Watch, progress: updyn.updating.monitor.Progress) -> bool:
         return progress.stage.startswith("output-error")
 
     monkeypatch.setattr(Watch, "__call__", stop_in_the_second)
-    words = ["compare", str(inputs / "compare.toml"), "--methods", "equation-error,output-error,log"]
+    words = [
+        "compare",
+        str(inputs / "compare.toml"),
+        "--methods",
+        "equation-error,output-error,log",
+    ]
     assert main([*words, "--out", str(tmp_path)]) == 130
     found = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
     assert found["stopped"] is True
@@ -221,7 +258,9 @@ def test_stopped_by_the_user_says_130_and_keeps_the_rows_so_far(
     ]
     assert found["not_run"] == ["log"]
     assert "Stopped; not run: log." in capsys.readouterr().out
-    assert "The user stopped the comparison" in (tmp_path / "compare.html").read_text(encoding="utf-8")
+    assert "The user stopped the comparison" in (tmp_path / "compare.html").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to send")
@@ -229,7 +268,10 @@ def test_ctrl_c(inputs: Path, tmp_path: Path) -> None:
     words = ["compare", str(inputs / "compare.toml"), "--fewest", "--methods", METHODS_HERE]
     words += ["--out", str(tmp_path / "out")]
     with subprocess.Popen(
-        [sys.executable, "-m", "updyn", *words], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "updyn", *words],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stderr is not None
         for line in process.stderr:

@@ -21,7 +21,11 @@ def test_a_model_with_rotations_grounding_and_dampers() -> None:
     motor = Group(mass=np.diag([0.0, 0.25]), viscous=np.diag([0.0, 7.5]))
     model = Model.from_groups({"shaft": shaft, "motor": motor}, ["1:RZ", "2:RZ"])
     text = describe_model(model)
-    rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith(("shaft", "motor"))}
+    rows = {
+        line.split()[0]: line.split()[1:]
+        for line in text.splitlines()
+        if line.startswith(("shaft", "motor"))
+    }
     assert rows == {
         "shaft": ["2", "2", "kg", "m2", "5000", "0.01", "-"],
         "motor": ["1", "0.25", "kg", "m2", "-", "-", "7.5"],
@@ -40,7 +44,16 @@ def test_what_a_measurement_says_of_its_confidence() -> None:
     values = np.array([3.0, 4.0j, -5.0]).reshape(3, 1, 1)
     coherence = np.array([0.5, 0.9, 0.8]).reshape(3, 1, 1)
     geometry = Geometry([1, 2], np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]))
-    frf = FRF([1.0, 2.0, 4.0], values, ["1:-Z"], ["2:Z"], "mobility", coherence, averages=7, geometry=geometry)
+    frf = FRF(
+        [1.0, 2.0, 4.0],
+        values,
+        ["1:-Z"],
+        ["2:Z"],
+        "mobility",
+        coherence,
+        averages=7,
+        geometry=geometry,
+    )
     assert describe_frf(frf).splitlines() == [
         "FRF: mobility, 3 lines from 1 to 4 Hz, 1 to 2 Hz apart",
         "1 responses: 1:-Z",
@@ -56,7 +69,9 @@ def test_what_a_measurement_says_of_its_confidence() -> None:
 
 
 def test_open_combinations_are_named_largest_weight_first() -> None:
-    found = Identifiability(2, 3, np.inf, (1.0, 0.5, 0.0), [{"a.mass": 0.2, "b.mass": -1.0}], [], 2e9, "Measure b.")
+    found = Identifiability(
+        2, 3, np.inf, (1.0, 0.5, 0.0), [{"a.mass": 0.2, "b.mass": -1.0}], [], 2e9, "Measure b."
+    )
     assert describe_identifiability(found).splitlines() == [
         "The data determine 2 of 3 unknowns (condition inf, collinearity index 2e+09).",
         "  open combination 1: -1 b.mass, +0.2 a.mass",
@@ -66,7 +81,12 @@ def test_open_combinations_are_named_largest_weight_first() -> None:
 
 def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
     modes = ModeSet(
-        [10.0, 20.5], [[1.0, 1.0], [0.5, 1.0]], ["1:X", "2:X"], [0.01, np.nan], [True, False], [0.995, np.nan]
+        [10.0, 20.5],
+        [[1.0, 1.0], [0.5, 1.0]],
+        ["1:X", "2:X"],
+        [0.01, np.nan],
+        [True, False],
+        [0.995, np.nan],
     )
     write_modes(modes, tmp_path / "modes.unv")
     kind, content = read_anything(tmp_path / "modes.unv")

@@ -46,11 +46,16 @@ def test_workers_change_nothing_but_where(job: Path, capsys: pytest.CaptureFixtu
     [
         (["--workers", "0"], "--workers 0: expected a number of processes from 1 up"),
         (["--workers", "two"], 'unable to convert "two" into int'),
-        (["--workers", "2", "--cluster", "tcp://127.0.0.1:1"], "--workers and --cluster exclude each other"),
+        (
+            ["--workers", "2", "--cluster", "tcp://127.0.0.1:1"],
+            "--workers and --cluster exclude each other",
+        ),
         (["--cluster", "nonsense://x"], "--cluster 'nonsense://x': no scheduler answers"),
     ],
 )
-def test_refusals(job: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refusals(
+    job: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["run", str(job), *options]) == 2
     shown = capsys.readouterr()
     assert message in shown.err.replace("\n", " ")

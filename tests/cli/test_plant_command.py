@@ -35,7 +35,9 @@ sampling = { dt = 0.002 }
 [output]
 report = false
 """
-FILES = {f"plant{more}.{suffix}" for more in ("", "-sampled") for suffix in ("mat", "json", "h")} | {"control.json"}
+FILES = {
+    f"plant{more}.{suffix}" for more in ("", "-sampled") for suffix in ("mat", "json", "h")
+} | {"control.json"}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,9 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A job that has been run with a profile: what the terminal said is in said.txt."""
     folder = tmp_path_factory.mktemp("planted")
     find_demo("chain").write_inputs(folder)
-    (folder / "job.toml").write_text(JOB + '[uncertainty]\nkind = "profile"\nnames = ["part4.stiffness"]\n')
+    (folder / "job.toml").write_text(
+        JOB + '[uncertainty]\nkind = "profile"\nnames = ["part4.stiffness"]\n'
+    )
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("updyn.cli._say", said.append)
@@ -77,11 +81,19 @@ def test_a_run_writes_the_plant_of_the_updated_model(ran: Path) -> None:
     assert plant.outputs == ("tip", "twist")
     assert plant.output_units == ("m/s", "m")
     assert off(updyn.read_model(out / "model.h5"), plant).max() <= 0.021
-    assert off(updyn.read_model(ran / "chain.h5"), plant).max() > 0.1  # the start is another structure
+    assert (
+        off(updyn.read_model(ran / "chain.h5"), plant).max() > 0.1
+    )  # the start is another structure
     found = record(out)
     assert (found["updated"], found["met"], found["plant"]["order"]) == (True, True, plant.n_states)
     assert found["plant"]["error"] == pytest.approx(plant.error)
-    assert {c["name"] for c in found["conversions"]} == {"modal", "complex", "biot", "diagonal", "single-frequency"}
+    assert {c["name"] for c in found["conversions"]} == {
+        "modal",
+        "complex",
+        "biot",
+        "diagonal",
+        "single-frequency",
+    }
     assert any("goes beyond the data" in note for note in found["notes"])
     assert updyn.read_plant(out / "plant-sampled.json").dt == 0.002
 
@@ -90,10 +102,14 @@ def test_the_terminal_shows_what_a_run_found_besides(ran: Path) -> None:
     said = (ran / "said.txt").read_text()
     assert "Profile likelihood, 95 % intervals" in said
     assert "damping converted by" in said
-    assert said.index("part4.stiffness") < said.index("Profile likelihood") < said.index("Results in")
+    assert (
+        said.index("part4.stiffness") < said.index("Profile likelihood") < said.index("Results in")
+    )
 
 
-def test_check_says_what_the_plant_will_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_says_what_the_plant_will_be(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["check", str(folder / "job.toml")]) == 0
     out, _ = capsys.readouterr()
     assert "Plant from 1 to 30 Hz, tolerance 2 %: 1 input (12:X), 2 outputs (tip, twist)" in out
@@ -102,7 +118,9 @@ def test_check_says_what_the_plant_will_be(folder: Path, capsys: pytest.CaptureF
 
 def test_the_plant_of_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = folder / "job.toml"
-    job.write_text(job.read_text().replace("band = [1.0, 30.0]", 'band = [1.0, 20.0]\nfiles = "drive.npz"'))
+    job.write_text(
+        job.read_text().replace("band = [1.0, 30.0]", 'band = [1.0, 20.0]\nfiles = "drive.npz"')
+    )
     assert main(["plant", str(job), "--out", str(folder / "elsewhere")]) == 0
     out, _ = capsys.readouterr()
     assert f"The updated model of the run in '{folder / 'job'}' (converged)." in out
@@ -123,7 +141,9 @@ def test_from_the_job_that_the_run_wrote(folder: Path) -> None:
     assert not (folder / "job" / "job").exists()
 
 
-def test_without_a_run_it_is_of_the_model_as_it_stands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_run_it_is_of_the_model_as_it_stands(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.rmtree(folder / "job")
     assert main(["plant", str(folder / "job.toml")]) == 0
     assert "The model as it stands, NOT updated" in capsys.readouterr().out
@@ -133,7 +153,9 @@ def test_without_a_run_it_is_of_the_model_as_it_stands(folder: Path, capsys: pyt
     assert off(updyn.read_model(folder / "chain.h5"), plant).max() <= 0.021
 
 
-def test_where_the_tolerance_is_not_met_no_plant_is_left(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_the_tolerance_is_not_met_no_plant_is_left(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = folder / "job.toml"
     job.write_text(job.read_text().replace("sampling =", "tolerance = 1e-6\nsampling ="))
     assert main(["plant", str(job)]) == 3
@@ -153,8 +175,16 @@ def test_where_the_tolerance_is_not_met_no_plant_is_left(folder: Path, capsys: p
     [
         ("starts = 0", "starts = 1", "job.toml:8: [method] is not that of the run in"),
         ('["part1", ', "[", "job.toml:5: [parameter] is not that of the run in"),
-        ("[plant]", "[[damping]]\ngroups = ['part1']\nloss_factor = 0.01\n[plant]", "[damping] is not that of the run"),
-        ('inputs = ["12:X"]', 'inputs = ["13:X"]', "job.toml:11: input 13:X is not among the 12 DOFs"),
+        (
+            "[plant]",
+            "[[damping]]\ngroups = ['part1']\nloss_factor = 0.01\n[plant]",
+            "[damping] is not that of the run",
+        ),
+        (
+            'inputs = ["12:X"]',
+            'inputs = ["13:X"]',
+            "job.toml:11: input 13:X is not among the 12 DOFs",
+        ),
         ("[plant]", "[plant]\nroute = 'diagonal'", "plant.route = 'diagonal'"),
     ],
 )
@@ -189,7 +219,9 @@ def test_folders_and_jobs_that_cannot_be(folder: Path, capsys: pytest.CaptureFix
 
 
 def test_suffixes_are_those_of_the_writers() -> None:
-    assert set(PLANT_SUFFIXES) == {s for f in PLANT_FORMATS if "write_plant" in f.can for s in f.suffixes}
+    assert set(PLANT_SUFFIXES) == {
+        s for f in PLANT_FORMATS if "write_plant" in f.can for s in f.suffixes
+    }
 
 
 # -- [servo] ---------------------------------------------------------------------------------------------------
@@ -202,7 +234,9 @@ load = "1:X"
 """
 
 
-def test_a_servo_that_cannot_be_is_an_error_of_plant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_servo_that_cannot_be_is_an_error_of_plant(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The chain is held at one end: nothing turns freely, so no gain can be sized by an inertia."""
     job = folder / "job.toml"
     job.write_text(job.read_text() + SERVO + "crossover = 2.0\n")
@@ -215,7 +249,9 @@ def test_a_servo_that_cannot_be_is_an_error_of_plant(folder: Path, capsys: pytes
     assert {p: p.stat().st_mtime_ns for p in (folder / "job").iterdir()} == before
 
 
-def test_a_run_keeps_its_plant_where_the_servo_cannot_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_keeps_its_plant_where_the_servo_cannot_be(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job = folder / "job.toml"
     job.write_text(job.read_text().partition("[uncertainty]")[0] + SERVO + "crossover = 2.0\n")
     assert main(["run", str(job)]) == 0
@@ -241,11 +277,15 @@ def test_a_servo_is_printed_and_recorded(folder: Path, capsys: pytest.CaptureFix
         servo.velocity_loop.margins.modulus_margin, rel=1e-6
     )
     assert found["stable"] == servo.stable
-    assert 'data-figure="bode-velocity"' in (folder / "job" / "plant.html").read_text(encoding="utf-8")
+    assert 'data-figure="bode-velocity"' in (folder / "job" / "plant.html").read_text(
+        encoding="utf-8"
+    )
 
 
 # -- several tests -----------------------------------------------------------------------------------------------
-def test_the_plant_of_one_of_several_tests(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_plant_of_one_of_several_tests(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """One test with an added mass: the plant is of the configuration that is named."""
     model = updyn.read_model(folder / "chain.h5")
     loaded = add_masses(model, {"12:X": 5.0})
@@ -255,12 +295,21 @@ def test_the_plant_of_one_of_several_tests(folder: Path, capsys: pytest.CaptureF
     tests = '[[test]]\nname = "loaded"\nfile = "loaded.npz"\nmasses = { "12:X" = 5.0 }\n'
     tests += '[[test]]\nname = "plain"\nfile = "plain.npz"\n'
     job = folder / "several.toml"
-    text = JOB.replace('[test]\nfile = "chain.uff"\n', tests).replace("starts = 0", "starts = 0\nnoise = 'flat'")
-    text = text.replace("noise = 'flat'", "noise = { relative = 0.01 }").replace("[plant]", "[plant]\ntest = 'plain'")
+    text = JOB.replace('[test]\nfile = "chain.uff"\n', tests).replace(
+        "starts = 0", "starts = 0\nnoise = 'flat'"
+    )
+    text = text.replace("noise = 'flat'", "noise = { relative = 0.01 }").replace(
+        "[plant]", "[plant]\ntest = 'plain'"
+    )
     job.write_text(text)
     assert main(["run", str(job)]) == 0
     out = folder / "several"
-    assert off(updyn.read_model(out / "plain" / "model.h5"), updyn.read_plant(out / "plant.json")).max() <= 0.021
+    assert (
+        off(
+            updyn.read_model(out / "plain" / "model.h5"), updyn.read_plant(out / "plant.json")
+        ).max()
+        <= 0.021
+    )
     job.write_text(text.replace("test = 'plain'", "test = 'loaded'"))
     assert main(["plant", str(job), "--out", str(folder / "elsewhere")]) == 0
     said = capsys.readouterr().out
@@ -275,9 +324,15 @@ def test_the_plant_of_one_of_several_tests(folder: Path, capsys: pytest.CaptureF
 
 def test_the_family_is_of_the_draws_that_there_are(folder: Path) -> None:
     job = folder / "job.toml"
-    text = job.read_text().partition("[uncertainty]")[0].replace("sampling =", "family = 2\nsampling =")
+    text = (
+        job.read_text()
+        .partition("[uncertainty]")[0]
+        .replace("sampling =", "family = 2\nsampling =")
+    )
     text = re.sub(r"outputs = .*\nquantity = .*\n", 'outputs = ["12:X"]\n', text)
-    text = text.replace("band = [1.0, 30.0]", "band = [1.0, 5.0]")  # one resonance: its weight is found at once
+    text = text.replace(
+        "band = [1.0, 30.0]", "band = [1.0, 5.0]"
+    )  # one resonance: its weight is found at once
     job.write_text(text + '[uncertainty]\nkind = "bootstrap"\nn = 3\n')
     assert main(["run", str(job)]) == 0
     draws = updyn.read_uncertainty(folder / "job" / "uncertainty.nc")

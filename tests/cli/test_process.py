@@ -45,16 +45,18 @@ def updyn_process(*arguments: str, **more: object) -> subprocess.Popen[str]:
         text=True,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         # A shell's background jobs, and so their children, are born deaf to Ctrl-C.
-        preexec_fn=None if os.name == "nt" else lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=(
+            None if os.name == "nt" else lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+        ),
         **more,  # type: ignore[call-overload]
     )
 
 
 def test_help_is_light() -> None:
     code = (
-        "import sys; from updyn.cli import main; code = main(['--help']); "
-        "heavy = {'xarray', 'pandas', 'plotly', 'pyuff', 'h5py', 'h5netcdf', 'pydantic', 'tomlkit', 'scipy.optimize'}; "
-        "print(sorted(heavy & set(sys.modules)), code)"
+        "import sys; from updyn.cli import main; code = main(['--help']); heavy = {'xarray',"
+        " 'pandas', 'plotly', 'pyuff', 'h5py', 'h5netcdf', 'pydantic', 'tomlkit',"
+        " 'scipy.optimize'}; print(sorted(heavy & set(sys.modules)), code)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[] 0"
@@ -99,11 +101,15 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     assert found["status"] == "stopped"
     assert updyn.read_result(long_job.parent / "job" / "run.nc").status == "stopped"
 
-    few = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000", "max_iterations = 4")
+    few = long_job.read_text(encoding="utf-8").replace(
+        "max_iterations = 100000", "max_iterations = 4"
+    )
     long_job.write_text(few, encoding="utf-8")
     assert main(["run", str(long_job), "--resume"]) == 3
     assert main(["run", str(long_job), "--out", str(long_job.parent / "fresh")]) == 3
-    resumed, fresh = (updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh"))
+    resumed, fresh = (
+        updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh")
+    )
     assert resumed.status == "max-iterations"
     assert (resumed.values, resumed.history) == (fresh.values, fresh.history)
 
@@ -126,7 +132,9 @@ def test_a_second_ctrl_c_leaves_at_once_and_writes_no_results(long_job: Path) ->
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL on Windows")
 def test_a_killed_run_is_resumed_to_the_result_of_one_that_was_not(long_job: Path) -> None:
-    job = long_job.read_text(encoding="utf-8").replace("max_iterations = 100000", "max_iterations = 12")
+    job = long_job.read_text(encoding="utf-8").replace(
+        "max_iterations = 100000", "max_iterations = 12"
+    )
     long_job.write_text(job, encoding="utf-8")
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
@@ -138,8 +146,14 @@ def test_a_killed_run_is_resumed_to_the_result_of_one_that_was_not(long_job: Pat
         process = updyn_process("run", str(long_job), *more)
         _, err = process.communicate(timeout=120)
         assert process.returncode == 3, err
-    resumed, fresh = (updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh"))
-    assert (resumed.values, resumed.std, resumed.history) == (fresh.values, fresh.std, fresh.history)
+    resumed, fresh = (
+        updyn.read_result(long_job.parent / name / "run.nc") for name in ("job", "fresh")
+    )
+    assert (resumed.values, resumed.std, resumed.history) == (
+        fresh.values,
+        fresh.std,
+        fresh.history,
+    )
     assert resumed.correlation == fresh.correlation
 
 

@@ -40,15 +40,21 @@ def unknowns(start):
 
 @pytest.fixture(scope="module")
 def bench(start, data, unknowns):
-    return updyn.compare(start, data, unknowns, OURS, truth=true_values(), fewest=True, title="Gear train")
+    return updyn.compare(
+        start, data, unknowns, OURS, truth=true_values(), fewest=True, title="Gear train"
+    )
 
 
 # -- rows --------------------------------------------------------------------------------------------------
 def test_truth_of_the_gear_train_turns_the_start_into_the_truth(start, unknowns):
     there = unknowns.apply(start, [true_values()[name] for name in unknowns.names])
     for name, group in true_model().groups.items():
-        np.testing.assert_allclose(there.groups[name].stiffness.toarray(), group.stiffness.toarray(), rtol=1e-14)
-        np.testing.assert_allclose(there.groups[name].mass.toarray(), group.mass.toarray(), rtol=1e-14)
+        np.testing.assert_allclose(
+            there.groups[name].stiffness.toarray(), group.stiffness.toarray(), rtol=1e-14
+        )
+        np.testing.assert_allclose(
+            there.groups[name].mass.toarray(), group.mass.toarray(), rtol=1e-14
+        )
         assert there.groups[name].loss_factor == group.loss_factor
 
 
@@ -60,15 +66,26 @@ def test_the_papers_method_and_the_default_recover_all(bench):
         assert row.error_rms <= row.error_max < 1e-6
         assert max(abs(row.values[n] - v) for n, v in true_values().items()) < 1e-5
         assert (row.left, len(row.updated)) == ((), 18)
-        assert row.fitted["after"]["db_error_median"] < 1e-6 < 3.0 < row.fitted["before"]["db_error_median"]
+        assert (
+            row.fitted["after"]["db_error_median"]
+            < 1e-6
+            < 3.0
+            < row.fitted["before"]["db_error_median"]
+        )
 
 
 def test_rows_say_what_a_single_update_says(bench, start, data, unknowns):
     seen = []
-    alone = updyn.update(start, data, unknowns, "equation-error", callback=lambda p: seen.append(p.lines_done))
+    alone = updyn.update(
+        start, data, unknowns, "equation-error", callback=lambda p: seen.append(p.lines_done)
+    )
     row = bench["equation-error"]
     assert dict(row.values) == alone.values
-    assert (row.status, row.iterations, row.message) == (alone.status, alone.iterations, alone.message)
+    assert (row.status, row.iterations, row.message) == (
+        alone.status,
+        alone.iterations,
+        alone.message,
+    )
     assert row.lines_solved == seen[-1] > 40 * row.iterations
     assert row.fitted["after"] == alone.correlation["after"]
     assert row.reference == "Bao, Wang & Cheng 2010"
@@ -77,7 +94,8 @@ def test_rows_say_what_a_single_update_says(bench, start, data, unknowns):
 
 def test_the_papers_method_needs_five_lines(bench):
     """Never four, whichever they are: unit 1, 5 and 6 are undamped, and the real part of the equation of the driven
-    DOF, one equation a line, holds five unknowns (the scale of unit 1, mass and stiffness of units 5 and 6)."""
+    DOF, one equation a line, holds five unknowns (the scale of unit 1, mass and stiffness of units
+    5 and 6)."""
     found = bench["equation-error"].fewest
     assert found.count == 5
     assert [count for count, _ in found.tried] == [3, 4, 5]
@@ -100,7 +118,9 @@ def test_no_four_lines_determine_the_gear_train(omega):
         Z = sum(k * (1 + 1j * c) - w**2 * m for k, m, c in zip(K, M, loss, strict=True))
         T = np.vstack([np.eye(4), -np.linalg.solve(Z[4:, 4:], Z[4:, :4])])
         h = np.linalg.solve(Z, np.eye(7)[:, 1])[:4]
-        columns = [-(w**2) * m for m in M] + [k * (1 + 1j * c) for k, c in zip(K, loss, strict=True)]
+        columns = [-(w**2) * m for m in M] + [
+            k * (1 + 1j * c) for k, c in zip(K, loss, strict=True)
+        ]
         columns += [1j * k for k in K]
         true.append(np.stack([T.T @ c @ T @ h for c in columns], axis=1))
     S = np.vstack(true)
@@ -121,7 +141,9 @@ def test_without_truth_the_answer_with_all_lines_counts(start, data, unknowns):
 
 
 def test_even_lines(start, data, unknowns):
-    (row,) = updyn.compare(start, data, unknowns, ["log"], truth=true_values(), fewest=True, chosen="even")
+    (row,) = updyn.compare(
+        start, data, unknowns, ["log"], truth=true_values(), fewest=True, chosen="even"
+    )
     assert row.fewest.count == 5
     at = np.searchsorted(data.freq, row.fewest.lines)
     assert list(at) == [0, 10, 20, 29, 39]
@@ -129,7 +151,9 @@ def test_even_lines(start, data, unknowns):
 
 def test_never_enough(start, data, unknowns):
     few = data.select(lines=data.freq[::13])
-    found = updyn.compare(start, few, unknowns, ["equation-error"], truth=true_values(), fewest=True)
+    found = updyn.compare(
+        start, few, unknowns, ["equation-error"], truth=true_values(), fewest=True
+    )
     assert found["equation-error"].fewest.count is None
     assert found["equation-error"].fewest.tried[-1][0] == 4
     assert " none" in found.summary()
@@ -137,7 +161,9 @@ def test_never_enough(start, data, unknowns):
 
 def test_what_does_not_arrive_with_all_lines_is_not_tried_with_few(start, data, unknowns):
     few = {"log": {"starts": 0, "max_iterations": 3}}
-    found = updyn.compare(start, data, unknowns, ["log"], truth=true_values(), fewest=True, options=few)
+    found = updyn.compare(
+        start, data, unknowns, ["log"], truth=true_values(), fewest=True, options=few
+    )
     assert found["log"].status == "max-iterations"
     assert found["log"].fewest.count is None
     assert found["log"].fewest.tried == ((40, found["log"].error_max / 0.01),)
@@ -171,11 +197,15 @@ def more(monkeypatch):
 def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
     unknowns = updyn.parameters(start, stiffness="all", loss_factor=["unit 2", "unit 4"])
     moved = unknowns.with_start({"unit 4.loss_factor": 0.05})
-    (row,) = updyn.compare(start, data, moved, ["blind"], truth={"unit 2.loss_factor": 0.4, "unit 1.stiffness": 1.0})
+    (row,) = updyn.compare(
+        start, data, moved, ["blind"], truth={"unit 2.loss_factor": 0.4, "unit 1.stiffness": 1.0}
+    )
     assert row.left == ("unit 2.loss_factor", "unit 4.loss_factor")
     assert len(row.updated) == 6
     assert row.values["unit 4.loss_factor"] == 0.05
-    assert row.result.model.groups["unit 4"].loss_factor == 0.05  # not that of the model that was handed in
+    assert (
+        row.result.model.groups["unit 4"].loss_factor == 0.05
+    )  # not that of the model that was handed in
     assert np.isnan(row.std["unit 4.loss_factor"])
     assert row.errors["unit 2.loss_factor"] == pytest.approx(-0.4)
     assert row.error_max >= 0.4 > row.error_max_updated == abs(row.errors["unit 1.stiffness"])
@@ -189,7 +219,9 @@ def test_a_selection_of_unknowns(start, data):
     held = dataclasses.replace(held, start=2.0)
     found = updyn.compare(start, data, Selection(rest, held=(held,)), ["log"])
     assert found.parameters == rest
-    before, after = (model.groups["unit 2"].stiffness.toarray() for model in (start, found[0].result.model))
+    before, after = (
+        model.groups["unit 2"].stiffness.toarray() for model in (start, found[0].result.model)
+    )
     np.testing.assert_allclose(after, 2.0 * before)
     assert "unit 2.stiffness" not in found[0].values
 
@@ -198,7 +230,10 @@ def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more):
     damping = updyn.parameters(start, loss_factor="all")
     found = updyn.compare(start, data, damping, ["log", "blind", "picky"])
     assert found["log"].applies
-    for name, why in (("blind", "it cannot update loss factor"), ("picky", "picky: 3 of 7 DOFs have no sensor")):
+    for name, why in (
+        ("blind", "it cannot update loss factor"),
+        ("picky", "picky: 3 of 7 DOFs have no sensor"),
+    ):
         assert found[name].status == NOT_APPLICABLE
         assert why in found[name].message
         assert found[name].values == {}
@@ -252,13 +287,17 @@ def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns):
     assert "without regularisation" not in found["log"].message
 
 
-def test_distance_in_own_standard_deviations(chain12, chain12_true, chain12_frf, add_noise, chain12_case):
+def test_distance_in_own_standard_deviations(
+    chain12, chain12_true, chain12_frf, add_noise, chain12_case
+):
     """At 1 % noise the default's deviations hold; those of the equation error know nothing of its bias."""
     data = add_noise(chain12_frf, np.random.default_rng(5), 0.01)
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
     true = chain12_case["true_factors"]
     truth = {p.name: true[p.quantity][int(p.group[-1]) - 1] for p in unknowns}
-    found = updyn.compare(chain12, data, unknowns, ["maximum-likelihood", "equation-error"], truth=truth)
+    found = updyn.compare(
+        chain12, data, unknowns, ["maximum-likelihood", "equation-error"], truth=truth
+    )
     for row in found:
         own = [abs(row.result.values[n] - truth[n]) / row.result.std[n] for n in truth]
         assert row.off_in_std == pytest.approx(max(own))
@@ -289,7 +328,9 @@ def test_stopping_keeps_the_rows_so_far(start, data, unknowns):
         stages.append(progress.stage)
         return progress.stage.startswith("log")
 
-    found = updyn.compare(start, data, unknowns, ["equation-error", "log", "output-error"], callback=callback)
+    found = updyn.compare(
+        start, data, unknowns, ["equation-error", "log", "output-error"], callback=callback
+    )
     assert found.stopped
     assert [row.method for row in found] == ["equation-error", "log"]
     assert found["equation-error"].status == "converged"
@@ -300,7 +341,9 @@ def test_stopping_keeps_the_rows_so_far(start, data, unknowns):
 
 
 def test_stopping_while_the_fewest_lines_are_sought(start, data, unknowns):
-    found = updyn.compare(start, data, unknowns, ["log"], fewest=True, callback=lambda p: ", 4 of 40 lines" in p.stage)
+    found = updyn.compare(
+        start, data, unknowns, ["log"], fewest=True, callback=lambda p: ", 4 of 40 lines" in p.stage
+    )
     (row,) = found
     assert found.stopped
     assert row.status == "converged"
@@ -320,7 +363,11 @@ def test_stopping_while_the_fewest_lines_are_sought(start, data, unknowns):
         ({"options": {"log": {"start": 3}}}, OptionError, "no option 'start'"),
         ({"truth": {"unit 1.stifness": 1.0}}, ParameterError, "did you mean 'unit 1.stiffness'"),
         ({"truth": {"unit 1.stiffness": -1.0}}, ParameterError, "expected a factor above 0"),
-        ({"truth": {"unit 1.loss_factor": "x"}}, ParameterError, "expected a finite number, found 'x'"),
+        (
+            {"truth": {"unit 1.loss_factor": "x"}},
+            ParameterError,
+            "expected a finite number, found 'x'",
+        ),
         ({"truth": {}}, ParameterError, "holds no value"),
         ({"regularise": "gvc"}, OptionError, "gcv"),
         ({"chosen": "evenly"}, OptionError, "did you mean 'even'"),
@@ -363,7 +410,9 @@ def test_it_is_immutable(bench):
 
 
 def test_calibration_is_left_out_of_methods_that_know_none(start, data):
-    unknowns = updyn.parameters(start, stiffness=["unit 2"]) + updyn.calibration(data, responses=["3:RZ"])
+    unknowns = updyn.parameters(start, stiffness=["unit 2"]) + updyn.calibration(
+        data, responses=["3:RZ"]
+    )
     found = updyn.compare(start, data, unknowns, ["log", "equation-error"])
     assert found["log"].left == ()
     assert found["equation-error"].left == ("3:RZ.calibration",)

@@ -10,7 +10,8 @@ import updyn
 
 SRC = Path(updyn.__file__).parent
 
-#: Rooms from the bottom up, as in the design; those on one line are siblings and do not import each other.
+#: Rooms from the bottom up, as in the design; those on one line are siblings and do not import each
+#: other.
 ORDER = (
     ("errors",),
     ("dofs",),
@@ -68,7 +69,8 @@ def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, s
     typing_only = {
         id(inner)
         for node in ast.walk(tree)
-        if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        if isinstance(node, ast.If)
+        and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
         for child in node.body
         for inner in ast.walk(child)
     }
@@ -86,13 +88,18 @@ def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, s
                 base = ".".join([*up, base] if base else up)
             for alias in node.names:
                 yield node.lineno, base, alias.name
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("importlib.import_module", "import_module"):
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in (
+            "importlib.import_module",
+            "import_module",
+        ):
             target = node.args[0] if node.args else None
             if isinstance(target, ast.Constant) and isinstance(target.value, str):
                 yield node.lineno, target.value, None
 
 
-def used_rooms(source: str, module: str, is_package: bool, package: str = "updyn") -> Iterator[tuple[int, str]]:
+def used_rooms(
+    source: str, module: str, is_package: bool, package: str = "updyn"
+) -> Iterator[tuple[int, str]]:
     """Yield line and room of every import within the package; ``""`` stands for the package's own namespace."""
     for line, target, name in imports(source, module, is_package):
         parts = target.split(".")

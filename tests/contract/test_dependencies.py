@@ -12,7 +12,9 @@ import pytest
 import rooms
 from packaging.requirements import Requirement
 
-PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))[
+    "project"
+]
 NEEDED = {Requirement(r).name: Requirement(r) for r in PROJECT["dependencies"]}
 EXTRAS = {Requirement(r).name for part in PROJECT["optional-dependencies"].values() for r in part}
 #: What a distribution is called where its name is not that of its package.
@@ -26,7 +28,9 @@ def imported() -> set[str]:
         module = rooms.module_of(path)
         found = rooms.imports(source, module, path.name == "__init__.py")
         out |= {target.split(".")[0] for _, target, _ in found if target}
-        out |= set(re.findall(r'engine="(\w+)"', source))  # how xarray is told which library reads the file
+        out |= set(
+            re.findall(r'engine="(\w+)"', source)
+        )  # how xarray is told which library reads the file
     out = {name for name in out if name != "updyn" and name not in sys.stdlib_module_names}
     return {DISTRIBUTIONS.get(name, name) for name in out}
 

@@ -1,9 +1,9 @@
 """Every public function and class is documented, argument by argument (numpydoc).
 
-Public is what stands at a front door: the names of the package and what each room (``updyn.model``, ``updyn.io``, not
-the modules inside) lists in ``__all__``, with their public methods. Other names without a leading underscore serve the
-library itself: they need a docstring, and where it lists arguments, these have to be the right ones.
-"""
+Public is what stands at a front door: the names of the package and what each room (``updyn.model``,
+``updyn.io``, not the modules inside) lists in ``__all__``, with their public methods. Other names
+without a leading underscore serve the library itself: they need a docstring, and where it lists
+arguments, these have to be the right ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,17 @@ import rooms
 
 import updyn
 
-HEADINGS = ("Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns", "Notes", "References", "See Also")
+HEADINGS = (
+    "Parameters",
+    "Attributes",
+    "Returns",
+    "Yields",
+    "Raises",
+    "Warns",
+    "Notes",
+    "References",
+    "See Also",
+)
 HEADINGS += ("Examples", "Warnings", "Other Parameters")
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -30,7 +40,11 @@ def sections(doc: str) -> dict[str, list[str]]:
     at = ""
     i = 0
     while i < len(lines):
-        if lines[i].strip() in HEADINGS and i + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[i + 1].strip()):
+        if (
+            lines[i].strip() in HEADINGS
+            and i + 1 < len(lines)
+            and re.fullmatch(r"-{3,}", lines[i + 1].strip())
+        ):
             at = lines[i].strip()
             out[at] = []
             i += 2
@@ -59,7 +73,10 @@ def arguments(node: Function, method: bool) -> list[str]:
 
 
 def is_property(node: Function) -> bool:
-    return any(ast.unparse(d).split(".")[-1] in ("property", "cached_property") for d in node.decorator_list)
+    return any(
+        ast.unparse(d).split(".")[-1] in ("property", "cached_property")
+        for d in node.decorator_list
+    )
 
 
 def is_overload(node: Function) -> bool:
@@ -71,7 +88,9 @@ def class_arguments(node: ast.ClassDef) -> list[str]:
     for item in node.body:
         if isinstance(item, Function) and item.name == "__init__" and not is_overload(item):
             return arguments(item, method=True)
-    if any("dataclass" in ast.unparse(d) for d in node.decorator_list) or "NamedTuple" in map(ast.unparse, node.bases):
+    if any("dataclass" in ast.unparse(d) for d in node.decorator_list) or "NamedTuple" in map(
+        ast.unparse, node.bases
+    ):
         return [
             item.target.id
             for item in node.body
@@ -85,7 +104,11 @@ def class_arguments(node: ast.ClassDef) -> list[str]:
 
 
 def returns_something(node: Function) -> bool:
-    return node.returns is not None and ast.unparse(node.returns) not in ("None", "Never", "NoReturn")
+    return node.returns is not None and ast.unparse(node.returns) not in (
+        "None",
+        "Never",
+        "NoReturn",
+    )
 
 
 def check_function(node: Function, name: str, *, method: bool, public: bool) -> list[str]:
@@ -142,7 +165,9 @@ def front_doors() -> dict[str, set[str]]:
     for path in rooms.files():
         module = rooms.module_of(path)
         if module.count(".") == 1 and not module.split(".")[1].startswith("_"):
-            with contextlib.suppress(ImportError):  # a module that cannot be imported fails a test of its own
+            with contextlib.suppress(
+                ImportError
+            ):  # a module that cannot be imported fails a test of its own
                 doors.append(importlib.import_module(module))
     for door in doors:
         for name in getattr(door, "__all__", []):
@@ -217,13 +242,25 @@ class D:
     ("old", "new", "found"),
     [
         ("", "", []),
-        ("a, b : int", "a : int", ["m.f: documents ['a', 'rest', 'c', 'more'], takes ['a', 'b', 'rest', 'c', 'more']"]),
+        (
+            "a, b : int",
+            "a : int",
+            ["m.f: documents ['a', 'rest', 'c', 'more'], takes ['a', 'b', 'rest', 'c', 'more']"],
+        ),
         ("a, b : int", "b, a : int", ["m.f: documents ['b', 'a', 'rest', 'c', 'more']"]),
-        ("    Returns\n    -------\n    int\n        A number.\n", "", ["m.f: has no Returns section"]),
+        (
+            "    Returns\n    -------\n    int\n        A number.\n",
+            "",
+            ["m.f: has no Returns section"],
+        ),
         ("    x : int\n        One.\n", "", ["m.D: documents [], takes ['x']"]),
         ('        """Twice."""\n', "        return 2\n", ["m.D.twice: no docstring"]),
         ('"""Module."""\n', "", ["m: no docstring"]),
-        ("def f(a, b", "def f(a, z", ["m.f: documents ['a', 'b', 'rest', 'c', 'more'], takes ['a', 'z',"]),
+        (
+            "def f(a, b",
+            "def f(a, z",
+            ["m.f: documents ['a', 'b', 'rest', 'c', 'more'], takes ['a', 'z',"],
+        ),
     ],
 )
 def test_the_check_itself(old, new, found):
@@ -241,6 +278,9 @@ def test_fields_of_a_named_tuple_are_looked_at():
 def test_what_is_not_public_may_be_brief_but_not_wrong():
     source = "'M.'\ndef g(x):\n    'Short.'\ndef h(y):\n    pass\n"
     assert check_module(source, "m", set()) == ["m.h: no docstring"]
-    assert check_module(source, "m", {"g"}) == ["m.g: documents [], takes ['x']", "m.h: no docstring"]
+    assert check_module(source, "m", {"g"}) == [
+        "m.g: documents [], takes ['x']",
+        "m.h: no docstring",
+    ]
     wrong = GOOD.lstrip().replace("c : int", "d : int", 1)
     assert len(check_module(wrong, "m", set())) == 1

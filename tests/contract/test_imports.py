@@ -11,21 +11,48 @@ import rooms
 
 import updyn
 
-HEAVY = ["h5py", "xarray", "pandas", "pydantic", "cyclopts", "rich", "tomlkit", "pyuff", "plotly", "matplotlib"]
+HEAVY = [
+    "h5py",
+    "xarray",
+    "pandas",
+    "pydantic",
+    "cyclopts",
+    "rich",
+    "tomlkit",
+    "pyuff",
+    "plotly",
+    "matplotlib",
+]
 HEAVY += ["joblib", "dask", "distributed", "mkl"]
 
-#: What a script that reads no file needs; each is loaded with the package before the weight is looked at.
-CORE = ["FRF", "Dof", "DofSet", "Geometry", "Group", "Model", "UpdateResult", "parameters", "response", "modes"]
+#: What a script that reads no file needs; each is loaded with the package before the weight is
+#: looked at.
+CORE = [
+    "FRF",
+    "Dof",
+    "DofSet",
+    "Geometry",
+    "Group",
+    "Model",
+    "UpdateResult",
+    "parameters",
+    "response",
+    "modes",
+]
 CORE += ["condense", "correlate", "update"]
 
 
 def fresh(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
 
-@pytest.mark.parametrize("code", ["import updyn", *(f"import updyn; updyn.{name}" for name in CORE)])
+@pytest.mark.parametrize(
+    "code", ["import updyn", *(f"import updyn; updyn.{name}" for name in CORE)]
+)
 def test_nothing_heavy_is_loaded(code):
     loaded = fresh(f"{code}\nimport sys\nprint(*{{m.split('.')[0] for m in sys.modules}})").split()
     assert [m for m in HEAVY if m in loaded] == []
@@ -33,10 +60,20 @@ def test_nothing_heavy_is_loaded(code):
 
 def test_the_core_loads_numpy_and_scipy_and_nothing_else_from_outside():
     code = "import updyn; updyn.Model; updyn.FRF; updyn.parameters"
-    loaded = set(fresh(f"import sys\n{code}\nprint(*{{m.split('.')[0] for m in sys.modules}})").split())
-    bare = set(fresh("import sys\nimport scipy.sparse\nprint(*{m.split('.')[0] for m in sys.modules})").split())
+    loaded = set(
+        fresh(f"import sys\n{code}\nprint(*{{m.split('.')[0] for m in sys.modules}})").split()
+    )
+    bare = set(
+        fresh(
+            "import sys\nimport scipy.sparse\nprint(*{m.split('.')[0] for m in sys.modules})"
+        ).split()
+    )
     assert {"numpy", "scipy"} <= loaded
-    extra = {m for m in loaded - bare if not m.startswith("_")} - set(sys.stdlib_module_names) - {"updyn"}
+    extra = (
+        {m for m in loaded - bare if not m.startswith("_")}
+        - set(sys.stdlib_module_names)
+        - {"updyn"}
+    )
     assert extra == set()
 
 
@@ -46,7 +83,9 @@ def seconds(code: str) -> float:
     return min(float(fresh(timed)) for _ in range(5))
 
 
-@pytest.mark.parametrize("code", ["import updyn", "import updyn; updyn.Model; updyn.FRF; updyn.parameters"])
+@pytest.mark.parametrize(
+    "code", ["import updyn", "import updyn; updyn.Model; updyn.FRF; updyn.parameters"]
+)
 def test_the_import_takes_less_than_three_times_that_of_scipy_sparse(code):
     ratio = seconds(code) / seconds("import scipy.sparse")
     if ratio >= 3.0:  # a burst of other work: once more before it is believed
@@ -56,7 +95,11 @@ def test_the_import_takes_less_than_three_times_that_of_scipy_sparse(code):
 
 # -- direction ---------------------------------------------------------------------------------------------
 def test_every_module_has_a_room():
-    strays = {room for p in rooms.files() if (room := rooms.room_of(rooms.module_of(p))) not in {None, *rooms.LEVEL}}
+    strays = {
+        room
+        for p in rooms.files()
+        if (room := rooms.room_of(rooms.module_of(p))) not in {None, *rooms.LEVEL}
+    }
     assert strays == set()
 
 
@@ -69,9 +112,14 @@ def wrong_imports(source: str, module: str, is_package: bool) -> list[str]:
         if other == own:
             continue
         if other not in rooms.LEVEL:
-            found.append(f"{module}:{line} imports the package itself; import from the module that defines the name")
+            found.append(
+                f"{module}:{line} imports the package itself; import from the module that defines"
+                " the name"
+            )
         elif rooms.LEVEL[other] > rooms.LEVEL[own]:
-            found.append(f"{module}:{line} imports {other!r}, which stands later in the order than {own!r}")
+            found.append(
+                f"{module}:{line} imports {other!r}, which stands later in the order than {own!r}"
+            )
         elif rooms.LEVEL[other] == rooms.LEVEL[own]:
             found.append(f"{module}:{line} imports its sibling {other!r}")
     return found
@@ -79,7 +127,12 @@ def wrong_imports(source: str, module: str, is_package: bool) -> list[str]:
 
 @pytest.mark.parametrize("path", rooms.files(), ids=rooms.module_of)
 def test_imports_go_one_way(path):
-    assert wrong_imports(path.read_text(encoding="utf-8"), rooms.module_of(path), path.name == "__init__.py") == []
+    assert (
+        wrong_imports(
+            path.read_text(encoding="utf-8"), rooms.module_of(path), path.name == "__init__.py"
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,15 +147,30 @@ def test_imports_go_one_way(path):
         ("updyn.dofs", "from updyn import Model", 1),
         ("updyn.dofs", "import updyn", 1),
         ("updyn.dofs", "import importlib\nimportlib.import_module('updyn.model')", 1),
-        ("updyn.dofs", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from updyn.model import Model", 0),
+        (
+            "updyn.dofs",
+            (
+                "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from updyn.model import"
+                " Model"
+            ),
+            0,
+        ),
         ("updyn.io.uff", "from updyn import __version__", 0),
-        ("updyn.io.uff", "from updyn.io.registry import load\nfrom . import npz\nfrom ..frf import FRF", 0),
+        (
+            "updyn.io.uff",
+            "from updyn.io.registry import load\nfrom . import npz\nfrom ..frf import FRF",
+            0,
+        ),
         ("updyn.io.uff", "from ..cli import main", 1),
         ("updyn.cli", "from updyn.web import serve", 1),
         ("updyn.web", "from updyn.job import run", 0),
         ("updyn.frf", "from updyn import _frf_xarray", 0),
         ("updyn.geometry", "from updyn import _frf_xarray", 1),
-        ("updyn.updating.update", "from updyn.dynamics.response import response\nimport dask.distributed", 0),
+        (
+            "updyn.updating.update",
+            "from updyn.dynamics.response import response\nimport dask.distributed",
+            0,
+        ),
     ],
 )
 def test_the_check_itself(module, source, wrong):

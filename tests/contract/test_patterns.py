@@ -19,18 +19,29 @@ def forbidden(source: str, module: str) -> list[str]:
     tree, out = ast.parse(source), []
     for node in ast.walk(tree):
         where = f"{module}:{getattr(node, 'lineno', 0)}"
-        if isinstance(node, ast.Attribute) and dotted(node).endswith(("linalg.inv", "linalg.pinv", "np.matrix")):
+        if isinstance(node, ast.Attribute) and dotted(node).endswith(
+            ("linalg.inv", "linalg.pinv", "np.matrix")
+        ):
             out.append(f"{where} {dotted(node)}")
         if isinstance(node, ast.ImportFrom):
-            if (node.module or "").endswith("linalg") and {a.name for a in node.names} & {"inv", "pinv"}:
+            if (node.module or "").endswith("linalg") and {a.name for a in node.names} & {
+                "inv",
+                "pinv",
+            }:
                 out.append(f"{where} imports inv")
             if (node.module or "").split(".")[0] in PICKLES:
                 out.append(f"{where} pickle")
             if any(a.name == "*" for a in node.names):
                 out.append(f"{where} star import")
-        if isinstance(node, ast.Import) and any(a.name.split(".")[0] in PICKLES for a in node.names):
+        if isinstance(node, ast.Import) and any(
+            a.name.split(".")[0] in PICKLES for a in node.names
+        ):
             out.append(f"{where} pickle")
-        if isinstance(node, ast.keyword) and node.arg == "allow_pickle" and ast.unparse(node.value) != "False":
+        if (
+            isinstance(node, ast.keyword)
+            and node.arg == "allow_pickle"
+            and ast.unparse(node.value) != "False"
+        ):
             out.append(f"{where} allow_pickle")
         if isinstance(node, ast.ExceptHandler):
             kinds = node.type.elts if isinstance(node.type, ast.Tuple) else [node.type]

@@ -12,7 +12,9 @@ MOTOR, LOAD = 0.5, 2.0
 STIFFNESS, DAMPING = 1e4, 2.0
 
 
-def drive(k: float = STIFFNESS, c: float = DAMPING, motor: float = MOTOR, load: float = LOAD) -> Plant:
+def drive(
+    k: float = STIFFNESS, c: float = DAMPING, motor: float = MOTOR, load: float = LOAD
+) -> Plant:
     """Torque on the motor to the speeds of motor and load."""
     K, M = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([[motor], [load]])
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-k * K / M, -c * K / M]])
@@ -36,4 +38,6 @@ def drawn(n: int = 12, seed: int = 0, stiffness: float = 0.1, damping: float = 0
     z = np.random.default_rng(seed).standard_normal((n, 2))
     k, c = STIFFNESS * np.exp(stiffness * z[:, 0]), DAMPING * np.exp(damping * z[:, 1])
     members = tuple(drive(a, b) for a, b in zip(k, c, strict=True))
-    return PlantFamily(drive(), members, ("shaft.stiffness", "shaft.viscous"), np.column_stack([k, c]))
+    return PlantFamily(
+        drive(), members, ("shaft.stiffness", "shaft.viscous"), np.column_stack([k, c])
+    )

@@ -30,5 +30,16 @@ def one_inertia(J: float = 1.0) -> Plant:
     ports = (Port.at("1:RZ", "torque"), Port.at("1:RZ", "drag"))
     outputs = (Port.at("1:RZ", "angle"), Port.at("1:RZ", "drag"))
     return Plant(
-        A, B, np.eye(2), np.zeros((2, 2)), ports, outputs, ("receptance", "mobility"), BAND, 0.02, 0, 0, "by hand"
+        A,
+        B,
+        np.eye(2),
+        np.zeros((2, 2)),
+        ports,
+        outputs,
+        ("receptance", "mobility"),
+        BAND,
+        0.02,
+        0,
+        0,
+        "by hand",
     )

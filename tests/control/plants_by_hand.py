@@ -10,10 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 
-FACTS = {"order": 2, "lines": np.array([1.0, 2.5]), "band": (0.0, np.inf), "note": "µ, \"quoted\", 'so'", "none": None}
+FACTS = {
+    "order": 2,
+    "lines": np.array([1.0, 2.5]),
+    "band": (0.0, np.inf),
+    "note": "µ, \"quoted\", 'so'",
+    "none": None,
+}
 
 
-def plant(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike | None = None, **more: Any) -> Plant:
+def plant(
+    A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike | None = None, **more: Any
+) -> Plant:
     """Return a plant with one port for each column of B and row of C."""
     A, B, C = np.atleast_2d(A), np.atleast_2d(B), np.atleast_2d(C)
     D = np.zeros((len(C), B.shape[1])) if D is None else D
@@ -45,14 +53,19 @@ def oscillator(frequency: float = 3.0, damping: float = 0.05, **more: Any) -> Pl
 def two_masses(**more: Any) -> Plant:
     """Return two inertias on a damped shaft, free to turn: two torques in, both angles and one acceleration out."""
     M, K = np.diag([2.0, 0.5]), np.array([[40.0, -40.0], [-40.0, 40.0]])
-    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, 0.004 * K)]])
+    A = np.block(
+        [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, 0.004 * K)]]
+    )
     B = np.vstack([np.zeros((2, 2)), np.linalg.solve(M, np.eye(2))])
     C = np.vstack([np.hstack([np.eye(2), np.zeros((2, 2))]), A[2:3]])
     D = np.vstack([np.zeros((2, 2)), B[2:3]])
     geared = Port.geared("2:RZ", -92.5)
     ports = (Port.at("1:RZ"), Port.at("2:-RZ", 'second "angle" ??/ */ \\'), geared)
     given = {
-        "input_ports": (Port.at("1:RZ"), Port("pair of forces", {"2:X": 0.25, "3:-X": 1 / 3}, rotation=True)),
+        "input_ports": (
+            Port.at("1:RZ"),
+            Port("pair of forces", {"2:X": 0.25, "3:-X": 1 / 3}, rotation=True),
+        ),
         "output_ports": ports,
         "quantities": ("receptance", "receptance", "accelerance"),
         "band": (0.05, 2.5),

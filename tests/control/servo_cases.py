@@ -72,7 +72,12 @@ NAMES = {"torque": "motor", "velocity": "speed"}
 BOTH = {**NAMES, "position": "angle"}
 PI_ = updyn.Controller(kp=170.0, ti=0.2)
 NOTCHED = updyn.Controller(
-    170.0, ti=0.2, kv=6.0, notches=(updyn.Notch(9.0, 0.1, 0.5),), low_pass=60.0, low_pass_damping=0.7
+    170.0,
+    ti=0.2,
+    kv=6.0,
+    notches=(updyn.Notch(9.0, 0.1, 0.5),),
+    low_pass=60.0,
+    low_pass_damping=0.7,
 )
 
 
@@ -83,10 +88,16 @@ def quick(plant, controller, **names):
 def as_control(controller):
     """The controller as python-control has it, without dead time."""
     s = control.tf("s")
-    out = controller.kp * (1 + 1 / (controller.ti * s)) if controller.ti else control.tf([controller.kp], [1])
+    out = (
+        controller.kp * (1 + 1 / (controller.ti * s))
+        if controller.ti
+        else control.tf([controller.kp], [1])
+    )
     for n in controller.notches:
         w = 2 * np.pi * n.frequency
-        out *= (s**2 + 2 * n.zero_damping * w * s + w**2) / (s**2 + 2 * n.pole_damping * w * s + w**2)
+        out *= (s**2 + 2 * n.zero_damping * w * s + w**2) / (
+            s**2 + 2 * n.pole_damping * w * s + w**2
+        )
     if controller.low_pass:
         w = 2 * np.pi * controller.low_pass
         d = controller.low_pass_damping
@@ -107,4 +118,6 @@ def compare(margins, L, rtol=1e-7):
         (control.feedback(control.minreal(L, 1e-9, verbose=False), 1).poles().real < 1e-9).all()
     )
     if margins.stable:
-        assert margins.modulus_margin == pytest.approx(min(sm.min(), 1.0), rel=1e-6)  # 1 where L has vanished
+        assert margins.modulus_margin == pytest.approx(
+            min(sm.min(), 1.0), rel=1e-6
+        )  # 1 where L has vanished

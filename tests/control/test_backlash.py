@@ -40,7 +40,9 @@ def test_dead_zone_of_the_textbook():
     b = Backlash(3.0, gap=0.2)
     A = np.array([0.05, 0.1, 0.11, 0.3, 5.0])
     d = np.minimum(0.1 / A, 1)
-    book = 3.0 * (1 - 2 / np.pi * (np.arcsin(d) + d * np.sqrt(1 - d**2)))  # Slotine & Li 1991, section 5.2.2
+    book = 3.0 * (
+        1 - 2 / np.pi * (np.arcsin(d) + d * np.sqrt(1 - d**2))
+    )  # Slotine & Li 1991, section 5.2.2
     assert_allclose(b.describing(A, 7.0), book, atol=1e-14)
     light = Backlash(3.0, gap=0.2, damping=1e-6)
     assert_allclose(light.describing(A, 7.0), book * (1 + 7e-6j / 3), rtol=1e-5, atol=1e-14)
@@ -88,7 +90,9 @@ def test_limit_cycle_of_two_inertias_under_p_pi(kv):
     assert cycle.stable
     assert (cycle.doubt == "") == (cycle.amplitude > MESH.gap)  # two half gaps
     for scale in (0.7, 1.3):  # stable: it is reached from inside and from outside
-        found = simulate(two_inertias(), cascade(kv), MESH, 30.0, "gap", start=cycle, scale=scale, **LOAD)
+        found = simulate(
+            two_inertias(), cascade(kv), MESH, 30.0, "gap", start=cycle, scale=scale, **LOAD
+        )
         assert found.verdict == "limit cycle"
         assert_allclose(found.amplitude, cycle.amplitude, rtol=0.1)
         assert_allclose(found.frequency, cycle.frequency, rtol=0.1)
@@ -98,7 +102,10 @@ def test_limit_cycle_of_two_inertias_under_p_pi(kv):
 
 
 def test_amplitude_grows_with_the_gain_until_the_loop_is_unstable_without_a_gap():
-    found = [limit_cycles(two_inertias(), cascade(kv), MESH, "gap", **LOAD) for kv in (10.0, 15.0, 20.0, 25.0)]
+    found = [
+        limit_cycles(two_inertias(), cascade(kv), MESH, "gap", **LOAD)
+        for kv in (10.0, 15.0, 20.0, 25.0)
+    ]
     sizes = [c[0].amplitude for c in found[:3]]
     assert sizes == sorted(sizes)
     assert sizes[2] > 4 * sizes[1]
@@ -128,15 +135,21 @@ def test_a_twist_barely_beyond_the_gap_is_called_doubtful():
     assert [c.stable for c in found] == [False, True]
     assert all("half gaps" in c.doubt for c in found)
     assert "doubtful" in found.summary()
-    end = simulate(two_inertias(), cascade(6.0), MESH, 60.0, "gap", start=found[1], scale=1.5, **ENCODER)
+    end = simulate(
+        two_inertias(), cascade(6.0), MESH, 60.0, "gap", start=found[1], scale=1.5, **ENCODER
+    )
     assert end.verdict in ("decays", "not settled")
-    assert len(end.switches) < 0.1 * 4 * 60.0 * found[1].frequency  # four a period, if it were there
+    assert (
+        len(end.switches) < 0.1 * 4 * 60.0 * found[1].frequency
+    )  # four a period, if it were there
 
 
 def test_a_bias_that_keeps_one_flank_in_contact_ends_the_limit_cycle():
     (cycle,) = limit_cycles(two_inertias(), cascade(12.0), MESH, "gap", **LOAD)
     wind = {"wind": 0.5 * K * MESH.gap}
-    end = simulate(two_inertias(), cascade(12.0), MESH, 30.0, "gap", start=cycle, constant=wind, **LOAD)
+    end = simulate(
+        two_inertias(), cascade(12.0), MESH, 30.0, "gap", start=cycle, constant=wind, **LOAD
+    )
     assert end.verdict in ("decays", "at rest")
     assert end.phase[-1] == "contact -"
     assert_allclose(end.torque[-1], -wind["wind"], rtol=1e-3)
@@ -146,7 +159,9 @@ def test_a_bias_that_keeps_one_flank_in_contact_ends_the_limit_cycle():
 def test_prediction_against_python_control():
     """Another program's harmonic balance, without damping in the mesh: it knows real describing functions only."""
     control = pytest.importorskip("control")
-    law = Backlash(K, 2.0)  # amplitudes scale with the gap; theirs needs numbers near 1, of torque over K, too
+    law = Backlash(
+        K, 2.0
+    )  # amplitudes scale with the gap; theirs needs numbers near 1, of torque over K, too
     # A damper between motor and load beside the mesh makes the loop stable.
     plant = two_inertias()
     c = MESH.damping
@@ -165,7 +180,9 @@ def test_prediction_against_python_control():
 
     H = control.ss(system.A, K * system.B[:, None], system.C[None], K * system.D)
     sizes, omega = np.linspace(1.3, 4.0, 30), np.geomspace(0.1, 200.0, 2000)
-    theirs = control.describing_function_response(H, DeadZone(), sizes, omega, warn_nyquist=False).intersections
+    theirs = control.describing_function_response(
+        H, DeadZone(), sizes, omega, warn_nyquist=False
+    ).intersections
     assert_allclose(theirs, [(cycle.amplitude, TWO_PI * cycle.frequency)], rtol=1e-3)
 
 
@@ -187,11 +204,19 @@ def test_simulation_against_runge_kutta(damping):
             torque, moved = K * np.sign(z) * max(abs(z) - law.half, 0.0), 0.0
         else:
             moved = rate + K / damping * (z - play)
-            moved = min(moved, 0.0) if play >= law.half else max(moved, 0.0) if play <= -law.half else moved
+            moved = (
+                min(moved, 0.0)
+                if play >= law.half
+                else max(moved, 0.0)
+                if play <= -law.half
+                else moved
+            )
             torque = K * (z - play) + damping * (rate - moved)
         return np.append(A @ x - B * torque, moved)
 
-    ivp = solve_ivp(rates, (0, 0.2), np.append(x0, 0.0), rtol=1e-8, atol=1e-11, max_step=2e-4, method="RK23")
+    ivp = solve_ivp(
+        rates, (0, 0.2), np.append(x0, 0.0), rtol=1e-8, atol=1e-11, max_step=2e-4, method="RK23"
+    )
     for i, name in enumerate(("speed", "load", "encoder")):
         theirs = np.interp(mine.time, ivp.t, plant.C[i] @ ivp.y[:4])
         assert_allclose(mine[name], theirs, atol=2e-3 * np.abs(theirs).max(), err_msg=name)
@@ -220,17 +245,23 @@ def test_residual_flexibility_across_the_gap_is_in_series_with_the_mesh():
     assert_allclose(np.interp(series.time, mine.time, mine["speed"]), series["speed"], atol=1e-3)
     # With next to no damping the other branch, the twist of the shaft as a state, says the same.
     damped = simulate(soft, None, Backlash(K, 1e-3, 1e-6 * K), 0.3, "gap", start=x0)
-    assert_allclose(np.interp(series.time, damped.time, damped["speed"]), series["speed"], atol=2e-3)
+    assert_allclose(
+        np.interp(series.time, damped.time, damped["speed"]), series["speed"], atol=2e-3
+    )
 
 
 def test_rounding_in_place_of_a_residual_flexibility_is_none():
     clean = two_inertias()
     for D in (1e-14 / K, -1e-14 / K):
         noisy = dataclasses.replace(clean, D=D * np.outer([0, 0, 0, 1], [0, 1, 0]))
-        runs = [simulate(p, None, MESH, 0.3, "gap", start=[0.0, 0.4, 0.0, -0.3]) for p in (clean, noisy)]
+        runs = [
+            simulate(p, None, MESH, 0.3, "gap", start=[0.0, 0.4, 0.0, -0.3]) for p in (clean, noisy)
+        ]
         assert_allclose(runs[1]["speed"], runs[0]["speed"], rtol=1e-9)
     wrong = dataclasses.replace(clean, D=-0.1 / K * np.outer([0, 0, 0, 1], [0, 1, 0]))
-    with pytest.raises(ModelError, match=r"'gap' gives way against input 'gap'.*the same Port for both"):
+    with pytest.raises(
+        ModelError, match=r"'gap' gives way against input 'gap'.*the same Port for both"
+    ):
         limit_cycles(wrong, None, MESH, "gap")
 
 
@@ -247,7 +278,16 @@ def test_dead_time_and_filters_of_the_controller_are_in_it():
 PARTS = [
     Motor("motor", 1, 2e-3),
     Shaft("shaft", 1, 2, 800.0),
-    GearPair("gear", 2, 3, ratio=50.0, torsional_stiffness=4e6, viscous=300.0, inertia_a=1e-5, inertia_b=0.5),
+    GearPair(
+        "gear",
+        2,
+        3,
+        ratio=50.0,
+        torsional_stiffness=4e6,
+        viscous=300.0,
+        inertia_a=1e-5,
+        inertia_b=0.5,
+    ),
     Inertia("load", 3, 40.0),
 ]
 
@@ -262,7 +302,9 @@ def test_an_opened_mesh_closed_again_is_the_model():
     ends = ["1:RZ", "3:RZ"]
     whole = updyn.response(model, freq, ends, ends).values
     r = np.array([0.0, 1 / 50, 1.0])
-    free = updyn.response(gap.model, freq, ["1:RZ", "2:RZ", "3:RZ"], ["1:RZ", "2:RZ", "3:RZ"]).values
+    free = updyn.response(
+        gap.model, freq, ["1:RZ", "2:RZ", "3:RZ"], ["1:RZ", "2:RZ", "3:RZ"]
+    ).values
     mesh = gap.stiffness + 2j * np.pi * freq * gap.damping
     closed = (
         free
@@ -289,7 +331,11 @@ def test_from_a_model_to_its_limit_cycle():
 
 
 def test_a_loss_factor_needs_a_frequency():
-    parts = [*PARTS[:2], GearPair("gear", 2, 3, ratio=50.0, torsional_stiffness=4e6, loss_factor=0.03), PARTS[3]]
+    parts = [
+        *PARTS[:2],
+        GearPair("gear", 2, 3, ratio=50.0, torsional_stiffness=4e6, loss_factor=0.03),
+        PARTS[3],
+    ]
     gap = opened(drivetrain(parts), "gear", "3:RZ")
     with pytest.raises(OptionError, match=r"loss factor 0\.03; say frequency="):
         gap.backlash(1e-4)
@@ -304,7 +350,9 @@ def test_what_cannot_be_opened():
         opened(model, "motor", "1:RZ")
     with pytest.raises(ModelError, match=r"does not act on 1:RZ; name one of 2:RZ, 3:RZ"):
         opened(model, "gear", "1:RZ")
-    chain = updyn.Model.from_groups({"two": updyn.Group([[2.0, -1], [-1, 1]], np.eye(2))}, ["1:RZ", "2:RZ"])
+    chain = updyn.Model.from_groups(
+        {"two": updyn.Group([[2.0, -1], [-1, 1]], np.eye(2))}, ["1:RZ", "2:RZ"]
+    )
     with pytest.raises(ModelError, match="'two' is not one spring"):
         opened(chain, "two", "1:RZ")
 
@@ -313,14 +361,22 @@ def test_what_cannot_be_opened():
 @pytest.mark.parametrize(
     ("change", "error", "said"),
     [
-        ({"at": ("gap",)}, OptionError, r"expected the name of an output and an input, or \(output, input\)"),
+        (
+            {"at": ("gap",)},
+            OptionError,
+            r"expected the name of an output and an input, or \(output, input\)",
+        ),
         (
             {"controller": cascade(9.0, dead_time=1e-3), "pade": 0},
             OptionError,
             "pade=0: expected an order from 1 to 12",
         ),
         ({"at": "gpa"}, OptionError, "no output 'gpa'; did you mean 'gap'"),
-        ({"at": ("speed", "gap")}, OptionError, "Backlash reads twists, and output 'speed' .* 'mobility'"),
+        (
+            {"at": ("speed", "gap")},
+            OptionError,
+            "Backlash reads twists, and output 'speed' .* 'mobility'",
+        ),
         ({"torque": None}, OptionError, "say torque="),
         ({"position": None}, OptionError, "say position="),
         ({"position": "laod"}, OptionError, "no output 'laod'; did you mean 'load'"),
@@ -332,7 +388,13 @@ def test_what_cannot_be_opened():
     ],
 )
 def test_bad_input(change, error, said):
-    given = {"plant": two_inertias(), "controller": cascade(9.0), "nonlinearity": MESH, "at": "gap", **LOAD} | change
+    given = {
+        "plant": two_inertias(),
+        "controller": cascade(9.0),
+        "nonlinearity": MESH,
+        "at": "gap",
+        **LOAD,
+    } | change
     if given["controller"] == 7:
         given |= {"velocity": None, "position": None}
     with pytest.raises(error, match=said):

@@ -17,23 +17,37 @@ S = 2j * np.pi * np.array([0.1, 3.0, 9.0, 40.0, 300.0])
 
 def response(system, s):
     n = system.n_states
-    return np.array([(system.C @ np.linalg.solve(x * np.eye(n) - system.A, system.B) + system.D)[0, 0] for x in s])
+    return np.array(
+        [
+            (system.C @ np.linalg.solve(x * np.eye(n) - system.A, system.B) + system.D)[0, 0]
+            for x in s
+        ]
+    )
 
 
 @pytest.mark.parametrize("ti", [None, 0.2])
 @pytest.mark.parametrize(("corner", "damping"), [(None, None), (80.0, None), (80.0, 0.6)])
 def test_states_give_the_same_response(ti, corner, damping):
-    controller = updyn.Controller(3.0, ti, notches=NOTCHES, low_pass=corner, low_pass_damping=damping)
+    controller = updyn.Controller(
+        3.0, ti, notches=NOTCHES, low_pass=corner, low_pass_damping=damping
+    )
     want = controller.torque(S)
     np.testing.assert_allclose(response(controller.state_space(), S), want, rtol=1e-11)
     late = updyn.Controller(3.0, ti, None, NOTCHES, corner, damping, dead_time=1e-3)
     np.testing.assert_allclose(late.torque(S), want * np.exp(-1e-3 * S), rtol=1e-13)
     np.testing.assert_allclose(response(late.state_space(8), S), late.torque(S), rtol=1e-8)
     np.testing.assert_allclose(
-        np.sort_complex(controller.state_space().poles), np.sort_complex(controller.poles), rtol=1e-9, atol=1e-9
+        np.sort_complex(controller.state_space().poles),
+        np.sort_complex(controller.poles),
+        rtol=1e-9,
+        atol=1e-9,
     )
     # poles, zeros and the gain say the same once more
-    product = 3.0 * np.prod(S[:, None] - controller.zeros, axis=1) / np.prod(S[:, None] - controller.poles, axis=1)
+    product = (
+        3.0
+        * np.prod(S[:, None] - controller.zeros, axis=1)
+        / np.prod(S[:, None] - controller.poles, axis=1)
+    )
     w = 1.0 if corner is None else 2 * np.pi * corner
     np.testing.assert_allclose(product * (w if damping is None else w**2), want, rtol=1e-11)
 
@@ -56,7 +70,8 @@ def test_tuned_has_the_margin_of_its_rule():
     assert controller.kp == pytest.approx(4.0 * w, rel=1e-9)
     assert controller.ti == pytest.approx(2 / w)
     assert controller.kv == pytest.approx(w / 4)
-    # symmetrical optimum: with a small time constant 1 / (a w) the phase margin is arctan(a) - arctan(1/a), at w
+    # symmetrical optimum: with a small time constant 1 / (a w) the phase margin is arctan(a) -
+    # arctan(1/a), at w
     for a in (2.0, 4.0):
         lag = a * 3.0
         own = updyn.Controller.tuned(
@@ -64,12 +79,22 @@ def test_tuned_has_the_margin_of_its_rule():
         )
         m = updyn.servo(plant, own, torque="motor", velocity="speed").velocity_loop.margins
         assert m.crossover == pytest.approx(3.0, rel=1e-9)
-        assert m.phase_margin == pytest.approx(np.degrees(np.arctan(a) - np.arctan(1 / a)), rel=1e-8)
+        assert m.phase_margin == pytest.approx(
+            np.degrees(np.arctan(a) - np.arctan(1 / a)), rel=1e-8
+        )
         shifted = updyn.Controller.tuned(
-            plant, 3.0, torque="motor", velocity="speed", ti=0.9 * own.ti, kv_ratio=None, low_pass=0.9 * lag
+            plant,
+            3.0,
+            torque="motor",
+            velocity="speed",
+            ti=0.9 * own.ti,
+            kv_ratio=None,
+            low_pass=0.9 * lag,
         )
         assert (
-            updyn.servo(plant, shifted, torque="motor", velocity="speed").velocity_loop.margins.phase_margin
+            updyn.servo(
+                plant, shifted, torque="motor", velocity="speed"
+            ).velocity_loop.margins.phase_margin
             < m.phase_margin
         )
     # kv: critical damping of s^2 + w s + w kv
@@ -93,7 +118,9 @@ def test_inertia_is_that_of_the_rigid_body():
         A, n = free.A.copy(), free.n_states // 2
         A[n:, n:] -= friction / sum_of_inertias(free) * np.eye(n)
         braked = replace(free, A=A)
-        assert inertia_of(braked, "motor", "speed") == pytest.approx(sum_of_inertias(free), rel=1e-7)
+        assert inertia_of(braked, "motor", "speed") == pytest.approx(
+            sum_of_inertias(free), rel=1e-7
+        )
     with pytest.raises(updyn.errors.ModelError, match="no rigid-body motion"):
         updyn.Controller.tuned(two_masses(ground=1e3), 3.0, torque="motor", velocity="speed")
 

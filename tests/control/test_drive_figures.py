@@ -52,7 +52,9 @@ def test_two_inertias_by_the_textbook_formulas():
     assert_allclose([d.rest_inertia, d.load_inertia], [J_L / N**2, J_L], rtol=1e-9)
     assert_allclose(d.inertia_ratio, J_L / motor, rtol=1e-9)
     # The mesh holds a share k / K_MESH of the energy of the only elastic mode: eta / 2 of it.
-    assert_allclose([pair.antiresonance_damping, pair.resonance_damping], 0.01 * k / K_MESH, rtol=1e-9)
+    assert_allclose(
+        [pair.antiresonance_damping, pair.resonance_damping], 0.01 * k / K_MESH, rtol=1e-9
+    )
     assert d.antiresonance_error < 1e-9
     assert (d.notes, d.hidden, d.first_resonance, d.rigid) == ((), (), None, 1)
 
@@ -64,9 +66,14 @@ def test_poles_of_a_pi_velocity_loop_of_equal_radius():
     wa, R = TWO_PI * d.bandwidth.velocity, d.inertia_ratio
     zeta = np.sqrt(R) / 2
     kp, ki = 4 * zeta * wa, wa**2  # per unit of the motor's inertia
-    A = np.array([[0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [-9, 9, -kp, 0, -ki], [5, -5, 0, 0, 0], [0, 0, 1, 0, 0]], float)
+    A = np.array(
+        [[0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [-9, 9, -kp, 0, -ki], [5, -5, 0, 0, 0], [0, 0, 1, 0, 0]],
+        float,
+    )
     poles = np.linalg.eigvals(A)
-    poles = poles[np.argsort(np.abs(poles))][1:]  # the first is the angle of the whole, which no velocity loop holds
+    poles = poles[np.argsort(np.abs(poles))][
+        1:
+    ]  # the first is the angle of the whole, which no velocity loop holds
     # A double pair: rounding of 1e-16 moves it by its root.
     assert_allclose(np.abs(poles), wa, rtol=1e-6)
     assert_allclose(-poles.real / wa, d.bandwidth.damping, rtol=1e-6)
@@ -77,7 +84,8 @@ def test_poles_of_a_pi_velocity_loop_of_equal_radius():
 
 def test_three_inertias_and_a_gear_against_the_matrices_by_hand():
     d = drive_figures(drivetrain(three_mass()), "1:RZ", "4:RZ", ratio=10)
-    # In angles at the motor: J and k of the gear's shaft over n^2; motor - (shaft and mesh in a row) - gear - load.
+    # In angles at the motor: J and k of the gear's shaft over n^2; motor - (shaft and mesh in a
+    # row) - gear - load.
     k1, k2 = 1 / (1 / K_SHAFT + 1 / 2e3), 300.0
     J = np.diag([J_M, 6e-5, 0.03])
     K = np.array([[k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
@@ -85,7 +93,9 @@ def test_three_inertias_and_a_gear_against_the_matrices_by_hand():
     locked = np.sqrt(scipy.linalg.eigh(K[1:, 1:], J[1:, 1:], eigvals_only=True)) / TWO_PI
     assert_allclose(d.free, free, rtol=1e-9)
     assert_allclose(d.locked, locked, rtol=1e-9)
-    assert_allclose([(p.antiresonance, p.resonance) for p in d.pairs], np.c_[locked, free], rtol=1e-9)
+    assert_allclose(
+        [(p.antiresonance, p.resonance) for p in d.pairs], np.c_[locked, free], rtol=1e-9
+    )
     assert_allclose(d.stiffness_at_motor, 1 / (1 / k1 + 1 / k2), rtol=1e-9)
     assert_allclose(d.stiffness_at_load, reflected(three_mass(), 4, held=[1]).stiffness, rtol=1e-9)
     assert_allclose(d.inertia, reflected(three_mass(), 1).inertia, rtol=1e-9)
@@ -98,18 +108,27 @@ def test_antiresonances_of_the_damped_response_lie_at_the_locked_rotor_frequenci
     for pair in d.pairs:
         for f, sign in ((pair.antiresonance, 1), (pair.resonance, -1)):
             lines = np.linspace(0.98 * f, 1.02 * f, 801)
-            speed = np.abs(updyn.response(model, lines, ["1:RZ"], ["1:RZ"], "mobility").values[:, 0, 0])
+            speed = np.abs(
+                updyn.response(model, lines, ["1:RZ"], ["1:RZ"], "mobility").values[:, 0, 0]
+            )
             assert abs(lines[np.argmin(sign * speed)] / f - 1) < 2e-3
     # Damping ratio by the half-power width of the first resonance.
     f = d.pairs[0].resonance
     lines = np.linspace(0.9 * f, 1.1 * f, 20001)
-    power = np.abs(updyn.response(model, lines, ["1:RZ"], ["1:RZ"], "mobility").values[:, 0, 0]) ** 2
+    power = (
+        np.abs(updyn.response(model, lines, ["1:RZ"], ["1:RZ"], "mobility").values[:, 0, 0]) ** 2
+    )
     wide = lines[power > power.max() / 2]
     assert_allclose(d.pairs[0].resonance_damping, (wide[-1] - wide[0]) / (2 * f), rtol=0.03)
 
 
 def test_a_mode_that_the_motor_does_not_see_is_no_pair():
-    side = [Shaft("side", 3, 5, 5e5), Inertia("wheel", 5, 20.0), Shaft("other", 3, 6, 5e5), Inertia("twin", 6, 20.0)]
+    side = [
+        Shaft("side", 3, 5, 5e5),
+        Inertia("wheel", 5, 20.0),
+        Shaft("other", 3, 6, 5e5),
+        Inertia("twin", 6, 20.0),
+    ]
     d = drive_figures(drivetrain([*two_mass(), *side]), "1:RZ", "3:RZ")
     still = np.sqrt(5e5 / 20) / TWO_PI  # the two wheels against each other
     assert_allclose(d.hidden, [still], rtol=1e-9)
@@ -122,9 +141,14 @@ def test_a_mode_that_the_motor_does_not_see_is_no_pair():
 
 
 def test_result_of_an_update_is_as_good_as_its_model():
-    true, start = (drivetrain([Shaft("s", 1, 2, k), Motor("m", 1, J_M), Inertia("l", 2, 0.03)]) for k in (800.0, 700.0))
+    true, start = (
+        drivetrain([Shaft("s", 1, 2, k), Motor("m", 1, J_M), Inertia("l", 2, 0.03)])
+        for k in (800.0, 700.0)
+    )
     frf = updyn.response(true, np.linspace(5, 150, 30), ["1:RZ", "2:RZ"], ["1:RZ"])
-    result = updyn.update(start, frf, updyn.parameters(start, stiffness=["s"]), noise={"relative": 0.01})
+    result = updyn.update(
+        start, frf, updyn.parameters(start, stiffness=["s"]), noise={"relative": 0.01}
+    )
     d = drive_figures(result, "1:RZ", "2:RZ")
     assert_allclose(d.stiffness_at_motor, 800.0, rtol=1e-5)
     assert d.pairs == drive_figures(result.model, "1:RZ", "2:RZ").pairs
@@ -133,7 +157,13 @@ def test_result_of_an_update_is_as_good_as_its_model():
 def test_held_load_leaves_what_needs_rigid_motion_open():
     parts = [*two_mass(), Inertia("wheel", 2, 1e-4)]
     d = drive_figures(drivetrain(parts, held=[3]), "1:RZ", "2:RZ")
-    assert (d.inertia, d.ratio, d.inertia_ratio, d.load_inertia, d.rigid) == (None, None, None, None, 0)
+    assert (d.inertia, d.ratio, d.inertia_ratio, d.load_inertia, d.rigid) == (
+        None,
+        None,
+        None,
+        None,
+        0,
+    )
     assert "no rigid-body motion" in d.notes[0]
     K = np.array([[K_SHAFT, -K_SHAFT], [-K_SHAFT, K_SHAFT + K_MESH / N**2]])
     f = np.sqrt(scipy.linalg.eigh(K, np.diag([J_M, 1e-4]), eigvals_only=True)) / TWO_PI
@@ -163,7 +193,9 @@ def test_a_table_of_loss_factors_need_not_reach_beyond_the_band():
 
 def test_a_ratio_that_contradicts_the_model():
     model = drivetrain(two_mass())
-    with pytest.raises(ModelError, match=r"ratio 50: .* turn in the other sense, ratio -50; state -50, .*3:-RZ"):
+    with pytest.raises(
+        ModelError, match=r"ratio 50: .* turn in the other sense, ratio -50; state -50, .*3:-RZ"
+    ):
         drive_figures(model, "1:RZ", "3:RZ", ratio=50)
     assert_allclose(drive_figures(model, "1:RZ", "3:-RZ", ratio=50).ratio, 50)
     with pytest.raises(ModelError, match=r"1:RZ turns -50 times as fast as 3:RZ"):
@@ -174,8 +206,13 @@ def test_a_second_drive_that_is_free_changes_no_stiffness():
     """Two trains on one structure: with one at rest the stiffness matrix stays singular."""
     both = updyn.Model.from_groups(
         {
-            "a": updyn.Group([[9.0, -9, 0, 0], [-9, 9, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]], np.diag([1.0, 2, 0, 0])),
-            "b": updyn.Group([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 5, -5], [0, 0, -5, 5]], np.diag([0, 0, 3.0, 4])),
+            "a": updyn.Group(
+                [[9.0, -9, 0, 0], [-9, 9, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+                np.diag([1.0, 2, 0, 0]),
+            ),
+            "b": updyn.Group(
+                [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 5, -5], [0, 0, -5, 5]], np.diag([0, 0, 3.0, 4])
+            ),
         },
         ["1:RZ", "2:RZ", "3:RZ", "4:RZ"],
     )
@@ -188,10 +225,13 @@ def test_a_second_drive_that_is_free_changes_no_stiffness():
 
 
 def test_a_motor_on_a_free_body_has_no_single_ratio():
-    K = np.outer([1.0, -3.0, 2.0], [1.0, -3.0, 2.0])  # twist of motor, load and the body that carries the gears
+    K = np.outer(
+        [1.0, -3.0, 2.0], [1.0, -3.0, 2.0]
+    )  # twist of motor, load and the body that carries the gears
     model = updyn.Model.from_groups({"gear": updyn.Group(K, np.eye(3))}, ["1:RZ", "2:RZ", "3:RZ"])
     with pytest.raises(
-        ModelError, match=r"no stiffness joins 1:RZ and 2:RZ.*2 rigid-body motions.*against its housing"
+        ModelError,
+        match=r"no stiffness joins 1:RZ and 2:RZ.*2 rigid-body motions.*against its housing",
     ):
         drive_figures(model, "1:RZ", "2:RZ")
 

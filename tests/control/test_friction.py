@@ -60,9 +60,16 @@ def test_stick_and_slip_on_a_belt_by_the_closed_form():
     """Spring pulled at a steady speed: slip lasts 2 (pi - atan(df / (v sqrt(k m)))) / omega, stick 2 df / (k v)."""
     k, speed, law = 9.0, 0.05, CoulombFriction(0.5, breakaway=0.9)
     # The end of the spring runs away: two integrals, of which one begins with its speed.
-    belt = (np.array([[0, 1.0], [0, 0]]), np.zeros((2, 2)), np.array([[k, 0.0]]), np.array([[-k, 0.0]]))
+    belt = (
+        np.array([[0, 1.0], [0, 0]]),
+        np.zeros((2, 2)),
+        np.array([[k, 0.0]]),
+        np.array([[-k, 0.0]]),
+    )
     run = simulate(one_inertia(), belt, law, 60.0, "drag", start=[0, 0, 0, speed], **AXIS)
-    slips = run.switches[run.phase[np.searchsorted(run.time, run.switches, side="right") - 1] == "slip +"]
+    slips = run.switches[
+        run.phase[np.searchsorted(run.time, run.switches, side="right") - 1] == "slip +"
+    ]
     omega, drop = np.sqrt(k), 0.4
     period = 2 * drop / (k * speed) + 2 / omega * (np.pi - np.arctan(drop / (speed * np.sqrt(k))))
     assert_allclose(np.diff(slips), period, rtol=1e-6)
@@ -95,7 +102,10 @@ def test_every_limit_cycle_is_found():
     found = limit_cycles(one_inertia(), pid(kp, ki, kd, kii), CoulombFriction(1.0), "drag", **AXIS)
     assert_allclose([c.frequency for c in found], np.sqrt(ki / D[::-1]) / TWO_PI, rtol=1e-8)
     assert_allclose([c.amplitude for c in found], 4 / np.pi / (D[::-1] - kd), rtol=1e-8)
-    assert [c.stable for c in found] == [True, False]  # what grows beyond the outer one does so without end
+    assert [c.stable for c in found] == [
+        True,
+        False,
+    ]  # what grows beyond the outer one does so without end
     assert not found.linear_stable
     again = copy.copy(found)
     assert (again, again.band, again.linear_stable) == (found, found.band, False)
@@ -107,15 +117,19 @@ def test_unstable_limit_cycle_is_a_border():
     control, law = pid(kp, ki, kd), CoulombFriction(1.0)
     found = limit_cycles(one_inertia(), control, law, "drag", **AXIS)
     (cycle,) = found
-    assert_allclose([cycle.amplitude, cycle.frequency], [4 / np.pi / 0.7, np.sqrt(kp) / TWO_PI], rtol=1e-8)
+    assert_allclose(
+        [cycle.amplitude, cycle.frequency], [4 / np.pi / 0.7, np.sqrt(kp) / TWO_PI], rtol=1e-8
+    )
     assert not cycle.stable
     assert not found.linear_stable
     inside, outside = (
-        simulate(one_inertia(), control, law, 30.0, "drag", start=cycle, scale=s, **AXIS) for s in (0.85, 1.15)
+        simulate(one_inertia(), control, law, 30.0, "drag", start=cycle, scale=s, **AXIS)
+        for s in (0.85, 1.15)
     )
     assert inside.verdict in ("decays", "at rest")
     assert outside.verdict == "grows"
-    # The exact border, without describing functions: half a turn under constant friction maps a state to its opposite.
+    # The exact border, without describing functions: half a turn under constant friction maps a
+    # state to its opposite.
     A = np.array([[0, 1, 0], [-kp, -kd, -ki], [1, 0, 0]], dtype=float)
     b = np.array([0.0, -1.0, 0.0])
 
@@ -129,12 +143,23 @@ def test_unstable_limit_cycle_is_a_border():
     assert_allclose(0.5 / half, cycle.frequency, rtol=0.02)
     for scale, verdict in ((0.97, ("decays", "at rest")), (1.03, ("grows",))):
         start = np.array([x, 0.0, 0.0, s]) * scale
-        assert simulate(one_inertia(), control, law, 40.0, "drag", start=start, **AXIS).verdict in verdict
+        assert (
+            simulate(one_inertia(), control, law, 40.0, "drag", start=start, **AXIS).verdict
+            in verdict
+        )
 
 
 def test_growth_beyond_all_numbers():
     with pytest.raises(SolverError, match=r"grows beyond all numbers at .* unstable"):
-        simulate(one_inertia(), pid(10, 500, 0.1), CoulombFriction(1.0), 500.0, "drag", start=[1e3, 0], **AXIS)
+        simulate(
+            one_inertia(),
+            pid(10, 500, 0.1),
+            CoulombFriction(1.0),
+            500.0,
+            "drag",
+            start=[1e3, 0],
+            **AXIS,
+        )
 
 
 def test_no_limit_cycle_without_an_integral_and_both_say_so():
@@ -154,7 +179,13 @@ def test_no_limit_cycle_without_an_integral_and_both_say_so():
 def test_reference_step_ends_within_the_band_of_friction():
     names = {"velocity": "drag", "position": "angle", "torque": "torque"}
     run = simulate(
-        one_inertia(), Controller(2.0, kv=3.0), CoulombFriction(0.3), 30.0, "drag", constant={"reference": 1.0}, **names
+        one_inertia(),
+        Controller(2.0, kv=3.0),
+        CoulombFriction(0.3),
+        30.0,
+        "drag",
+        constant={"reference": 1.0},
+        **names,
     )
     assert abs(run["angle"][-1] - 1.0) <= 0.3 / 6.0 * (1 + 1e-9)
     assert run.phase[-1] == "stick"
@@ -185,6 +216,13 @@ def test_bad_numbers():
     with pytest.raises(OptionError, match="say measured="):
         limit_cycles(one_inertia(), pid(1, 1, 1), CoulombFriction(1.0), "drag", torque="torque")
     with pytest.raises(OptionError, match=r"2 inputs and 1 outputs; expected 1 \(measured\)"):
-        limit_cycles(one_inertia(), pid(1, 1, 1), CoulombFriction(1.0), "drag", torque="torque", measured="angle")
+        limit_cycles(
+            one_inertia(),
+            pid(1, 1, 1),
+            CoulombFriction(1.0),
+            "drag",
+            torque="torque",
+            measured="angle",
+        )
     with pytest.raises(OptionError, match="Backlash reads twists"):
         limit_cycles(one_inertia(), pid(1, 1, 1), Backlash(1.0, 1.0), "drag", **AXIS)

@@ -15,7 +15,9 @@ from updyn.demos.gear_train_case import true_model
 from updyn.errors import DofError, ModelError, OptionError
 
 
-def springs(k: list[float], m: list[float], gamma: list[float], *, viscous: list[float] | None = None) -> updyn.Model:
+def springs(
+    k: list[float], m: list[float], gamma: list[float], *, viscous: list[float] | None = None
+) -> updyn.Model:
     """Masses in a row; k[0] holds the first one, 0 leaves them free."""
     n = len(m)
     groups = {"masses": updyn.Group(mass=np.diag(m))}
@@ -26,7 +28,9 @@ def springs(k: list[float], m: list[float], gamma: list[float], *, viscous: list
             one[i - 1 : i + 1, i - 1 : i + 1] = [[1.0, -1.0], [-1.0, 1.0]]
         damper = None if viscous is None or not viscous[i] else viscous[i] * one
         if stiffness or damper is not None:
-            groups[f"spring {i + 1}"] = updyn.Group(stiffness * one if stiffness else None, None, loss, damper)
+            groups[f"spring {i + 1}"] = updyn.Group(
+                stiffness * one if stiffness else None, None, loss, damper
+            )
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
 
 
@@ -43,9 +47,13 @@ def off(plant: updyn.Plant, model: updyn.Model, quantity: str, lines: np.ndarray
 
 class TestWithinTheTolerance:
     @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
-    @pytest.mark.parametrize(("route", "tolerance"), [("auto", 0.02), ("complex", 0.01), ("biot", 0.03)])
+    @pytest.mark.parametrize(
+        ("route", "tolerance"), [("auto", 0.02), ("complex", 0.01), ("biot", 0.03)]
+    )
     def test_chain(self, chain: updyn.Model, quantity: str, route: str, tolerance: float) -> None:
-        plant = updyn.plant(chain, ["2:X"], ["1:X", "4:X"], (0.5, 45.0), tolerance, quantity=quantity, route=route)
+        plant = updyn.plant(
+            chain, ["2:X"], ["1:X", "4:X"], (0.5, 45.0), tolerance, quantity=quantity, route=route
+        )
         assert max(plant.error, plant.peak_error) <= tolerance
         lines = np.sort(np.random.default_rng(3).uniform(0.5, 45.0, 3000))
         assert off(plant, chain, quantity, lines) <= 1.05 * tolerance
@@ -58,7 +66,9 @@ class TestWithinTheTolerance:
         H = np.abs(updyn.response(chain, lines, plant.outputs, plant.inputs).values)
         G = np.abs(plant.response(lines).values)
         for i in range(2):
-            tops = 1 + np.flatnonzero((H[1:-1, i, 0] > H[:-2, i, 0]) & (H[1:-1, i, 0] > H[2:, i, 0]))
+            tops = 1 + np.flatnonzero(
+                (H[1:-1, i, 0] > H[:-2, i, 0]) & (H[1:-1, i, 0] > H[2:, i, 0])
+            )
             for top in tops[H[tops, i, 0] > 0.1 * H[:, i, 0].max()]:
                 near = slice(top - 100, top + 100)
                 assert G[near, i, 0].max() == pytest.approx(H[top, i, 0], rel=0.015)
@@ -78,11 +88,16 @@ class TestWithinTheTolerance:
         assert "fitted" in plant.facts
         assert off(plant, model, quantity, np.linspace(5.0, 60.0, 2000)) < 0.01
         assert plant.poles.real.max() < 0
-        far = np.abs(plant.response([6e3]).values).max() / np.abs(plant.response([60.0]).values).max()
+        far = (
+            np.abs(plant.response([6e3]).values).max() / np.abs(plant.response([60.0]).values).max()
+        )
         assert far < {"receptance": 10.0, "mobility": 0.2, "accelerance": 10.0}[quantity]
 
     def test_one_more_state_is_not_spent(self, chain: updyn.Model) -> None:
-        sizes = [updyn.plant(chain, ["2:X"], ["4:X"], (0.5, 20.0), t).n_states for t in (0.2, 0.05, 0.016)]
+        sizes = [
+            updyn.plant(chain, ["2:X"], ["4:X"], (0.5, 20.0), t).n_states
+            for t in (0.2, 0.05, 0.016)
+        ]
         assert sizes == sorted(sizes)
         assert sizes[0] < sizes[-1] < 24
 
@@ -94,7 +109,8 @@ class TestWithinTheTolerance:
 
     def test_too_tight_a_tolerance_says_what_was_reached(self, chain: updyn.Model) -> None:
         with pytest.raises(
-            ModelError, match=r"no order holds a tolerance of 1e-06 .*0\.01\d* by route 'modal', 0\.00\d* by"
+            ModelError,
+            match=r"no order holds a tolerance of 1e-06 .*0\.01\d* by route 'modal', 0\.00\d* by",
         ):
             updyn.plant(chain, ["2:X"], ["1:X"], (0.5, 45.0), 1e-6)
 
@@ -110,7 +126,9 @@ class TestConversions:
 
     @pytest.mark.parametrize("route", ["single-frequency", "diagonal"])
     def test_refused_as_a_plant(self, chain: updyn.Model, route: str) -> None:
-        with pytest.raises(OptionError, match=rf"route '{route}' is refused: .* wrong by \d+.*use route='modal'"):
+        with pytest.raises(
+            OptionError, match=rf"route '{route}' is refused: .* wrong by \d+.*use route='modal'"
+        ):
             updyn.plant(chain, ["2:X"], ["1:X"], (0.5, 45.0), route=route)
 
     def test_full_matrix_by_hand(self) -> None:
@@ -122,7 +140,10 @@ class TestConversions:
         phi, omega = root @ vectors, np.sqrt(square)
         C = phi.T @ D @ phi / np.sqrt(np.outer(omega, omega))
         lines = np.linspace(0.1, 4.0, 50)
-        own = [phi @ np.linalg.solve(np.diag(square) - w**2 * np.eye(2) + 1j * w * C, phi.T) for w in 2 * np.pi * lines]
+        own = [
+            phi @ np.linalg.solve(np.diag(square) - w**2 * np.eye(2) + 1j * w * C, phi.T)
+            for w in 2 * np.pi * lines
+        ]
         plant = updyn.plant(model, ["1:X", "2:X"], ["1:X", "2:X"], (0.1, 4.0), 0.5, route="modal")
         assert plant.n_states == 4
         assert plant.response(lines).values == pytest.approx(np.array(own), rel=1e-10)
@@ -130,16 +151,33 @@ class TestConversions:
     def test_complex_poles_of_one_mass(self) -> None:
         """s^2 + omega^2 (1 + i eta) = 0 above the real axis."""
         eta, omega = 0.2, 40.0
-        plant = updyn.plant(springs([2 * omega**2], [2.0], [eta]), ["1:X"], ["1:X"], (0.1, 20.0), 0.1, route="complex")
+        plant = updyn.plant(
+            springs([2 * omega**2], [2.0], [eta]),
+            ["1:X"],
+            ["1:X"],
+            (0.1, 20.0),
+            0.1,
+            route="complex",
+        )
         pole = 1j * omega * np.sqrt(1 + 1j * eta)
-        assert np.sort_complex(plant.poles) == pytest.approx(np.sort_complex([pole, pole.conjugate()]), rel=1e-12)
+        assert np.sort_complex(plant.poles) == pytest.approx(
+            np.sort_complex([pole, pole.conjugate()]), rel=1e-12
+        )
         assert plant.error == pytest.approx(eta**2, rel=0.1)  # at rest
         top = [omega / (2 * np.pi)]
         H = updyn.response(springs([2 * omega**2], [2.0], [eta]), top, ["1:X"], ["1:X"]).values
         assert np.abs(plant.response(top).values / H - 1) == pytest.approx(3 * eta**2 / 8, rel=0.1)
 
     def test_internal_variables_are_passive(self, chain: updyn.Model) -> None:
-        plant = updyn.plant(chain, ["1:X", "4:X"], ["1:X", "4:X"], (0.5, 45.0), 0.05, quantity="mobility", route="biot")
+        plant = updyn.plant(
+            chain,
+            ["1:X", "4:X"],
+            ["1:X", "4:X"],
+            (0.5, 45.0),
+            0.05,
+            quantity="mobility",
+            route="biot",
+        )
         Y = plant.response(np.geomspace(1e-3, 1e4, 400)).values
         power = np.linalg.eigvalsh(0.5 * (Y + Y.conj().transpose(0, 2, 1)))
         assert (power >= -1e-9 * np.abs(power).max()).all()
@@ -151,14 +189,20 @@ class TestConversions:
     @pytest.mark.parametrize("route", ["modal", "complex", "biot"])
     def test_loss_factor_by_a_table(self, route: str) -> None:
         model = springs([4e4, 9e4], [1.0, 1.0], [0.02, 0.03])
-        model = model.with_damping({"spring 1": {"loss_table": ([1.0, 30.0, 100.0], [1.0, 1.5, 4.0])}})
+        model = model.with_damping(
+            {"spring 1": {"loss_table": ([1.0, 30.0, 100.0], [1.0, 1.5, 4.0])}}
+        )
         plant = updyn.plant(model, ["1:X"], ["2:X"], (2.0, 90.0), 0.03, route=route)
         assert off(plant, model, "receptance", np.linspace(2.0, 90.0, 3001)) < 0.03
 
 
 class TestViscous:
     @settings(max_examples=25, deadline=None)
-    @given(st.integers(0, 10**6), st.sampled_from(["receptance", "mobility", "accelerance"]), st.booleans())
+    @given(
+        st.integers(0, 10**6),
+        st.sampled_from(["receptance", "mobility", "accelerance"]),
+        st.booleans(),
+    )
     def test_no_structural_damping_is_exact(self, seed: int, quantity: str, free: bool) -> None:
         """Light to overdamped dampers, free or held: both real and complex modes give the model itself."""
         rng = np.random.default_rng(seed)
@@ -192,11 +236,17 @@ class TestViscous:
 class TestRigidBody:
     def test_no_damping_at_all(self) -> None:
         k, m1, m2 = 5e4, 3.0, 1.0
-        plant = updyn.plant(springs([0.0, k], [m1, m2], [0.0, 0.0]), ["1:X"], ["2:X"], (0.1, 100.0), 0.01)
+        plant = updyn.plant(
+            springs([0.0, k], [m1, m2], [0.0, 0.0]), ["1:X"], ["2:X"], (0.1, 100.0), 0.01
+        )
         omega = np.sqrt(k * (1 / m1 + 1 / m2))
-        assert np.sort(np.abs(plant.poles)) == pytest.approx([0.0, 0.0, omega, omega], rel=1e-12, abs=1e-9)
+        assert np.sort(np.abs(plant.poles)) == pytest.approx(
+            [0.0, 0.0, omega, omega], rel=1e-12, abs=1e-9
+        )
         s = 2j * np.pi * np.array([3.0, 70.0])
-        assert plant.at(s)[:, 0, 0] == pytest.approx(k / (s**2 * (m1 * m2 * s**2 + k * (m1 + m2))), rel=1e-9)
+        assert plant.at(s)[:, 0, 0] == pytest.approx(
+            k / (s**2 * (m1 * m2 * s**2 + k * (m1 + m2))), rel=1e-9
+        )
 
     def test_slope_and_double_integrator(self) -> None:
         model = springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04])
@@ -204,11 +254,15 @@ class TestRigidBody:
         assert plant.rigid == 1
         assert np.sum(plant.poles == 0) == 2
         low = np.array([1e-4, 1e-3, 1e-2])
-        assert plant.response(low).values[:, 0, 0] == pytest.approx(-1 / (4.0 * (2 * np.pi * low) ** 2), rel=1e-4)
+        assert plant.response(low).values[:, 0, 0] == pytest.approx(
+            -1 / (4.0 * (2 * np.pi * low) ** 2), rel=1e-4
+        )
 
     def test_drag_leaves_one_integrator(self) -> None:
         model = springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04], viscous=[2.0, 0.0])
-        plant = updyn.plant(model, ["1:X"], ["1:X", "2:X"], (0.1, 100.0), 0.02, quantity=["mobility", "receptance"])
+        plant = updyn.plant(
+            model, ["1:X"], ["1:X", "2:X"], (0.1, 100.0), 0.02, quantity=["mobility", "receptance"]
+        )
         assert plant.output_units == ("m/s", "m")
         speed = plant.response([1e-5]).values[0, 0, 0]
         assert speed == pytest.approx(1 / 2.0, rel=1e-3)  # a steady force against the drag
@@ -239,13 +293,18 @@ def test_a_channel_without_coupling() -> None:
     """Two structures side by side: what is only rounding from one to the other is not asked for."""
     one, mass = np.array([[5e4, -5e4], [-5e4, 9e4]]), np.eye(2)
     zero = np.zeros((2, 2))
-    rotated = np.kron(np.array([[0.6, -0.8], [0.8, 0.6]]), np.eye(2))  # coordinates in which rounding mixes them
+    rotated = np.kron(
+        np.array([[0.6, -0.8], [0.8, 0.6]]), np.eye(2)
+    )  # coordinates in which rounding mixes them
     both = rotated @ np.block([[one, zero], [zero, 3 * one]]) @ rotated.T
     model = updyn.Model.from_groups(
         {"springs": updyn.Group(0.5 * (both + both.T), np.kron(np.eye(2), mass), 0.02)},
         [f"{i}:X" for i in (1, 2, 3, 4)],
     )
-    here, there = updyn.Port("here", {"1:X": 0.6, "3:X": 0.8}), updyn.Port("there", {"1:X": -0.8, "3:X": 0.6})
+    here, there = (
+        updyn.Port("here", {"1:X": 0.6, "3:X": 0.8}),
+        updyn.Port("there", {"1:X": -0.8, "3:X": 0.6}),
+    )
     plant = updyn.plant(model, [here], [here, there], (5.0, 100.0), 0.02)
     G = np.abs(plant.response([40.0]).values)[0, :, 0]
     assert G[1] < 1e-7 * G[0]
@@ -262,7 +321,9 @@ class TestPorts:
         wanted = np.stack([H[:, 1] - H[:, 0], H[:, 0] / -10.0], axis=1)
         G = plant.response(lines).values[:, :, 0]
         assert (np.abs(G - wanted) / np.abs(wanted).max(axis=0)).max() < 0.02
-        assert np.abs(plant.response(lines) - G[:, :, None]).max() == 0.0  # an array where one is wanted
+        assert (
+            np.abs(plant.response(lines) - G[:, :, None]).max() == 0.0
+        )  # an array where one is wanted
         assert (plant.response(lines)[:, :, 0] == G).all()
         assert plant.inputs == ("motor at the load",)
         assert plant.outputs == ("twist", "motor at the load")
@@ -281,12 +342,19 @@ class TestPorts:
 
     @pytest.mark.parametrize("ratio", [0, float("nan"), True, "3"])
     def test_ratio(self, ratio: object) -> None:
-        with pytest.raises(OptionError, match=r"gear ratio .*expected a finite number other than 0"):
+        with pytest.raises(
+            OptionError, match=r"gear ratio .*expected a finite number other than 0"
+        ):
             updyn.Port.geared("1:RZ", ratio)  # type: ignore[arg-type]
 
     def test_unknown_dof_names_the_port(self) -> None:
         with pytest.raises(DofError, match=r"port 'tip': .*9:X"):
-            updyn.plant(springs([1e3], [3.0], [0.02]), ["1:X"], [updyn.Port("tip", {"9:X": 1.0})], (1.0, 5.0))
+            updyn.plant(
+                springs([1e3], [3.0], [0.02]),
+                ["1:X"],
+                [updyn.Port("tip", {"9:X": 1.0})],
+                (1.0, 5.0),
+            )
 
     def test_one_name_twice(self) -> None:
         with pytest.raises(OptionError, match=r"two outputs are called '1:X'"):
@@ -315,7 +383,9 @@ class TestPlantItself:
             self.made.A[0, 0] = 1.0
 
     def test_a_line_on_a_pole(self) -> None:
-        free = updyn.plant(springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04]), ["1:X"], ["1:X"], (0.5, 60.0))
+        free = updyn.plant(
+            springs([0.0, 5e4], [3.0, 1.0], [0.0, 0.04]), ["1:X"], ["1:X"], (0.5, 60.0)
+        )
         with pytest.raises(updyn.UpdynError, match=r"pole at s = 0"):
             free.response([0.0])
 
@@ -340,18 +410,25 @@ class TestRefused:
         ],
     )
     def test_options(self, given: dict[str, object], said: str) -> None:
-        options: dict[str, object] = {"inputs": ["1:X"], "outputs": ["2:X"], "band": (1.0, 50.0)} | given
+        options: dict[str, object] = {
+            "inputs": ["1:X"],
+            "outputs": ["2:X"],
+            "band": (1.0, 50.0),
+        } | given
         with pytest.raises(OptionError, match=said):
             updyn.plant(self.model, **options)  # type: ignore[arg-type]
 
     def test_what_is_no_model(self) -> None:
-        with pytest.raises(OptionError, match=r"expected a model or the result of an update, found str"):
+        with pytest.raises(
+            OptionError, match=r"expected a model or the result of an update, found str"
+        ):
             updyn.plant("model.h5", ["1:X"], ["1:X"], (1.0, 5.0))  # type: ignore[arg-type]
 
     @pytest.mark.filterwarnings("ignore:.*indefinite")
     def test_unstable_structure(self) -> None:
         model = updyn.Model.from_groups(
-            {"mass": updyn.Group(mass=np.eye(2)), "k": updyn.Group([[-100.0, 0.0], [0.0, 400.0]])}, ["1:X", "2:X"]
+            {"mass": updyn.Group(mass=np.eye(2)), "k": updyn.Group([[-100.0, 0.0], [0.0, 400.0]])},
+            ["1:X", "2:X"],
         )
         with pytest.raises(ModelError, match=r"indefinite .*no stable plant"):
             updyn.plant(model, ["1:X"], ["1:X"], (1.0, 5.0))

@@ -46,7 +46,9 @@ def unsure(fit) -> UpdateResult:
     at = np.array([fit.values["shaft.stiffness"], fit.values["shaft.loss_factor"]])
     std = at * [0.1, 0.2]
     covariance = np.outer(std, std) * [[1.0, 0.5], [0.5, 1.0]]
-    return replace(fit, covariance=covariance, std=dict(zip(fit.parameters.names, std, strict=True)))
+    return replace(
+        fit, covariance=covariance, std=dict(zip(fit.parameters.names, std, strict=True))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,9 @@ def resonance(factor: float) -> float:
 
 def test_each_resonance_is_where_its_stiffness_puts_it(fit, family) -> None:
     assert family.names == ("shaft.stiffness", "shaft.loss_factor")
-    assert family.nominal.modes == pytest.approx([0.0, resonance(fit.values["shaft.stiffness"])], rel=1e-9)
+    assert family.nominal.modes == pytest.approx(
+        [0.0, resonance(fit.values["shaft.stiffness"])], rel=1e-9
+    )
     for member, (factor, loss) in zip(family.members, family.values, strict=True):
         assert member.modes == pytest.approx([0.0, resonance(factor)], rel=1e-9)
         pole = member.poles[np.argmax(member.poles.imag)]
@@ -75,7 +79,9 @@ def test_each_member_answers_as_its_own_model(unsure, family) -> None:
     for own, member, values in zip(G, family.members, family.values, strict=True):
         model = unsure.parameters.apply(unsure.start, values)
         exact = updyn.response(model, freq, ["1:RZ", "2:RZ"], ["1:RZ"]).values
-        assert (np.abs(own - exact) / np.abs(exact).max(axis=0)).max() <= 1.05 * max(member.error, 1e-6)
+        assert (np.abs(own - exact) / np.abs(exact).max(axis=0)).max() <= 1.05 * max(
+            member.error, 1e-6
+        )
         assert member.error <= 0.02
         assert (member.route, member.tolerance) == (family.nominal.route, 0.02)
         assert (member.inputs, member.outputs) == (family.inputs, family.outputs)
@@ -90,10 +96,20 @@ def test_the_words(family) -> None:
     text = family.summary()
     assert text.startswith("Family: 6 members of 2 unknowns, covariance")
     low, high = (resonance(f(family.values[:, 0])) for f in (np.min, np.max))
-    assert text.splitlines()[-1].split() == ["2", *(f"{f:.6g}" for f in (family.nominal.modes[1], low, high))]
+    assert text.splitlines()[-1].split() == [
+        "2",
+        *(f"{f:.6g}" for f in (family.nominal.modes[1], low, high)),
+    ]
     fewer = replace(family.members[0], modes=family.members[0].modes[:1])
-    mixed = replace(family, members=(fewer, *family.members[1:]), facts={"cut": {"a.loss_factor": 0.5}, "note": "So."})
-    assert "The plants have 4 states.\n50 % of the draws of a.loss_factor lie on its bound.\nSo." in mixed.summary()
+    mixed = replace(
+        family,
+        members=(fewer, *family.members[1:]),
+        facts={"cut": {"a.loss_factor": 0.5}, "note": "So."},
+    )
+    assert (
+        "The plants have 4 states.\n50 % of the draws of a.loss_factor lie on its bound.\nSo."
+        in mixed.summary()
+    )
 
 
 def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
@@ -148,7 +164,9 @@ def in_series() -> UpdateResult:
     """The DOF between two springs is not measured: only the sum of their compliances is known."""
     groups = {
         "a": updyn.Group(np.array([[3000.0, 0.0], [0.0, 0.0]]), loss_factor=0.02),
-        "b": updyn.Group(1500.0 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([0.0, 2.0]), loss_factor=0.02),
+        "b": updyn.Group(
+            1500.0 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([0.0, 2.0]), loss_factor=0.02
+        ),
     }
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     frf = noisy(updyn.response(model, np.linspace(1.0, 6.0, 30), ["2:X"], ["2:X"]), 0.01)
@@ -177,7 +195,9 @@ def test_what_the_data_leave_open_is_refused_unless_draws_are_given() -> None:
 
 def test_of_several_tests_one_is_named(unsure, family) -> None:
     joint = JointResult({"free": unsure, "locked": unsure})
-    with pytest.raises(OptionError, match=r"test = 'fre'; which test's model is the plant's\? did you mean 'free'"):
+    with pytest.raises(
+        OptionError, match=r"test = 'fre'; which test's model is the plant's\? did you mean 'free'"
+    ):
         plant_family(joint, **PORTS, test="fre")
     found = plant_family(joint, **PORTS, n=2, test="free")
     np.testing.assert_array_equal(found.values, family.values[:2])
@@ -197,9 +217,13 @@ def test_one_route_serves_all(unsure, monkeypatch) -> None:
     monkeypatch.setattr(updyn.control.family, "plant", sometimes)
     found = plant_family(unsure, **PORTS, n=2)
     assert asked == ["auto", "modal", "modal", "complex", "complex", "complex"]
-    assert {p.route for p in (found.nominal, *found.members)} == {"complex"} == {found.facts["route"]}
+    assert (
+        {p.route for p in (found.nominal, *found.members)} == {"complex"} == {found.facts["route"]}
+    )
     asked.clear()
-    with pytest.raises(ModelError, match=r"member 1 of the family \(shaft\.stiffness = .*\): no order holds"):
+    with pytest.raises(
+        ModelError, match=r"member 1 of the family \(shaft\.stiffness = .*\): no order holds"
+    ):
         plant_family(unsure, **PORTS, n=2, route="modal")
 
 
@@ -213,7 +237,8 @@ def test_a_member_that_cannot_be_solved_is_named(unsure, monkeypatch) -> None:
 
     monkeypatch.setattr(updyn.control.family, "plant", sometimes)
     with pytest.raises(
-        SolverError, match=r"member 0 of the family \(.*, shaft\.loss_factor = 0\.0\d+\): no finite answer"
+        SolverError,
+        match=r"member 0 of the family \(.*, shaft\.loss_factor = 0\.0\d+\): no finite answer",
     ):
         plant_family(unsure, **PORTS, n=2)
 

@@ -75,8 +75,16 @@ def test_one_without_states_comes_back(suffix: str, tmp_path: Path) -> None:
     assert_same(updyn.read_plant(tmp_path / f"p{suffix}"), gain)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=9, max_size=9), st.sampled_from(SUFFIXES))
+@settings(
+    max_examples=20,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=9, max_size=9),
+    st.sampled_from(SUFFIXES),
+)
 def test_any_number_comes_back(tmp_path: Path, numbers: list[float], suffix: str) -> None:
     block = np.reshape(numbers, (3, 3))
     one = plant(block[:2, :2], block[:2, 2:], block[2:, :2], block[2:, 2:])
@@ -105,8 +113,9 @@ def test_what_matlab_loads(name: str, tmp_path: Path) -> None:
     one = PLANTS[name]
     updyn.write_plant(one, tmp_path / "mount.mat")
     found = scipy.io.loadmat(tmp_path / "mount.mat")
-    assert str(found["comment"][0]) == (
-        "load('mount.mat'); sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs); "
+    assert (
+        str(found["comment"][0])
+        == "load('mount.mat'); sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs); "
         "% MATLAB also: set(sys,'InputUnit',input_units,'OutputUnit',output_units)"
     )
     for letter in "ABCD":
@@ -127,16 +136,23 @@ def test_what_matlab_loads(name: str, tmp_path: Path) -> None:
     omega = 2 * np.pi * np.array([0.1, 1.0])
     theirs = np.moveaxis(control.frequency_response(system, omega).complex, -1, 0)
     np.testing.assert_allclose(theirs, one.response([0.1, 1.0]).values, rtol=1e-8)
-    assert not any(value.dtype.names for value in found.values() if isinstance(value, np.ndarray))  # no struct
+    assert not any(
+        value.dtype.names for value in found.values() if isinstance(value, np.ndarray)
+    )  # no struct
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="needs Octave with its package control")
+@pytest.mark.skipif(
+    shutil.which("octave-cli") is None, reason="needs Octave with its package control"
+)
 def test_octave_runs_the_line_that_the_file_states(tmp_path: Path) -> None:
     for name in ("continuous", "sampled"):
         one = PLANTS[name]
         updyn.write_plant(one, tmp_path / "it's a plant.mat")
         line = str(scipy.io.loadmat(tmp_path / "it's a plant.mat")["comment"][0])
-        show = "H = freqresp(sys, 2 * pi * [0.1 1.0]); printf('%.17g ', sys.tsam, real(H), imag(H)); disp(inputs{2})"
+        show = (
+            "H = freqresp(sys, 2 * pi * [0.1 1.0]); printf('%.17g ', sys.tsam, real(H), imag(H));"
+            " disp(inputs{2})"
+        )
         (tmp_path / "show.m").write_text(f"pkg load control\n{line}\n{show}\n", encoding="utf-8")
         command = ["octave-cli", "-q", "show.m"]
         shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -145,7 +161,10 @@ def test_octave_runs_the_line_that_the_file_states(tmp_path: Path) -> None:
         *numbers, _, _, _ = shown.stdout.split()
         values = one.response([0.1, 1.0]).values.transpose(0, 2, 1).ravel()  # as MATLAB counts
         np.testing.assert_allclose(
-            np.array(numbers, dtype=float), [one.dt or 0.0, *values.real, *values.imag], rtol=1e-8, atol=1e-12
+            np.array(numbers, dtype=float),
+            [one.dt or 0.0, *values.real, *values.imag],
+            rtol=1e-8,
+            atol=1e-12,
         )
         assert shown.stdout.endswith("pair of forces\n")
 
@@ -154,7 +173,12 @@ def test_json_is_for_any_program(tmp_path: Path) -> None:
     one = PLANTS["continuous"]
     updyn.write_plant(one, tmp_path / "p.json")
     found = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
-    assert (found["format"], found["schema"], found["dt"], found["rigid"]) == ("updyn plant", 1, None, 1)
+    assert (found["format"], found["schema"], found["dt"], found["rigid"]) == (
+        "updyn plant",
+        1,
+        None,
+        1,
+    )
     assert found["A"] == one.A.tolist()
     assert found["outputs"][2] == {
         "name": "2:RZ / -92.5",
@@ -168,18 +192,24 @@ def test_json_is_for_any_program(tmp_path: Path) -> None:
 def test_matlab_may_save_rows_for_columns_and_one_text_for_a_cell(tmp_path: Path) -> None:
     one = PLANTS["one"]
     updyn.write_plant(one, tmp_path / "p.mat")
-    found = {k: v for k, v in scipy.io.loadmat(tmp_path / "p.mat").items() if not k.startswith("__")}
+    found = {
+        k: v for k, v in scipy.io.loadmat(tmp_path / "p.mat").items() if not k.startswith("__")
+    }
     scipy.io.savemat(tmp_path / "q.mat", {**found, "band": found["band"].T, "inputs": "torque 1"})
     assert_same(updyn.read_plant(tmp_path / "q.mat"), one)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_info_says_what_it_is(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_says_what_it_is(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / f"p{suffix}"
     updyn.write_plant(PLANTS["sampled"], path)
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("Plant: 12 states, 2 inputs, 3 outputs, sampled every 0.03 s, input 0.1 s late\n")
+    assert said.startswith(
+        "Plant: 12 states, 2 inputs, 3 outputs, sampled every 0.03 s, input 0.1 s late\n"
+    )
     assert "made for 0.05 to 2.5 Hz" in said
     assert "0.013" in said
     assert "pair of forces" in said
@@ -195,7 +225,9 @@ def test_info_says_which_item_is_wrong(tmp_path: Path, capsys: pytest.CaptureFix
         == f"error: {tmp_path / 'p.json'}: rigid: found 1.5; expected a whole number, 0 or above\n"
     )
     updyn.write_plant(PLANTS["one"], tmp_path / "p.mat")
-    found = {k: v for k, v in scipy.io.loadmat(tmp_path / "p.mat").items() if not k.startswith("__")}
+    found = {
+        k: v for k, v in scipy.io.loadmat(tmp_path / "p.mat").items() if not k.startswith("__")
+    }
     scipy.io.savemat(tmp_path / "p.mat", {**found, "dt": -1.0})
     assert main(["info", str(tmp_path / "p.mat")]) == 2
     assert "as a plant: dt: found -1.0; expected" in capsys.readouterr().err
@@ -208,7 +240,9 @@ def test_info_says_which_item_is_wrong(tmp_path: Path, capsys: pytest.CaptureFix
 def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="expected a plant, found dict"):
         updyn.write_plant({}, tmp_path / "p.json")  # type: ignore[arg-type]
-    with pytest.raises(FormatError, match=r"suffix '\.slx'.*known suffixes: \.json, \.mat, \.npz, \.h"):
+    with pytest.raises(
+        FormatError, match=r"suffix '\.slx'.*known suffixes: \.json, \.mat, \.npz, \.h"
+    ):
         updyn.write_plant(PLANTS["one"], tmp_path / "p.slx")
     with pytest.raises(FormatError, match="did you mean 'json'"):
         updyn.write_plant(PLANTS["one"], tmp_path / "p", format="jsn")
@@ -258,7 +292,9 @@ def test_a_byte_that_is_wrong_is_noticed_or_means_nothing(suffix: str, tmp_path:
     content, rng, noticed = path.read_bytes(), np.random.default_rng(1), 0
     for _ in range(80):
         at = int(rng.integers(len(content)))
-        path.write_bytes(content[:at] + bytes([content[at] ^ int(rng.integers(1, 256))]) + content[at + 1 :])
+        path.write_bytes(
+            content[:at] + bytes([content[at] ^ int(rng.integers(1, 256))]) + content[at + 1 :]
+        )
         try:
             found = updyn.read_plant(path)
         except FormatError as error:
@@ -291,12 +327,18 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
         (lambda p: p.update(tolerance=None), "tolerance: found None"),
         (lambda p: p["A"][1].pop(), "A: row 2 has 3 numbers; expected 4"),
         (lambda p: p["A"][1].__setitem__(2, "1"), "A: row 2 holds something that is not a number"),
-        (lambda p: p["A"][1].__setitem__(2, {"__float__": "inf"}), "A holds a number that is not finite"),
+        (
+            lambda p: p["A"][1].__setitem__(2, {"__float__": "inf"}),
+            "A holds a number that is not finite",
+        ),
         (lambda p: p["A"][1].__setitem__(2, 10**400), "A: holds a number that is too large"),
         (lambda p: p["B"].pop(), r"B has shape \(3, 2\); expected \(4, 2\)"),
         (lambda p: p.update(D=[1.0]), r"D: found shape \(1,\)"),
         (lambda p: p["inputs"][0].pop("weights"), "inputs, number 1: 'weights' is missing"),
-        (lambda p: p["inputs"][0].update(unit="N"), "inputs, number 1: unit 'N', but that of this port is 'N m'"),
+        (
+            lambda p: p["inputs"][0].update(unit="N"),
+            "inputs, number 1: unit 'N', but that of this port is 'N m'",
+        ),
         (lambda p: p["inputs"][0].update(weights={"1:Q": 1.0}), "inputs, number 1:.*1:Q"),
         (lambda p: p["outputs"][1].update(rotation=1), "outputs, number 2: rotation is 1"),
         (lambda p: p["outputs"][1].update(quantity="receptence"), "did you mean 'receptance'"),
@@ -304,7 +346,9 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
         (lambda p: p.update(outputs={}), "outputs: expected a list of ports"),
     ],
 )
-def test_an_item_that_is_not_valid(change: Callable[[dict[str, Any]], Any], said: str, tmp_path: Path) -> None:
+def test_an_item_that_is_not_valid(
+    change: Callable[[dict[str, Any]], Any], said: str, tmp_path: Path
+) -> None:
     path = tmp_path / "p.json"
     updyn.write_plant(PLANTS["continuous"], path)
     changed(change, path)
@@ -353,7 +397,9 @@ def test_an_array_that_is_not_valid(change: dict[str, Any], said: str, tmp_path:
     updyn.write_plant(PLANTS["continuous"], tmp_path / "p.npz")
     with np.load(tmp_path / "p.npz") as stored:
         arrays = {**stored, **change}
-    np.savez(tmp_path / "p.npz", **{name: value for name, value in arrays.items() if value is not None})
+    np.savez(
+        tmp_path / "p.npz", **{name: value for name, value in arrays.items() if value is not None}
+    )
     with pytest.raises(FormatError, match=said) as error:
         updyn.read_plant(tmp_path / "p.npz")
     assert "p.npz:" in str(error.value)

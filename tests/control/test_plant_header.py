@@ -53,7 +53,11 @@ def run(source: str, folder: Path, name: str, strict: list[str] = STRICT) -> lis
     text = source.replace("NAME", name).replace("UPPER", name.upper())
     (folder / "main.c").write_text(text, encoding="utf-8")
     done = subprocess.run(
-        [COMPILER, *strict, "main.c", "-o", "main"], cwd=folder, capture_output=True, text=True, check=False
+        [COMPILER, *strict, "main.c", "-o", "main"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
     shown = subprocess.run([str(folder / "main")], capture_output=True, check=True).stdout
@@ -66,7 +70,9 @@ def test_it_compiles_and_runs_as_numpy_does(kind: str, tmp_path: Path) -> None:
     continuous = two_masses()
     one = sampled(continuous, 0.03, delay=0.05) if kind == "sampled" else continuous
     updyn.write_plant(one, tmp_path / "mount.h")
-    numbers, figures, moved, *texts = run(SHOW.replace("DO", STEP if kind == "sampled" else EULER), tmp_path, "mount")
+    numbers, figures, moved, *texts = run(
+        SHOW.replace("DO", STEP if kind == "sampled" else EULER), tmp_path, "mount"
+    )
     expected = np.concatenate([m.ravel() for m in (one.A, one.B, one.C, one.D)])
     np.testing.assert_array_equal(np.array(numbers.split(), dtype=float), expected)
     assert [float(f) for f in figures.split()] == [one.dt or 0.0, one.delay, *one.band, one.error]
@@ -76,13 +82,29 @@ def test_it_compiles_and_runs_as_numpy_does(kind: str, tmp_path: Path) -> None:
         outputs = simulate(euler, inputs)
     else:
         outputs = simulate(one, inputs)
-    np.testing.assert_allclose(np.array(moved.split(), dtype=float).reshape(40, 3), outputs, rtol=1e-11, atol=1e-13)
-    said = [*zip(one.inputs, one.input_units, strict=True), *zip(one.outputs, one.output_units, strict=True)]
+    np.testing.assert_allclose(
+        np.array(moved.split(), dtype=float).reshape(40, 3), outputs, rtol=1e-11, atol=1e-13
+    )
+    said = [
+        *zip(one.inputs, one.input_units, strict=True),
+        *zip(one.outputs, one.output_units, strict=True),
+    ]
     assert texts[:-1] == [text for pair in said for text in pair]
 
 
 def _rest(one: Plant) -> tuple[object, ...]:
-    return one.C, one.D, one.input_ports, one.output_ports, one.quantities, one.band, 0.1, 0.1, 0.1, "by hand"
+    return (
+        one.C,
+        one.D,
+        one.input_ports,
+        one.output_ports,
+        one.quantities,
+        one.band,
+        0.1,
+        0.1,
+        0.1,
+        "by hand",
+    )
 
 
 @needs_compiler
@@ -100,9 +122,17 @@ def test_names_that_c_would_stumble_over(tmp_path: Path) -> None:
 @needs_compiler
 @pytest.mark.parametrize(
     ("stem", "name"),
-    [("Mount 2-b", "mount_2_b"), ("2nd", "plant_2nd"), ("_x", "plant_x"), ("int", "int"), ("µ", "plant")],
+    [
+        ("Mount 2-b", "mount_2_b"),
+        ("2nd", "plant_2nd"),
+        ("_x", "plant_x"),
+        ("int", "int"),
+        ("µ", "plant"),
+    ],
 )
-def test_two_plants_in_one_program_whatever_their_files_are_called(stem: str, name: str, tmp_path: Path) -> None:
+def test_two_plants_in_one_program_whatever_their_files_are_called(
+    stem: str, name: str, tmp_path: Path
+) -> None:
     updyn.write_plant(two_masses(), tmp_path / f"{stem}.h")
     updyn.write_plant(sampled(two_masses(), 0.01), tmp_path / "other.h")
     source = f"""

@@ -40,7 +40,9 @@ def test_damped_oscillator(frequency: float) -> None:
     T = 0.11 / frequency
     sigma, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
     c, s, decay = np.cos(damped * T), np.sin(damped * T), np.exp(-sigma * T)
-    A = decay * np.array([[c + sigma / damped * s, s / damped], [-(omega**2) / damped * s, c - sigma / damped * s]])
+    A = decay * np.array(
+        [[c + sigma / damped * s, s / damped], [-(omega**2) / damped * s, c - sigma / damped * s]]
+    )
     found = sampled(oscillator(frequency, zeta, band=(0.1, 0.6 * frequency)), T)
     assert_allclose(found.A, A, rtol=1e-12)
     assert_allclose(found.B, [[1 - A[0, 0]], [-A[1, 0]]], rtol=1e-11)
@@ -53,7 +55,9 @@ def test_the_response_to_a_step_is_the_late_step_response(delay: float) -> None:
     assert found.delay == int(np.ceil(delay))
     assert found.n_states == 2 + found.delay
     time = np.maximum(np.arange(12) - delay, 0) * T
-    assert_allclose(simulate(found, np.ones((12, 1)))[:, 0], time**2 / (2 * J), rtol=1e-12, atol=1e-15)
+    assert_allclose(
+        simulate(found, np.ones((12, 1)))[:, 0], time**2 / (2 * J), rtol=1e-12, atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("delay", [0.25, 1.0, 3.6])
@@ -91,7 +95,9 @@ def test_whole_intervals_of_delay_are_powers_of_z() -> None:
     lines = np.array([0.1, 0.7, 2.0])
     one, late = (sampled(two_masses(), 0.01, delay=d) for d in (0.0, 0.03))
     z = np.exp(2j * np.pi * lines * 0.01)
-    assert_allclose(late.response(lines).values, one.response(lines).values * z[:, None, None] ** -3, rtol=1e-9)
+    assert_allclose(
+        late.response(lines).values, one.response(lines).values * z[:, None, None] ** -3, rtol=1e-9
+    )
     assert (late.delay, late.n_states) == (3, 4 + 3 * 2)
 
 
@@ -110,9 +116,13 @@ def test_tustin_is_the_substitution(prewarp: float | None) -> None:
     z = np.exp(2j * np.pi * lines * T)
     omega = 2 * np.pi * (prewarp or 1.0)
     factor = 2 / T if prewarp is None else omega / np.tan(omega * T / 2)
-    assert_allclose(found.response(lines).values, continuous.at(factor * (z - 1) / (z + 1)), rtol=1e-9)
+    assert_allclose(
+        found.response(lines).values, continuous.at(factor * (z - 1) / (z + 1)), rtol=1e-9
+    )
     if prewarp is not None:
-        assert_allclose(found.response([prewarp]).values, continuous.response([prewarp]).values, rtol=1e-9)
+        assert_allclose(
+            found.response([prewarp]).values, continuous.response([prewarp]).values, rtol=1e-9
+        )
 
 
 def test_tustin_with_whole_intervals_of_delay() -> None:
@@ -129,7 +139,9 @@ def test_as_scipy_does(method: str, theirs: str) -> None:
     one = two_masses()
     found = sampled(one, 0.02, method)
     for ours, other in zip(
-        (found.A, found.B, found.C, found.D), cont2discrete((one.A, one.B, one.C, one.D), 0.02, theirs), strict=False
+        (found.A, found.B, found.C, found.D),
+        cont2discrete((one.A, one.B, one.C, one.D), 0.02, theirs),
+        strict=False,
     ):
         assert_allclose(ours, other, rtol=1e-10, atol=1e-14)
 
@@ -148,7 +160,12 @@ def test_the_deviation_is_measured_in_the_band() -> None:
     T, one = 0.05, oscillator(1.3, 0.02)
     found = sampled(one, T, delay=0.02)
     facts = found.facts["sampling"]
-    assert (facts["method"], facts["dt"], facts["delay"], facts["prewarp"]) == ("zoh", T, 0.02, None)
+    assert (facts["method"], facts["dt"], facts["delay"], facts["prewarp"]) == (
+        "zoh",
+        T,
+        0.02,
+        None,
+    )
     lines = np.linspace(0.1, 2.0, 4001)
     s = 2j * np.pi * lines
     exact = one.response(lines).values[:, 0, 0] * np.exp(-s * 0.02)
@@ -169,7 +186,10 @@ def test_the_deviation_is_that_of_the_plant_with_all_its_delay(method: str, dela
     lines = np.linspace(0.05, 2.5, 5001)
     s = 2j * np.pi * lines
     exact = one.response(lines).values * np.exp(-s * delay)[:, None, None]
-    for name, target in (("deviation", held(0.05, s)[:, None, None] * exact), ("deviation_without_hold", exact)):
+    for name, target in (
+        ("deviation", held(0.05, s)[:, None, None] * exact),
+        ("deviation_without_hold", exact),
+    ):
         off = np.abs(found.response(lines).values - target).max(axis=0) / np.abs(target).max(axis=0)
         assert_allclose(found.facts["sampling"][name], off.max(), rtol=0.02)
 
@@ -188,7 +208,16 @@ def test_modes_above_half_the_sampling_rate_are_named() -> None:
 def test_what_the_continuous_one_says_is_kept() -> None:
     one = two_masses()
     found = sampled(one, 0.01, delay=0.004)
-    for name in ("input_ports", "output_ports", "quantities", "band", "tolerance", "error", "peak_error", "route"):
+    for name in (
+        "input_ports",
+        "output_ports",
+        "quantities",
+        "band",
+        "tolerance",
+        "error",
+        "peak_error",
+        "route",
+    ):
         assert getattr(found, name) == getattr(one, name)
     assert_allclose(found.modes, one.modes)
     assert {k for k in found.facts if k != "sampling"} == set(one.facts)
@@ -219,7 +248,9 @@ def test_what_cannot_be_sampled() -> None:
     one = double_integrator()
     with pytest.raises(OptionError, match=r"sampled already, every 0\.1 s"):
         sampled(sampled(one, 0.1), 0.1)
-    with pytest.raises(OptionError, match=r"reaches to 2 Hz, but half the sampling rate is 1\.66667 Hz"):
+    with pytest.raises(
+        OptionError, match=r"reaches to 2 Hz, but half the sampling rate is 1\.66667 Hz"
+    ):
         sampled(one, 0.3)
     with pytest.raises(OptionError, match="did you mean 'tustin'"):
         sampled(one, 0.1, "tustn")
@@ -265,4 +296,6 @@ def test_static_gain_poles_and_two_intervals(one: Plant, dt: float, delay: float
     assert_allclose(tustin.at([1.0])[0], static, rtol=0, atol=1e-8 * scale)
     # A held step seen every second sample of half the interval.
     half = sampled(one, dt / 2, delay=delay * dt)
-    assert_allclose(simulate(found, np.ones((8, 2))), simulate(half, np.ones((15, 2)))[::2], atol=1e-9 * scale)
+    assert_allclose(
+        simulate(found, np.ones((8, 2))), simulate(half, np.ones((15, 2)))[::2], atol=1e-9 * scale
+    )

@@ -31,7 +31,8 @@ from updyn.control.family import PlantFamily
 # -- a rigid body, by hand ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(("kp", "ti", "J"), [(7.0, 0.3, 3.0), (0.02, 40.0, 5.0), (4e4, 1e-2, 0.1)])
 def test_pi_on_a_rigid_body(kp, ti, J):
-    # L = kp (1 + 1/(ti s)) / (J s): |L| = 1 at w^2 = (a^2 + sqrt(a^4 + 4 a^2 / ti^2)) / 2 with a = kp / J
+    # L = kp (1 + 1/(ti s)) / (J s): |L| = 1 at w^2 = (a^2 + sqrt(a^4 + 4 a^2 / ti^2)) / 2 with a =
+    # kp / J
     a = kp / J
     w = np.sqrt(0.5 * (a**2 + np.sqrt(a**4 + 4 * a**2 / ti**2)))
     m = quick(rigid(J), updyn.Controller(kp, ti), **NAMES).velocity_loop.margins
@@ -46,7 +47,11 @@ def test_pi_on_a_rigid_body(kp, ti, J):
 
 
 def test_dead_time_takes_phase_and_gives_a_gain_margin():
-    kp, J, T = 40.0, 3.0, 0.05  # L = kp exp(-s T) / (J s): phase -90 deg - w T, -180 deg at w = pi / (2 T)
+    kp, J, T = (
+        40.0,
+        3.0,
+        0.05,
+    )  # L = kp exp(-s T) / (J s): phase -90 deg - w T, -180 deg at w = pi / (2 T)
     loop = quick(rigid(J), updyn.Controller(kp, dead_time=T), **NAMES).velocity_loop
     m, w = loop.margins, kp / J
     assert m.judged_by == "Nyquist count"
@@ -60,7 +65,9 @@ def test_dead_time_takes_phase_and_gives_a_gain_margin():
     assert m.gain_margin == pytest.approx(np.pi / (2 * T) * J / kp, rel=1e-10)
     limit = m.delay_margin + T
     for share, stable in ((0.999, True), (1.001, False)):
-        again = quick(rigid(J), updyn.Controller(kp, dead_time=share * limit), **NAMES).velocity_loop.margins
+        again = quick(
+            rigid(J), updyn.Controller(kp, dead_time=share * limit), **NAMES
+        ).velocity_loop.margins
         assert again.stable is stable
 
 
@@ -74,7 +81,9 @@ def test_p_on_a_rigid_body_has_a_position_loop_of_second_order():
     np.testing.assert_allclose(found.position_loop.L, w * kv / (s * (s + w)), rtol=1e-10)
     zeta, wn = 0.5 * np.sqrt(w / kv), np.sqrt(w * kv)
     below = 1 - 2 * zeta**2
-    bandwidth = wn * np.sqrt(below + np.sqrt(below**2 + 1))  # Franklin, Powell & Emami-Naeini: of (s^2 + 2 zeta wn s)
+    bandwidth = wn * np.sqrt(
+        below + np.sqrt(below**2 + 1)
+    )  # Franklin, Powell & Emami-Naeini: of (s^2 + 2 zeta wn s)
     assert found.bandwidth == pytest.approx(bandwidth / (2 * np.pi), rel=1e-11)
     assert found.position_loop.bandwidth == pytest.approx(found.bandwidth, rel=1e-12)
     assert found.velocity_loop.bandwidth == pytest.approx(w / (2 * np.pi), rel=1e-7)  # w / (s + w)
@@ -89,7 +98,12 @@ def test_velocity_loop_is_that_of_python_control(controller):
     found = quick(
         two_masses(),
         updyn.Controller(
-            controller.kp, controller.ti, None, controller.notches, controller.low_pass, controller.low_pass_damping
+            controller.kp,
+            controller.ti,
+            None,
+            controller.notches,
+            controller.low_pass,
+            controller.low_pass_damping,
         ),
         **NAMES,
     )
@@ -126,11 +140,14 @@ def test_every_crossing_of_a_resonance_is_found():
         / (w * (MOTOR * LOAD * w**2 + (MOTOR + LOAD) * (0.02 * w + STIFFNESS)))
     )
     np.testing.assert_allclose(np.abs(exact), 1.0, rtol=1e-9)
-    assert m.phase_margin == pytest.approx(np.degrees(np.angle(-exact))[np.argmin(np.abs(np.angle(-exact)))], rel=1e-7)
+    assert m.phase_margin == pytest.approx(
+        np.degrees(np.angle(-exact))[np.argmin(np.abs(np.angle(-exact)))], rel=1e-7
+    )
 
 
 def test_a_resonance_that_only_just_reaches_gain_1_is_found():
-    # The largest |L| of the peak is set to 1 + 1e-6: two crossings that lie closer together than any lines.
+    # The largest |L| of the peak is set to 1 + 1e-6: two crossings that lie closer together than
+    # any lines.
     plant, low = two_masses(), 1.0
     loop = quick(plant, updyn.Controller(low), **NAMES).velocity_loop
     near = loop.freq > 5
@@ -141,7 +158,9 @@ def test_a_resonance_that_only_just_reaches_gain_1_is_found():
         return -abs(np.polyval(num, s) / np.polyval(den, s))
 
     top = loop.freq[near][np.argmax(np.abs(loop.L[near]))]
-    best = minimize_scalar(size, bounds=(0.99 * top, 1.01 * top), method="bounded", options={"xatol": 1e-12})
+    best = minimize_scalar(
+        size, bounds=(0.99 * top, 1.01 * top), method="bounded", options={"xatol": 1e-12}
+    )
     for excess, crossings in ((1e-6, 3), (-1e-6, 1)):
         m = quick(plant, updyn.Controller((1 + excess) / -best.fun), **NAMES).velocity_loop.margins
         assert len(m.gain_crossings) == crossings
@@ -149,19 +168,25 @@ def test_a_resonance_that_only_just_reaches_gain_1_is_found():
 
 # -- Bode and Nichols --------------------------------------------------------------------------------------
 def test_phase_goes_through_every_resonance():
-    # collocated: P of the velocity starts at -90 deg; zero +180, pole -180, at the end -90 deg less the low-pass
+    # collocated: P of the velocity starts at -90 deg; zero +180, pole -180, at the end -90 deg less
+    # the low-pass
     plant = masses((2.0, 5.0, 1.0), (3e3, 9e3), (0.01, 0.01))
     loop = quick(plant, updyn.Controller(5.0), **NAMES).velocity_loop
     assert loop.phase[0] == pytest.approx(-90, abs=0.1)
     assert loop.phase[-1] == pytest.approx(-90, abs=0.1)
     assert (np.abs(loop.phase) < 90.1).all()
     assert loop.phase.max() > 89
-    # noncollocated, with PI: -180 deg, then -180 deg for each of two resonances (and their small zeros at c / k)
-    far = quick(plant, updyn.Controller(5.0, 2.0), torque="motor", velocity="load speed").velocity_loop
+    # noncollocated, with PI: -180 deg, then -180 deg for each of two resonances (and their small
+    # zeros at c / k)
+    far = quick(
+        plant, updyn.Controller(5.0, 2.0), torque="motor", velocity="load speed"
+    ).velocity_loop
     assert far.phase[0] == pytest.approx(-180, abs=3)
     past = np.flatnonzero(far.freq > 30)[0]
     assert far.phase[past] == pytest.approx(-450, abs=2)
-    np.testing.assert_allclose(10 ** (far.magnitude_db / 20) * np.exp(1j * np.radians(far.phase)), far.L, rtol=1e-10)
+    np.testing.assert_allclose(
+        10 ** (far.magnitude_db / 20) * np.exp(1j * np.radians(far.phase)), far.L, rtol=1e-10
+    )
     assert np.abs(np.diff(far.phase)).max() < 60
 
 
@@ -184,7 +209,9 @@ def test_velocity_and_position_from_one_output():
     speed = quick(two_masses(), NOTCHED, torque="motor", velocity="speed")
     for found in (angle, speed):
         for a, b in zip(found.loops, want.loops, strict=True):
-            np.testing.assert_allclose(b.margins.gain_crossings, a.margins.gain_crossings, rtol=1e-8)
+            np.testing.assert_allclose(
+                b.margins.gain_crossings, a.margins.gain_crossings, rtol=1e-8
+            )
             assert a.margins.stable
             assert b.margins.modulus_margin == pytest.approx(a.margins.modulus_margin, rel=1e-8)
     assert angle.position == "angle"
@@ -192,7 +219,8 @@ def test_velocity_and_position_from_one_output():
 
 
 def test_residual_flexibility_under_a_derived_velocity():
-    # A displacement with feed-through R: u -> y = G + R; the velocity s (G + R) with a low-pass of first order
+    # A displacement with feed-through R: u -> y = G + R; the velocity s (G + R) with a low-pass of
+    # first order
     plant, R = two_masses(outputs=("angle",)), 1e-6
     loose = updyn.Plant(
         plant.A,
@@ -226,7 +254,9 @@ def test_residual_flexibility_under_a_derived_velocity():
 # -- families ----------------------------------------------------------------------------------------------
 def test_family_has_its_worst_member():
     k = STIFFNESS * np.array([0.5, 0.8, 1.3, 2.0])
-    family = PlantFamily(two_masses(), tuple(two_masses(stiffness=x, damping=x * DAMPING / STIFFNESS) for x in k))
+    family = PlantFamily(
+        two_masses(), tuple(two_masses(stiffness=x, damping=x * DAMPING / STIFFNESS) for x in k)
+    )
     found = quick(family, updyn.Controller(170.0, 0.2, 6.0, dead_time=2e-3), **BOTH)
     for at, loop in enumerate(found.loops):
         single = [quick(m, found.controller, **BOTH).loops[at].margins for m in family.members]

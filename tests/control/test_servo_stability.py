@@ -67,7 +67,8 @@ def test_a_port_counted_the_wrong_way_is_told():
 
 
 def test_conditionally_stable_loop_has_a_lower_gain_margin():
-    # PI on a rigid body begins at -180 deg; a notch below the crossover takes it further down while the gain is high
+    # PI on a rigid body begins at -180 deg; a notch below the crossover takes it further down while
+    # the gain is high
     def at(kp):
         return updyn.Controller(kp, 2.0, notches=updyn.Notch(0.1, 0.05, 0.5), low_pass=20.0)
 
@@ -77,7 +78,9 @@ def test_conditionally_stable_loop_has_a_lower_gain_margin():
     assert 0 < found.gain_reduction < 1
     assert found.gain_margin == np.inf
     for factor, steady in ((1.001, False), (0.999, True)):
-        lower = quick(rigid(1.0), at(20.0 * found.gain_reduction / factor), **NAMES).velocity_loop.margins
+        lower = quick(
+            rigid(1.0), at(20.0 * found.gain_reduction / factor), **NAMES
+        ).velocity_loop.margins
         assert lower.stable is steady
     assert f"gain reduction  {found.gain_reduction_db:.4g} dB" in found.summary()
 
@@ -101,7 +104,11 @@ def test_turns_of_the_loop_function_count_the_eigenvalues(J, stiff, loss, kp, ti
     if kv is not None:
         names["position"] = "angle"
     cascade = Cascade(
-        plant, controller, Wiring.of(plant, controller, **{"position": None, **names}, pointing=None, disturbance=None)
+        plant,
+        controller,
+        Wiring.of(
+            plant, controller, **{"position": None, **names}, pointing=None, disturbance=None
+        ),
     )
     for judged, position in zip(judge_all(cascade), (False, True), strict=True):
         if judged is None:
@@ -128,7 +135,9 @@ def test_turns_of_the_loop_function_count_the_eigenvalues(J, stiff, loss, kp, ti
 def test_turns_with_dead_time_are_those_of_a_high_approximation(dead_time, kp, kv, stiff, low, end):
     plant = two_masses(stiffness=stiff, damping=1e-3 * stiff)
     controller = updyn.Controller(kp, 0.3, kv, low_pass=low, dead_time=dead_time)
-    wiring = Wiring.of(plant, controller, "motor", "load speed" if end else "speed", "angle", None, None)
+    wiring = Wiring.of(
+        plant, controller, "motor", "load speed" if end else "speed", "angle", None, None
+    )
     cascade = Cascade(plant, controller, wiring)
     for judged, position in zip(judge_all(cascade), (False, True), strict=True):
         poles = cascade.closed(12, position=position).poles
@@ -140,7 +149,9 @@ def test_turns_with_dead_time_are_those_of_a_high_approximation(dead_time, kp, k
 
 
 def test_undamped_modes_are_judged():
-    found = quick(two_masses(damping=0.0), PI_, **NAMES).velocity_loop  # damped by the controller alone
+    found = quick(
+        two_masses(damping=0.0), PI_, **NAMES
+    ).velocity_loop  # damped by the controller alone
     assert found.margins.stable
     assert len(found.margins.gain_crossings) == 3
     far = quick(two_masses(damping=0.0), PI_, torque="motor", velocity="load speed").velocity_loop
@@ -185,19 +196,23 @@ def test_margins_are_where_the_loop_turns_unstable(name, dead_time):
 
 
 def test_delay_margin_of_a_resonance_that_lies_beyond_180_degrees():
-    # With 110 ms of dead time the peak is passed from -210 to -390 deg: stable, and its phase margin negative. Further
-    # dead time has to turn it by 330 deg, or another crossing by less.
+    # With 110 ms of dead time the peak is passed from -210 to -390 deg: stable, and its phase
+    # margin negative. Further dead time has to turn it by 330 deg, or another crossing by less.
     plant = two_masses(damping=0.02)
 
     def at(late=0.0):
-        return quick(plant, updyn.Controller(12.0, dead_time=0.112 + late), **NAMES).velocity_loop.margins
+        return quick(
+            plant, updyn.Controller(12.0, dead_time=0.112 + late), **NAMES
+        ).velocity_loop.margins
 
     m = at()
     assert m.stable
     beyond = m.phase_margins < 0
     assert beyond.any()
     np.testing.assert_allclose(
-        m.delay_margins, np.radians(m.phase_margins % 360.0) / (2 * np.pi * m.gain_crossings), rtol=1e-9
+        m.delay_margins,
+        np.radians(m.phase_margins % 360.0) / (2 * np.pi * m.gain_crossings),
+        rtol=1e-9,
     )
     assert m.delay_margin == m.delay_margins.min()
     assert at(0.999 * m.delay_margin).stable
@@ -227,7 +242,10 @@ def test_units_change_nothing(units):
         controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=dead_time)
         a = updyn.servo(plant, controller, **names, duration=0.5)
         b = updyn.servo(
-            scaled, updyn.Controller(100.0 * units, 0.3, 3.0, low_pass=60.0, dead_time=dead_time), **names, duration=0.5
+            scaled,
+            updyn.Controller(100.0 * units, 0.3, 3.0, low_pass=60.0, dead_time=dead_time),
+            **names,
+            duration=0.5,
         )
         assert b.plant["inertia"] == pytest.approx(7.0 * units, rel=1e-9)
         for one, other in zip(a.loops, b.loops, strict=True):
@@ -250,11 +268,15 @@ def test_units_change_nothing(units):
     kv=st.one_of(st.none(), st.floats(0.01, 1.0)),
     low=st.one_of(st.none(), st.floats(1.0, 100.0)),
     late=st.sampled_from([0.0, 0.01, 0.3]),
-    notch=st.one_of(st.none(), st.tuples(st.floats(0.1, 1e3), st.sampled_from([0.0, 0.1]), st.floats(0.02, 1.0))),
+    notch=st.one_of(
+        st.none(), st.tuples(st.floats(0.1, 1e3), st.sampled_from([0.0, 0.1]), st.floats(0.02, 1.0))
+    ),
     velocity=st.sampled_from(["speed", "angle", "load speed"]),
 )
 @settings(max_examples=30, deadline=None, derandomize=True)
-def test_crossings_are_where_they_are_said_to_be(J, stiff, loss, crossover, gain, ti, kv, low, late, notch, velocity):
+def test_crossings_are_where_they_are_said_to_be(
+    J, stiff, loss, crossover, gain, ti, kv, low, late, notch, velocity
+):
     n, w = len(J) - 1, 2 * np.pi * crossover
     plant = masses(J, [stiff] * n, [loss * stiff] * n)
     controller = updyn.Controller(
@@ -266,18 +288,25 @@ def test_crossings_are_where_they_are_said_to_be(J, stiff, loss, crossover, gain
         dead_time=late / w,
     )
     found = quick(plant, controller, torque="motor", velocity=velocity)
-    cascade = Cascade(plant, controller, Wiring.of(plant, controller, "motor", velocity, None, None, None))
+    cascade = Cascade(
+        plant, controller, Wiring.of(plant, controller, "motor", velocity, None, None, None)
+    )
     for loop, L in zip(found.loops, (cascade.velocity, cascade.position), strict=False):
         m = loop.margins
         at = 2j * np.pi * m.gain_crossings
-        sharp = 1e-14 * np.abs(at) * np.abs(np.log(np.abs(L(at * (1 + 1e-9)) / L(at))) / (1e-9 * np.abs(at)))
+        sharp = (
+            1e-14
+            * np.abs(at)
+            * np.abs(np.log(np.abs(L(at * (1 + 1e-9)) / L(at))) / (1e-9 * np.abs(at)))
+        )
         assert (np.abs(np.abs(L(at)) - 1) < 1e-9 + 10 * sharp).all()
         np.testing.assert_allclose(np.exp(1j * np.radians(m.phase_margins)), -L(at), rtol=1e-6)
         crossed = L(2j * np.pi * m.phase_crossings)
         assert (crossed.real < 0).all()
         assert (np.abs(crossed.imag) < 1e-6 * np.abs(crossed)).all()
         np.testing.assert_allclose(m.gain_margins, 1 / np.abs(crossed), rtol=1e-9)
-        # no line of the drawing lies on the other side of gain 1 from its neighbours without a crossing between
+        # no line of the drawing lies on the other side of gain 1 from its neighbours without a
+        # crossing between
         above = np.abs(loop.L) > 1
         assert (above[1:] != above[:-1]).sum() <= len(m.gain_crossings)
         if m.stable:
@@ -288,7 +317,14 @@ def test_undamped_poles_and_zeros_are_no_crossings():
     chain = masses((3.7, 0.088, 0.042, 0.29), (6.7e5, 5.8e4, 2e3), (0.0, 0.0, 0.0))
     controller = updyn.Controller(1987.0, 0.00234, 12.0, low_pass=2812.0, dead_time=6e-5)
     for velocity in ("load speed", "speed"):
-        found = updyn.servo(chain, controller, torque="motor", velocity=velocity, position="angle", disturbance="wind")
+        found = updyn.servo(
+            chain,
+            controller,
+            torque="motor",
+            velocity=velocity,
+            position="angle",
+            disturbance="wind",
+        )
         for loop in found.loops:
             assert np.isfinite(loop.L).all()
             assert ((loop.margins.gain_margins > 1e-8) & (loop.margins.gain_margins < 1e8)).all()
@@ -301,7 +337,8 @@ def test_undamped_poles_and_zeros_are_no_crossings():
 
 
 def test_long_dead_time_beside_fast_modes():
-    # 31 ms on a drive with a mode at 50 kHz: the phase turns 1500 times up to there, at a gain that has vanished
+    # 31 ms on a drive with a mode at 50 kHz: the phase turns 1500 times up to there, at a gain that
+    # has vanished
     plant = masses((3.0, 1e-3), (1e8,), (1.0,))
     found = quick(plant, updyn.Controller(20.0, 1.0, dead_time=0.031), **NAMES)
     assert found.velocity_loop.margins.stable
@@ -309,7 +346,8 @@ def test_long_dead_time_beside_fast_modes():
 
 
 def test_loops_that_act_one_way_are_balanced_within_bounds():
-    # cut at its dead time the loop is a chain without return, which balancing alone would scale without end
+    # cut at its dead time the loop is a chain without return, which balancing alone would scale
+    # without end
     found = updyn.servo(
         rigid(2.12836733), updyn.Controller(29.5, 0.0917, 1.722, feed_forward=0.7, dead_time=1.56e-3),
         torque="motor", velocity="load speed", position="angle", disturbance="wind", pointing="speed")  # fmt: skip
@@ -318,7 +356,8 @@ def test_loops_that_act_one_way_are_balanced_within_bounds():
 
 
 def test_fast_modes_do_not_round_the_slow_rigid_body():
-    # real modes to 3 kHz, their damping coupled, beside a rigid body: at 1 mHz the response is 1 / (J s) to 1e-12
+    # real modes to 3 kHz, their damping coupled, beside a rigid body: at 1 mHz the response is 1 /
+    # (J s) to 1e-12
     rng, n = np.random.default_rng(0), 21
     omega = 2 * np.pi * np.concatenate([[0.0], np.geomspace(3, 3000, n - 1)])
     root, phi = np.sqrt(np.outer(omega, omega)), rng.normal(size=n)
@@ -327,7 +366,9 @@ def test_fast_modes_do_not_round_the_slow_rigid_body():
     scale = np.where(omega > 0, omega, 1.0)
     zero = np.zeros((n, n))
     A = np.block([[zero, np.diag(scale)], [-np.diag(omega**2 / scale), -damping]])
-    system = StateSpace(A, np.append(0 * phi, phi)[:, None], np.append(phi / scale, 0 * phi)[None], np.zeros((1, 1)))
+    system = StateSpace(
+        A, np.append(0 * phi, phi)[:, None], np.append(phi / scale, 0 * phi)[None], np.zeros((1, 1))
+    )
     s = 2j * np.pi * np.geomspace(1e-3, 3e3, 40)
     want = [phi @ np.linalg.solve(np.diag(omega**2 + x**2) + x * damping, phi) for x in s]
     np.testing.assert_allclose(Transfer.of(system).at(s)[:, 0, 0], want, rtol=1e-9)

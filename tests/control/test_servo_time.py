@@ -70,7 +70,8 @@ def test_feed_forward_steps_by_its_impulse_too():
 
 
 def test_p_position_loop_on_a_rigid_body_in_closed_form():
-    # w / (s^2 + ...) with damping 1/2: overshoot exp(-pi zeta / sqrt(1 - zeta^2)), peak at pi / (wn sqrt(1 - zeta^2))
+    # w / (s^2 + ...) with damping 1/2: overshoot exp(-pi zeta / sqrt(1 - zeta^2)), peak at pi / (wn
+    # sqrt(1 - zeta^2))
     kp, J, kv = 3.0, 3.0, 1.0
     step = updyn.servo(rigid(J), updyn.Controller(kp, kv=kv), **BOTH).step
     damped = np.sqrt(3) / 2
@@ -81,14 +82,20 @@ def test_p_position_loop_on_a_rigid_body_in_closed_form():
     np.testing.assert_allclose(step.value, want, atol=1e-11)
     np.testing.assert_allclose(step.torque[0], 3.0, rtol=1e-12)
 
-    def off(x):  # of the trough after the second half turn, 2.7 % deep: the last time that 2 % is left
+    def off(
+        x,
+    ):  # of the trough after the second half turn, 2.7 % deep: the last time that 2 % is left
         return -np.exp(-x / 2) * (np.cos(damped * x) + 0.5 / damped * np.sin(damped * x)) + 0.02
 
-    assert step.settling_time == pytest.approx(brentq(off, 2 * np.pi / damped, 2.4 * np.pi / damped), rel=1e-6)
+    assert step.settling_time == pytest.approx(
+        brentq(off, 2 * np.pi / damped, 2.4 * np.pi / damped), rel=1e-6
+    )
 
 
 def test_velocity_loop_alone_steps_the_velocity():
-    step = updyn.servo(rigid(4.0), updyn.Controller(8.0), **NAMES, step=5.0).step  # 5 (1 - exp(-2 t))
+    step = updyn.servo(
+        rigid(4.0), updyn.Controller(8.0), **NAMES, step=5.0
+    ).step  # 5 (1 - exp(-2 t))
     np.testing.assert_allclose(step.value, 5 * -np.expm1(-2 * step.time), atol=1e-10)
     assert step.rise_time == pytest.approx(np.log(9) / 2, rel=1e-7)
     assert step.overshoot == 0
@@ -116,7 +123,8 @@ def test_step_of_the_disturbance():
 
 
 def test_dead_time_over_time_is_that_of_a_fine_sampled_simulation():
-    # torque late by 20 ms in a velocity loop of P on a rigid body: v' = 5 (1 - v(t - T)), by the method of steps
+    # torque late by 20 ms in a velocity loop of P on a rigid body: v' = 5 (1 - v(t - T)), by the
+    # method of steps
     T, a = 0.02, 5.0
     step = updyn.servo(rigid(2.0), updyn.Controller(2.0 * a, dead_time=T), **NAMES).step
     n = 400  # intervals in T
@@ -133,7 +141,9 @@ def test_dead_time_over_time_is_that_of_a_fine_sampled_simulation():
     np.testing.assert_allclose(step.value[keep], np.interp(step.time[keep], t, v), atol=2e-6)
     early = step.time <= T
     assert (step.value[early] == 0).all()
-    np.testing.assert_allclose(step.torque[np.isclose(step.time, T)], 10.0)  # as late as it is, all of it
+    np.testing.assert_allclose(
+        step.torque[np.isclose(step.time, T)], 10.0
+    )  # as late as it is, all of it
     assert (step.torque[step.time < T - 1e-9] == 0).all()
     between = (step.time > T) & (step.time < 2 * T)
     np.testing.assert_allclose(step.value[between], a * (step.time[between] - T), rtol=1e-9)
@@ -145,10 +155,14 @@ def test_pade_is_an_all_pass_with_the_phase_of_the_dead_time(order):
     system = delay_approximation(T, order)
     s = 1j * np.linspace(0.01, 0.5 * order, 9) / T
     values = np.array(
-        [(system.C @ np.linalg.solve(x * np.eye(order) - system.A, system.B) + system.D)[0, 0] for x in s]
+        [
+            (system.C @ np.linalg.solve(x * np.eye(order) - system.A, system.B) + system.D)[0, 0]
+            for x in s
+        ]
     )
     np.testing.assert_allclose(np.abs(values), 1.0, rtol=1e-8)
-    # error of the diagonal approximation: 2 x^(2n+1) (n! / (2n)!)^2 n! n! / ... : below this in any case
+    # error of the diagonal approximation: 2 x^(2n+1) (n! / (2n)!)^2 n! n! / ... : below this in any
+    # case
     assert np.abs(values - np.exp(-T * s))[:5].max() < 0.02
     taylor = np.abs(values[0] - np.exp(-T * s[0]))
     assert taylor < 1e-6
@@ -174,7 +188,9 @@ def test_algebraic_loop_without_solution_is_told():
 # -- wind --------------------------------------------------------------------------------------------------
 def test_spectrum_integrates_to_the_stated_turbulence():
     wind = updyn.Wind(12.0, 3.0, turbulence=0.25)
-    total = quad(lambda x: wind.spectrum(np.exp(x)) * np.exp(x), np.log(1e-9), np.log(1e9), limit=400)[0]
+    total = quad(
+        lambda x: wind.spectrum(np.exp(x)) * np.exp(x), np.log(1e-9), np.log(1e9), limit=400
+    )[0]
     assert total == pytest.approx((0.25 * 12.0) ** 2, rel=1e-6)
     assert wind.variance_below(np.inf) == pytest.approx((0.25 * 12.0) ** 2, rel=1e-12)
     for f in (1e-4, 0.01, 1.0):
@@ -200,7 +216,9 @@ def test_series_has_the_variance_of_its_band():
     assert np.abs(other - torque).max() > 1.0
     # density of the series about one line, averaged: that of the spectrum
     density = 2 * np.abs(np.fft.rfft(torque - torque.mean()) / 6000) ** 2 * 300.0
-    np.testing.assert_allclose(density[60], (2 * 2.0 * 15.0) ** 2 * wind.spectrum(60 / 300), rtol=1e-3)
+    np.testing.assert_allclose(
+        density[60], (2 * 2.0 * 15.0) ** 2 * wind.spectrum(60 / 300), rtol=1e-3
+    )
 
 
 def test_error_under_wind_is_what_the_spectrum_says():
@@ -214,9 +232,17 @@ def test_error_under_wind_is_what_the_spectrum_says():
 
     # by integration of the closed form: load angle over wind torque, line by line
     s = control.tf("s")
-    K = CONTROLLER.kp * (1 + 1 / (CONTROLLER.ti * s)) * (CONTROLLER.kv + s) / s / (1 + s / (2 * np.pi * 60.0))
+    K = (
+        CONTROLLER.kp
+        * (1 + 1 / (CONTROLLER.ti * s))
+        * (CONTROLLER.kv + s)
+        / s
+        / (1 + s / (2 * np.pi * 60.0))
+    )
     D11 = control.tf([MOTOR, 2.0, STIFFNESS], [1]) + K * s
-    load = D11 / (D11 * control.tf([LOAD, 2.0, STIFFNESS], [1]) - control.tf([2.0, STIFFNESS], [1]) ** 2)
+    load = D11 / (
+        D11 * control.tf([LOAD, 2.0, STIFFNESS], [1]) - control.tf([2.0, STIFFNESS], [1]) ** 2
+    )
 
     def density(x):
         f = np.exp(x)
@@ -279,19 +305,32 @@ def test_steps_of_size_0_are_told():
 def test_summary_says_what_was_found():
     wind = updyn.Wind(10.0, 2.0, turbulence=0.2, duration=60.0, dt=0.02)
     text = updyn.servo(masses((2.0, 5.0), (3e3,), (2.0,)), CONTROLLER, **FULL, wind=wind).summary()
-    for part in ("velocity loop", "position loop", "phase margin", "bandwidth", "overshoots", "rms", "inertia 7 "):
+    for part in (
+        "velocity loop",
+        "position loop",
+        "phase margin",
+        "bandwidth",
+        "overshoots",
+        "rms",
+        "inertia 7 ",
+    ):
         assert part in text
 
 
 def test_dead_time_of_the_cascade_is_the_limit_of_a_sampled_one():
-    # the same loop on the plant sampled finely: torque held over 0.05 ms, and late by a whole number of intervals
+    # the same loop on the plant sampled finely: torque held over 0.05 ms, and late by a whole
+    # number of intervals
     T, h = 4e-3, 5e-5
     controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=T)
     found = updyn.servo(two_masses(), controller, **FULL)
     assert found.step.time[-1] > 1.0
-    plant = updyn.sampled(two_masses(band=(0.0, 100.0)), h, delay=T - 0.5 * h)  # the hold is half an interval late
+    plant = updyn.sampled(
+        two_masses(band=(0.0, 100.0)), h, delay=T - 0.5 * h
+    )  # the hold is half an interval late
     K = control.sample_system(
-        control.ss(*(getattr(updyn.Controller(100.0, 0.3, low_pass=60.0).state_space(), n) for n in "ABCD")),
+        control.ss(
+            *(getattr(updyn.Controller(100.0, 0.3, low_pass=60.0).state_space(), n) for n in "ABCD")
+        ),
         h,
         "tustin",
     )
@@ -304,13 +343,19 @@ def test_dead_time_of_the_cascade_is_the_limit_of_a_sampled_one():
         xc = K.A @ xc + K.B @ e
         x = plant.A @ x + plant.B @ np.array([u[0], 0.0])
     t = np.arange(len(angle)) * h
-    # the bilinear filter takes the step for a ramp that began an interval before: half an interval early
-    np.testing.assert_allclose(angle, np.interp(t + 0.5 * h, found.step.time, found.step.value), atol=1e-6)
+    # the bilinear filter takes the step for a ramp that began an interval before: half an interval
+    # early
+    np.testing.assert_allclose(
+        angle, np.interp(t + 0.5 * h, found.step.time, found.step.value), atol=1e-6
+    )
 
 
 def test_dead_time_and_feed_through_together():
     # y = G + R with R small: as without R, for both ways over time
-    R, names = 1e-9, {"torque": "motor", "velocity": "angle", "disturbance": "wind", "pointing": "load"}
+    R, names = (
+        1e-9,
+        {"torque": "motor", "velocity": "angle", "disturbance": "wind", "pointing": "load"},
+    )
     plant = two_masses(outputs=("angle", "load"))
     D = np.array([[R, R], [R, R]])
     loose = updyn.Plant(
@@ -335,15 +380,20 @@ def test_dead_time_and_feed_through_together():
             b = updyn.servo(plant, controller, **names, duration=2.0)
             n = min(len(a.step.time), len(b.step.time))
             want = np.interp(a.step.time, b.step.time, b.step.value)
-            np.testing.assert_allclose(a.step.value[:n], want[:n], atol=3e-6 if kv else 1e-3 if dead_time else 1e-4)
-            if kv is None and not dead_time:  # the velocity has R times the slope of the torque in it, at once
+            np.testing.assert_allclose(
+                a.step.value[:n], want[:n], atol=3e-6 if kv else 1e-3 if dead_time else 1e-4
+            )
+            if (
+                kv is None and not dead_time
+            ):  # the velocity has R times the slope of the torque in it, at once
                 jump = R * 100.0 * 2 * np.pi * 60.0
                 assert a.step.value[0] == pytest.approx(jump / (1 + jump), rel=1e-9)
             assert a.disturbance_step.peak == pytest.approx(b.disturbance_step.peak, rel=1e-3)
 
 
 def test_fast_and_slow_motion_are_both_resolved():
-    # a drive with friction of its own at 2 kHz, and an integral of 20 s: 5 decades between the fastest and the slowest
+    # a drive with friction of its own at 2 kHz, and an integral of 20 s: 5 decades between the
+    # fastest and the slowest
     plant = masses((1.0, 0.02), (1e6,), (3.0,))
     controller = updyn.Controller(3e3, 20.0, 100.0)
     step = updyn.servo(plant, controller, **FULL, disturbance_step=1.0).disturbance_step
@@ -352,11 +402,15 @@ def test_fast_and_slow_motion_are_both_resolved():
     K = 3e3 * (1 + 1 / (20.0 * s)) * (100.0 + s) / s
     D11 = control.tf([1.0, 3.0, 1e6], [1]) + K * s
     load = control.minreal(
-        D11 / (D11 * control.tf([0.02, 3.0, 1e6], [1]) - control.tf([3.0, 1e6], [1]) ** 2), 1e-9, verbose=False
+        D11 / (D11 * control.tf([0.02, 3.0, 1e6], [1]) - control.tf([3.0, 1e6], [1]) ** 2),
+        1e-9,
+        verbose=False,
     )
     poles = load.poles()
     residues = np.array([load.num[0][0] @ p ** np.arange(len(load.num[0][0]))[::-1] for p in poles])
-    below = np.array([np.prod(p - np.delete(poles, i)) * load.den[0][0][0] for i, p in enumerate(poles)])
+    below = np.array(
+        [np.prod(p - np.delete(poles, i)) * load.den[0][0][0] for i, p in enumerate(poles)]
+    )
     shares = residues / below / poles  # of exp(p t) in the step response
     want = load.dcgain() + (shares * np.exp(np.outer(step.time, poles))).sum(axis=1).real
     np.testing.assert_allclose(step.value, want, atol=1e-6 * np.abs(want).max())
@@ -366,22 +420,30 @@ def test_fast_and_slow_motion_are_both_resolved():
 
 def test_a_response_of_drifting_goes_nowhere():
     # the velocity loop without integral part under a steady torque: the angle drifts
-    found = updyn.servo(rigid(2.0), updyn.Controller(4.0), **NAMES, disturbance="wind", pointing="angle")
+    found = updyn.servo(
+        rigid(2.0), updyn.Controller(4.0), **NAMES, disturbance="wind", pointing="angle"
+    )
     assert np.isnan(found.disturbance_step.final)
     assert found.disturbance_step.settling_time is None
-    stiff = updyn.servo(rigid(2e9), updyn.Controller(4e9), **NAMES, disturbance="wind", pointing="angle")
+    stiff = updyn.servo(
+        rigid(2e9), updyn.Controller(4e9), **NAMES, disturbance="wind", pointing="angle"
+    )
     assert np.isnan(stiff.disturbance_step.final)
 
 
 def test_jumps_come_back_at_every_dead_time():
-    # A step of the disturbance makes the displacement jump by R, the torque by -kp w R with the low-pass w, one dead
-    # time later; that by R times it again, and so on.
+    # A step of the disturbance makes the displacement jump by R, the torque by -kp w R with the
+    # low-pass w, one dead time later; that by R times it again, and so on.
     R, T, w = 1e-5, 4e-3, 2 * np.pi * 60.0
     plant = two_masses(outputs=("angle", "load"))
     loose = replace(plant, D=np.full((2, 2), R))
     controller = updyn.Controller(100.0, 0.3, 3.0, low_pass=60.0, dead_time=T)
-    opened = Cascade(loose, controller, Wiring.of(loose, controller, "motor", "angle", None, "load", "wind")).opened()
-    time, outputs, _ = march_late(opened, np.array([0.0, 0, 0, 1]), np.zeros(opened.n_states), T, T / 400, 1400)
+    opened = Cascade(
+        loose, controller, Wiring.of(loose, controller, "motor", "angle", None, "load", "wind")
+    ).opened()
+    time, outputs, _ = march_late(
+        opened, np.array([0.0, 0, 0, 1]), np.zeros(opened.n_states), T, T / 400, 1400
+    )
     torque = outputs[:, 0]
     for k in (1, 2, 3):
         assert time[400 * k] == pytest.approx(k * T, rel=1e-12)

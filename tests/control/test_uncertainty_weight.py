@@ -14,7 +14,9 @@ from updyn.control.lines import channel_zeros, dense_lines, sweep
 from updyn.control.weight import UncertaintyWeight, uncertainty_weight
 from updyn.errors import DataError, ModelError, OptionError
 
-OTHER_LINES = np.unique(np.concatenate([np.geomspace(0.11, 950.0, 700), np.linspace(6.0, 40.0, 1501)]))
+OTHER_LINES = np.unique(
+    np.concatenate([np.geomspace(0.11, 950.0, 700), np.linspace(6.0, 40.0, 1501)])
+)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,9 @@ def test_responses_of_the_members(family) -> None:
 
 def test_resonances_move_as_the_root_of_the_stiffness(family) -> None:
     for member, (k, _) in zip(family.members, family.values, strict=True):
-        assert np.abs(member.poles).max() == pytest.approx(np.sqrt(k * (1 / MOTOR + 1 / LOAD)), rel=1e-9)
+        assert np.abs(member.poles).max() == pytest.approx(
+            np.sqrt(k * (1 / MOTOR + 1 / LOAD)), rel=1e-9
+        )
 
 
 def test_channels_and_changes_of_all(family) -> None:
@@ -92,7 +96,9 @@ def test_zeros_of_channels() -> None:
 def test_lines_resolve_a_sharp_peak() -> None:
     pole = 2 * np.pi * 10.0 * np.exp(1j * np.arccos(-1e-4))
     lines = dense_lines([np.array([pole])], [], 1.0, 100.0)
-    size = 1 / np.abs((2j * np.pi * lines) ** 2 - 2 * pole.real * 2j * np.pi * lines + abs(pole) ** 2)
+    size = 1 / np.abs(
+        (2j * np.pi * lines) ** 2 - 2 * pole.real * 2j * np.pi * lines + abs(pole) ** 2
+    )
     top = 1 / (2 * 1e-4 * np.sqrt(1 - 1e-8) * abs(pole) ** 2)
     assert size.max() == pytest.approx(top, rel=1e-6)
     assert np.sum(size > 0.5 * top) > 10
@@ -101,7 +107,9 @@ def test_lines_resolve_a_sharp_peak() -> None:
 
 # -- radius and weight -----------------------------------------------------------------------------------
 def test_the_radius_is_that_of_the_closed_form(family, found) -> None:
-    np.testing.assert_allclose(found.radius, true_radius(family, found.freq, found.kind), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        found.radius, true_radius(family, found.freq, found.kind), rtol=1e-6, atol=1e-9
+    )
     finer = true_radius(family, OTHER_LINES, found.kind)
     for j, row in enumerate(found.weights):
         assert row[0].peak >= finer[:, j, 0].max() * (1 - 1e-3)
@@ -194,16 +202,23 @@ def test_additive_distance_of_other_inertias_grows_to_low_lines() -> None:
 
 
 def test_what_has_no_bound_is_refused(family) -> None:
-    with pytest.raises(ModelError, match=r"the nominal plant has an undamped resonance at 25\.1646 Hz"):
+    with pytest.raises(
+        ModelError, match=r"the nominal plant has an undamped resonance at 25\.1646 Hz"
+    ):
         uncertainty_weight(PlantFamily(drive(c=0.0), (drive(),)))
     with pytest.raises(ModelError, match=r"member 0 has an undamped resonance"):
         uncertainty_weight(PlantFamily(drive(), (drive(c=0.0),)))
     with pytest.raises(ModelError, match="member 0 has a pole in the right half plane"):
         uncertainty_weight(PlantFamily(drive(), (drive(c=-1.0),)))
     # No damping between motor and load, but at the motor's bearing: the antiresonance is undamped.
-    free = [replace(p, A=p.A - 4.0 * np.diag([0, 0, 1.0, 0])) for p in (drive(c=0.0), drive(1.1e4, 0.0))]
+    free = [
+        replace(p, A=p.A - 4.0 * np.diag([0, 0, 1.0, 0])) for p in (drive(c=0.0), drive(1.1e4, 0.0))
+    ]
     lossy = PlantFamily(free[0], (free[1],))
-    with pytest.raises(ModelError, match=r"motor / torque: the nominal plant has an undamped antiresonance at 11\.254"):
+    with pytest.raises(
+        ModelError,
+        match=r"motor / torque: the nominal plant has an undamped antiresonance at 11\.254",
+    ):
         uncertainty_weight(lossy)
     assert uncertainty_weight(lossy, kind="additive", order=2).weights[0][0].mean >= 1.0
     with pytest.raises(ModelError, match="the plants are sampled"):
@@ -231,7 +246,8 @@ def test_what_is_not_understood_is_refused(family) -> None:
 def closed_loop(plant, gain: float, low_pass: float) -> np.ndarray:
     """Eigenvalues with a speed controller gain / (1 + s / low_pass) from the load's speed."""
     load = plant.channel("load", "torque")
-    # The angle of the whole drive is not controlled: its pole at 0 is left out by a change of states.
+    # The angle of the whole drive is not controlled: its pole at 0 is left out by a change of
+    # states.
     T = np.array([[1.0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     back = np.array([[1.0, 0, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1]])
     A, B, C = T @ load.A @ back, T @ load.B, load.C @ back

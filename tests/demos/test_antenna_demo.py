@@ -80,7 +80,9 @@ def test_masses_are_those_of_its_parts(model) -> None:
     weight = {n: up @ (g.mass @ up) for n, g in model.groups.items() if g.mass is not None}
     ring = 16 * 2 * 0.35 * np.sin(np.pi / 16)
     assert weight["pedestal"] == pytest.approx(ring * 1.8 * 0.008 * 7850.0, rel=1e-9)
-    area = np.pi / 6 * 1.5**2 * 4 * ((1 + (np.array([0.45, 2.0]) / 3.0) ** 2) ** 1.5)  # of a paraboloid of focus 1.5
+    area = (
+        np.pi / 6 * 1.5**2 * 4 * ((1 + (np.array([0.45, 2.0]) / 3.0) ** 2) ** 1.5)
+    )  # of a paraboloid of focus 1.5
     assert weight["reflector"] == pytest.approx((area[1] - area[0]) * 4 * SKIN * 2700.0, rel=0.02)
     assert weight["counterweight"] == pytest.approx(260.0)
     assert weight["feed"] == pytest.approx(18.0)
@@ -147,24 +149,32 @@ def test_the_job_is_two_tests_of_one_model_and_knows_nothing_of_the_truth(inputs
 def test_noise_is_what_the_coherence_says(inputs, model) -> None:
     frf = updyn.read_frf(inputs / "locked.uff")
     exact = updyn.response(
-        locked(model.scaled(demo.TRUTH)), frf.freq, frf.responses, frf.references, quantity="accelerance"
+        locked(model.scaled(demo.TRUTH)),
+        frf.freq,
+        frf.responses,
+        frf.references,
+        quantity="accelerance",
     )
     variance = np.abs(frf.values) ** 2 * (1.0 / frf.coherence - 1.0) / 4
-    made = (demo._NOISE["relative"] * np.abs(exact.values)) ** 2 + demo._NOISE["floor"] ** 2 * np.mean(
-        np.abs(exact.values) ** 2, axis=0
-    )
+    made = (demo._NOISE["relative"] * np.abs(exact.values)) ** 2 + demo._NOISE[
+        "floor"
+    ] ** 2 * np.mean(np.abs(exact.values) ** 2, axis=0)
     few = 4.0 / np.sqrt(frf.values.size)
     assert np.mean(np.abs(frf.values - exact.values) ** 2 / made) == pytest.approx(1.0, abs=few)
     assert np.mean(variance / made) == pytest.approx(1.0, abs=few)
     weighed = Coherence.of(replace(frf, averages=5)).variance(exact.values, frf)
-    assert np.mean(np.abs(frf.values - exact.values) ** 2 / weighed) == pytest.approx(1.0, abs=2 * few)
+    assert np.mean(np.abs(frf.values - exact.values) ** 2 / weighed) == pytest.approx(
+        1.0, abs=2 * few
+    )
 
 
 def test_the_truth_is_found_from_nearby(inputs) -> None:
     ready = prepare(load_job(inputs / "job.toml"))
     true = demo.true_values(ready.parameters)
     sign = np.where(np.arange(len(true)) % 2, 1.03, 0.97)
-    near = ready.parameters.with_start({n: v * s for (n, v), s in zip(true.items(), sign, strict=True)})
+    near = ready.parameters.with_start(
+        {n: v * s for (n, v), s in zip(true.items(), sign, strict=True)}
+    )
     tests = [updyn.Test(t.model, t.frf, t.name, lines="d-optimal:16") for t in ready.tests]
     result = updyn.update_jointly(tests, near, starts=0)
     assert result.status == "converged", result.summary()
@@ -177,27 +187,44 @@ def test_the_truth_is_found_from_nearby(inputs) -> None:
     (first,) = [line.split() for line in text.splitlines() if line.startswith("rotors free, 1")]
     drawings, updated, truth = (float(x) for x in first[3:])
     assert abs(updated / truth - 1.0) < 1e-3 < abs(drawings / truth - 1.0)
-    margins = [line.split()[-3:] for line in text.splitlines() if line.startswith(("velocity loop", "position loop"))]
+    margins = [
+        line.split()[-3:]
+        for line in text.splitlines()
+        if line.startswith(("velocity loop", "position loop"))
+    ]
     assert len(margins) == 8
     off = np.array([[float(x) / float(true) - 1.0 for x in row] for *row, true in margins])
-    assert np.abs(off[:, 1]).max() < 0.05  # the updated model says the crossovers and margins of the truth
+    assert (
+        np.abs(off[:, 1]).max() < 0.05
+    )  # the updated model says the crossovers and margins of the truth
     assert np.abs(off[:, 0]).max() > 0.8
 
 
 def test_the_page_shows_this_antenna(inputs, model) -> None:
     text = (Path(__file__).parents[2] / "docs" / "antenna.md").read_text(encoding="utf-8")
     table = text[text.index("error / std") :]
-    rows = {line.rsplit(maxsplit=4)[0]: line.split()[-4:] for line in table.splitlines() if len(line.split()) > 4}
+    rows = {
+        line.rsplit(maxsplit=4)[0]: line.split()[-4:]
+        for line in table.splitlines()
+        if len(line.split()) > 4
+    }
     true = demo.true_values(prepare(load_job(inputs / "job.toml")).parameters)
     assert {name: float(rows[name][0]) for name in true} == pytest.approx(true)
-    assert all(abs(float(rows[name][1]) - value) < 4.0 * float(rows[name][2]) + 1e-5 for name, value in true.items())
+    assert all(
+        abs(float(rows[name][1]) - value) < 4.0 * float(rows[name][2]) + 1e-5
+        for name, value in true.items()
+    )
     printed = {
-        line.rsplit(maxsplit=3)[0]: line.split()[-3:] for line in table.splitlines() if line.startswith("rotors")
+        line.rsplit(maxsplit=3)[0]: line.split()[-3:]
+        for line in table.splitlines()
+        if line.startswith("rotors")
     }
     for name, x, skip in (("rotors locked", locked(model), 0), ("rotors free", model, 2)):
         for column, y in ((0, x), (2, x.scaled(demo.TRUTH))):
             found = updyn.modes(y, skip + 4).frequency[skip:]
-            assert [float(printed[f"{name}, {i}"][column]) for i in range(1, 5)] == pytest.approx(found, abs=6e-4)
+            assert [float(printed[f"{name}, {i}"][column]) for i in range(1, 5)] == pytest.approx(
+                found, abs=6e-4
+            )
     assert f"{model.n_dofs:,} degrees of freedom" in text
 
 

@@ -50,10 +50,18 @@ def test_the_drawings_promise_what_the_truth_does_not_hold() -> None:
     L = demo.CONTROLLER.torque(s) * s * H / demo.RATIO**2
     assert abs(L) == pytest.approx(1.0, abs=0.02)
     assert np.degrees(np.angle(-L)) == pytest.approx(held.phase_margin, abs=1.5)
-    figures = updyn.drive_figures(drawings, demo.MOTOR, demo.TURNTABLE, ratio=demo.RATIO, band=demo.BAND)
-    assert demo.CONTROLLER.notches[0].frequency == pytest.approx(figures.pairs[-1].resonance, abs=0.01)
-    assert demo.CONTROLLER.kp == pytest.approx(2 * np.pi * 7.0 * figures.inertia * demo.RATIO**2, rel=0.01)
-    page = (Path(__file__).parents[2] / "docs" / "antenna.md").read_text(encoding="utf-8").splitlines()
+    figures = updyn.drive_figures(
+        drawings, demo.MOTOR, demo.TURNTABLE, ratio=demo.RATIO, band=demo.BAND
+    )
+    assert demo.CONTROLLER.notches[0].frequency == pytest.approx(
+        figures.pairs[-1].resonance, abs=0.01
+    )
+    assert demo.CONTROLLER.kp == pytest.approx(
+        2 * np.pi * 7.0 * figures.inertia * demo.RATIO**2, rel=0.01
+    )
+    page = (
+        (Path(__file__).parents[2] / "docs" / "antenna.md").read_text(encoding="utf-8").splitlines()
+    )
     for at, loop in enumerate(("velocity", "position")):
         for what, _, attribute in demo.FIGURES:
             (row,) = [line.split() for line in page if line.startswith(f"{loop} loop, {what}")]

@@ -36,7 +36,9 @@ def measured() -> updyn.FRF:
 
 
 def frac(hx: np.ndarray, ha: np.ndarray) -> np.ndarray:
-    return np.abs((hx.conj() * ha).sum(0)) ** 2 / ((np.abs(hx) ** 2).sum(0) * (np.abs(ha) ** 2).sum(0))
+    return np.abs((hx.conj() * ha).sum(0)) ** 2 / (
+        (np.abs(hx) ** 2).sum(0) * (np.abs(ha) ** 2).sum(0)
+    )
 
 
 def test_both_runs_converge_and_leave_their_files(ran) -> None:
@@ -69,7 +71,9 @@ def test_it_beats_the_plain_fit_on_all_lines_of_the_band(ran, results, measured)
     for name, result in zip((".", "segments"), results, strict=True):
         assert len(result.lines) == 220
         model = updyn.read_model(ran[0] / name / "model.h5")
-        H = updyn.response(model, band.freq, band.responses, band.references, quantity="accelerance").values
+        H = updyn.response(
+            model, band.freq, band.responses, band.references, quantity="accelerance"
+        ).values
         error = np.abs(20 * np.log10(np.abs(H) / np.abs(band.values)))
         agreement = frac(band.values, H)
         held = [band.responses.labels.index(x) for x in beam.HELD_OUT]
@@ -105,11 +109,16 @@ def test_segments_start_from_the_whole_beam(ran, results) -> None:
     ready = prepare(load_job(ran[0] / "inputs" / "segments.toml"))
     frf = results[0].frf.select(lines=results[0].lines[::20])
     first, second = (
-        updyn.response(m, frf.freq, frf.responses, frf.references).values for m in (results[0].model, ready.model)
+        updyn.response(m, frf.freq, frf.responses, frf.references).values
+        for m in (results[0].model, ready.model)
     )
-    assert np.abs(second / first - 1.0).max() < 1e-3  # the edges of the segments are nodes that the first has not
+    assert (
+        np.abs(second / first - 1.0).max() < 1e-3
+    )  # the edges of the segments are nodes that the first has not
     assert len(ready.parameters) == 15
-    again = prepare(load_job(ran[0] / "segments" / "job.toml"))  # the resolved one, from the output folder
+    again = prepare(
+        load_job(ran[0] / "segments" / "job.toml")
+    )  # the resolved one, from the output folder
     assert again.parameters == ready.parameters
     np.testing.assert_array_equal(again.frf.values, ready.frf.values)
 
@@ -137,7 +146,14 @@ def test_figures_that_are_said_are_those_of_the_runs(ran, results) -> None:
         shown = [float(x) for x in row.split()[-4:]]
         expected = [f[k] for f in (fitted, held) for k in ("db_error_median", "frac_median")]
         assert shown == pytest.approx(expected, abs=5e-4)
-    for words in ("Ladisk", "not by how far it came", "torsion", "inferred", "Suspension modes", "start, E = 200 GPa"):
+    for words in (
+        "Ladisk",
+        "not by how far it came",
+        "torsion",
+        "inferred",
+        "Suspension modes",
+        "start, E = 200 GPa",
+    ):
         assert words in said
 
 
@@ -156,7 +172,8 @@ def test_one_mode_of_a_computed_structure_is_found() -> None:
 
 def test_what_remains_is_what_the_data_say(results) -> None:
     computed = updyn.correlate(results[0].model, results[0].frf)
-    # Half-power width of mode 1 on the 1 Hz lines cannot say more than 1.5 to 2 %; the fit of a pole says 1.76 %.
+    # Half-power width of mode 1 on the 1 Hz lines cannot say more than 1.5 to 2 %; the fit of a
+    # pole says 1.76 %.
     _, loss, _ = beam_remains.one_mode(computed.measured, 176.0)
     assert loss == pytest.approx(0.0175, abs=0.001)  # modal identification
     frequency, mac = beam_remains.torsion(computed, beam.LENGTH)

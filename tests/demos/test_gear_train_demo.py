@@ -32,15 +32,21 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
 @pytest.fixture(scope="module")
 def results(ran) -> list[updyn.UpdateResult]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UpdynWarning)  # K of unit 2 is indefinite by the rounding of Table 2
-        return [updyn.read_result(ran[0] / name / "run.nc") for name in (".", "second_reading", "fifth_line")]
+        warnings.simplefilter(
+            "ignore", UpdynWarning
+        )  # K of unit 2 is indefinite by the rounding of Table 2
+        return [
+            updyn.read_result(ran[0] / name / "run.nc")
+            for name in (".", "second_reading", "fifth_line")
+        ]
 
 
 def test_the_demo_ends_as_its_last_run_ends(ran) -> None:
     folder, code, said = ran
     assert code == 0
     found = [
-        json.loads((folder / n / "result.json").read_text())["status"] for n in (".", "second_reading", "fifth_line")
+        json.loads((folder / n / "result.json").read_text())["status"]
+        for n in (".", "second_reading", "fifth_line")
     ]
     assert found == ["not-identifiable", "not-identifiable", "converged"]
     for name in (".", "second_reading", "fifth_line"):
@@ -83,10 +89,15 @@ def test_table_6_in_five_steps_from_both_readings(results, reading: int) -> None
         assert result.values[f"unit {e}.stiffness"] == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_papers_matrices_lie_on_the_family(results, gear_train_case, gear_train_reference) -> None:
+def test_the_papers_matrices_lie_on_the_family(
+    results, gear_train_case, gear_train_reference
+) -> None:
     moved = gear_train.on_the_family(results[0])
     assert moved.status == "converged"
-    K, M = (sum(getattr(g, q).toarray() for g in moved.model.groups.values()) for q in ("stiffness", "mass"))
+    K, M = (
+        sum(getattr(g, q).toarray() for g in moved.model.groups.values())
+        for q in ("stiffness", "mass")
+    )
     paper = gear_train_case["paper_result_after_5_iterations"]
     np.testing.assert_allclose(np.diag(K) / 1e6, paper["K_diagonal_1e6"], rtol=0, atol=0.006)
     assert M[0, 0] == pytest.approx(9722.1, abs=0.05)
@@ -108,7 +119,9 @@ def test_the_direction_agrees_with_many_digits(results, gear_train_reference) ->
     true, values = true_model(), {}
     for e in (1, 5, 6):
         for quantity in ("mass", "stiffness"):
-            now, then = (getattr(m.groups[f"unit {e}"], quantity).toarray() for m in (moved.model, true))
+            now, then = (
+                getattr(m.groups[f"unit {e}"], quantity).toarray() for m in (moved.model, true)
+            )
             at = np.unravel_index(np.abs(then).argmax(), then.shape)
             values[f"{quantity[0]}{e}"] = now[at] / then[at] - 1.0
     scale = values["s6"]
@@ -129,31 +142,47 @@ def test_what_the_job_says_of_five_lines_and_the_plain_iteration_is_true() -> No
     start = starting_model()
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
     data = gear_train.measure([10, 20, 50, 100, gear_train.FIFTH])
-    result = updyn.update(start, data, unknowns, method="equation-error", solver="gauss-newton", max_iterations=50)
+    result = updyn.update(
+        start, data, unknowns, method="equation-error", solver="gauss-newton", max_iterations=50
+    )
     assert result.status == "failed"
 
 
 def test_what_is_said(ran) -> None:
     said = ran[2]
     assert "Against the paper, Table 6" in said
-    rows = {m[1]: m.groups()[1:] for m in re.finditer(r"^(\d) +(\S+) +(\S+) +(\S+)$", said, re.MULTILINE)}
+    rows = {
+        m[1]: m.groups()[1:]
+        for m in re.finditer(r"^(\d) +(\S+) +(\S+) +(\S+)$", said, re.MULTILINE)
+    }
     assert [float(rows[str(e)][1]) for e in (2, 3)] == pytest.approx([0.4, 0.6])
-    entries = {m[1]: [float(x) for x in m[2].split()] for m in re.finditer(r"^([MK]\(\d,\d\)) +(.+)$", said, re.M)}
+    entries = {
+        m[1]: [float(x) for x in m[2].split()]
+        for m in re.finditer(r"^([MK]\(\d,\d\)) +(.+)$", said, re.M)
+    }
     assert len(entries) == 26
     assert entries["K(6,6)"] == pytest.approx([153.51, 176.796, 153.51, 153.991])
-    assert "25 of the 26 entries of 'moved' round to what the paper prints; M(6,6) is 327.63478." in said
+    assert (
+        "25 of the 26 entries of 'moved' round to what the paper prints; M(6,6) is 327.63478."
+        in said
+    )
     assert all(reading in said for reading in READINGS)
 
 
 def test_the_resolved_job_runs_again(ran, tmp_path: Path) -> None:
     folder, _, _ = ran
     assert main(["run", str(folder / "job.toml"), "--out", str(tmp_path / "again")]) == 3
-    first, again = (json.loads((f / "result.json").read_text()) for f in (folder, tmp_path / "again"))
+    first, again = (
+        json.loads((f / "result.json").read_text()) for f in (folder, tmp_path / "again")
+    )
     assert [p["value"] for p in first["parameters"]] == [p["value"] for p in again["parameters"]]
 
 
 def test_the_registry_asks_for_jobs_until_there_is_none(results, tmp_path: Path) -> None:
     demo = find_demo("gear-train")
     assert demo.write_inputs(tmp_path).name == "job.toml"
-    assert [demo.next_job(results[:n], tmp_path).stem for n in (1, 2)] == ["second_reading", "fifth_line"]
+    assert [demo.next_job(results[:n], tmp_path).stem for n in (1, 2)] == [
+        "second_reading",
+        "fifth_line",
+    ]
     assert demo.next_job(results, tmp_path) is None

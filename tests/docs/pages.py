@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[2]
 
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _EXIT = re.compile(r"\s+# exit (\d+)$")
-#: Lines of a console block that are not run, by their first words: they install, and run these very tests.
+#: Lines of a console block that are not run, by their first words: they install, and run these very
+#: tests.
 SKIPPED = ("make demo", "make test", "pip install .")
 
 
@@ -46,7 +47,11 @@ def run_console(block: Block, where: str) -> int:
         words = shlex.split(_EXIT.sub("", line))
         assert words[0] == "updyn", f"{where}:{number}: do not know how to run {line!r}"
         ended = subprocess.run(
-            [sys.executable, "-m", "updyn", *words[1:]], capture_output=True, text=True, timeout=120, check=False
+            [sys.executable, "-m", "updyn", *words[1:]],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
         )
         said = f"{where}:{number}: {line}\n{ended.stdout}\n{ended.stderr}"
         assert ended.returncode == (int(expected[1]) if expected else 0), said

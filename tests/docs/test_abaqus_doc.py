@@ -27,7 +27,11 @@ def save(folder: Path, name: str) -> None:
 
 
 def test_options_are_named() -> None:
-    options = [p.name for p in inspect.signature(read_abaqus).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    options = [
+        p.name
+        for p in inspect.signature(read_abaqus).parameters.values()
+        if p.kind is p.KEYWORD_ONLY
+    ]
     said = re.search(r"Options of reading: (.*)\n", SECTION)
     assert said is not None
     assert re.findall(r"`(\w+)`", said[1]) == options

@@ -20,15 +20,23 @@ def section(name: str) -> str:
 
 @pytest.mark.parametrize(
     ("name", "function"),
-    [("ansys_full", ansys_full.read_model), ("ansys_emat", ansys_emat.read_model), ("opensees", from_opensees)],
+    [
+        ("ansys_full", ansys_full.read_model),
+        ("ansys_emat", ansys_emat.read_model),
+        ("opensees", from_opensees),
+    ],
 )
 def test_every_option_is_named(name, function):
-    options = [p.name for p in inspect.signature(function).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    options = [
+        p.name for p in inspect.signature(function).parameters.values() if p.kind is p.KEYWORD_ONLY
+    ]
     assert [o for o in options if f"`{o}`" not in section(name)] == []
 
 
 def test_only_options_are_named():
-    said = re.findall(r"`(\w+)`", "\n".join(re.findall(r"^\| (.*?) \|", section("ansys_emat"), re.MULTILINE)[1:]))
+    said = re.findall(
+        r"`(\w+)`", "\n".join(re.findall(r"^\| (.*?) \|", section("ansys_emat"), re.MULTILINE)[1:])
+    )
     parameters = inspect.signature(ansys_emat.read_model).parameters.values()
     assert said == [p.name for p in parameters if p.kind is p.KEYWORD_ONLY]
 

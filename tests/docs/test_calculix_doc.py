@@ -13,13 +13,19 @@ from updyn.io.consistent_units import UNITS
 from updyn.io.keyword_deck import POINTS, SOLIDS
 
 SECTION = (
-    (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8").split('<a id="calculix"></a>')[1]
+    (Path(__file__).parents[2] / "docs" / "formats.md")
+    .read_text(encoding="utf-8")
+    .split('<a id="calculix"></a>')[1]
 )
 SECTION = SECTION.split("\n<a id=")[0]
 
 
 def test_options_and_units_are_named() -> None:
-    options = [p.name for p in inspect.signature(read_model).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    options = [
+        p.name
+        for p in inspect.signature(read_model).parameters.values()
+        if p.kind is p.KEYWORD_ONLY
+    ]
     said = re.search(r"Options of reading: (.*)\n", SECTION)
     assert said is not None
     assert re.findall(r"`(\w+)`", said[1]) == options

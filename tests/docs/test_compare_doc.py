@@ -20,7 +20,9 @@ TEXT = PAGE.read_text(encoding="utf-8")
 
 
 def tool() -> Any:
-    spec = importlib.util.spec_from_file_location("make_compare_doc", ROOT / "tools" / "make_compare_doc.py")
+    spec = importlib.util.spec_from_file_location(
+        "make_compare_doc", ROOT / "tools" / "make_compare_doc.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -42,7 +44,9 @@ def shown(name: str) -> list[list[str]]:
 
 
 def rows(table: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in table.splitlines()]
+    return [
+        [cell.strip() for cell in line.strip().strip("|").split("|")] for line in table.splitlines()
+    ]
 
 
 def alike(a: str, b: str) -> bool:
@@ -83,14 +87,18 @@ def test_what_is_said_of_the_gear_train(both: dict[str, Comparison]) -> None:
     assert len(stiffness.parameters) == 12
 
 
-def test_the_commands_are_written_into_the_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_are_written_into_the_jobs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from updyn.demos import gear_train
 
     gear_train.write_inputs(tmp_path)
     for name in MAKE.JOBS:
         first = (tmp_path / f"{name}.toml").read_text(encoding="utf-8").splitlines()[0]
         words = first.removeprefix("# ").split()
-        on_page = [line for b in blocks(PAGE) if b.language == "console" for line in b.text.splitlines()]
+        on_page = [
+            line for b in blocks(PAGE) if b.language == "console" for line in b.text.splitlines()
+        ]
         there = [f"gear/inputs/{word}" if word.endswith(".toml") else word for word in words]
         assert " ".join(there) in on_page
     monkeypatch.chdir(tmp_path)
@@ -106,7 +114,9 @@ def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_columns_are_explained() -> None:
     table = TEXT.split("| column | is |")[1].split("\n\n")[0]
-    named = [name.strip() for line in table.splitlines()[2:] for name in line.split("|")[1].split(",")]
+    named = [
+        name.strip() for line in table.splitlines()[2:] for name in line.split("|")[1].split(",")
+    ]
     headings = [heading for key, heading, _ in COLUMNS if key not in ("method", "limits")]
     assert named == headings
 

@@ -42,7 +42,11 @@ def test_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_only_what_installs_is_skipped() -> None:
     shown = [
-        line for page in PAGES[:1] for b in blocks(page) if b.language == "console" for line in b.text.splitlines()
+        line
+        for page in PAGES[:1]
+        for b in blocks(page)
+        if b.language == "console"
+        for line in b.text.splitlines()
     ]
     assert [line for line in shown if line in SKIPPED] == list(SKIPPED)
 
@@ -67,12 +71,16 @@ def test_toml_on_the_pages_is_toml() -> None:
 def test_every_public_name_is_in_the_readme_and_no_other() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text.split("| name | does |")[1].split("\n\n")[0]
-    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    named = {
+        name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    }
     assert named == set(updyn.__all__) - {"__version__"}
 
 
 def anchors(page: Path) -> set[str]:
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(
+        r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
     made = {
         re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-")
         for h in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
@@ -82,7 +90,9 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_resolve(page: Path) -> None:
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(
+        r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if target.startswith(("https://", "http://")):
             continue

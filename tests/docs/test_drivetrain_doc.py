@@ -58,7 +58,9 @@ def test_the_job_declares_the_train_of_the_python_block(
     path = save_toml(block)
     assert path is not None
     path.write_text(
-        block.text + '[test]\nfile = "t.npz"\n[[parameter]]\ngroups = "all"\nquantity = "stiffness"\n', encoding="utf-8"
+        block.text
+        + '[test]\nfile = "t.npz"\n[[parameter]]\ngroups = "all"\nquantity = "stiffness"\n',
+        encoding="utf-8",
     )
     same(drivetrain_from_table(load_job(path).model.keys), page["model"])
 
@@ -77,11 +79,15 @@ def test_the_drive_on_the_bracket(page: dict[str, Any]) -> None:
 
 
 def test_the_keys_are_those_of_the_parts() -> None:
-    rows = re.findall(r"^\| `\[\[model\.(\w+)\]\]` \| `(\w+)` \| (.*) \| (.*) \|$", TEXT, re.MULTILINE)
+    rows = re.findall(
+        r"^\| `\[\[model\.(\w+)\]\]` \| `(\w+)` \| (.*) \| (.*) \|$", TEXT, re.MULTILINE
+    )
     assert {table: kind for table, kind, _, _ in rows} == {k: v.__name__ for k, v in TABLES.items()}
     for table, _, required, optional in rows:
         fields = {f.name: f.default for f in dataclasses.fields(TABLES[table])}
-        assert re.findall(r"`(\w+)`", required) == [k for k, d in fields.items() if d is dataclasses.MISSING], table
+        assert re.findall(r"`(\w+)`", required) == [
+            k for k, d in fields.items() if d is dataclasses.MISSING
+        ], table
         shown = dict(re.findall(r"`(\w+)(?:=([^`]*))?`", optional))
         expected = {k: _toml(d) for k, d in fields.items() if d is not dataclasses.MISSING}
         assert shown == expected, table

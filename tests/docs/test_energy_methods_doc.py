@@ -36,7 +36,10 @@ def test_each_has_a_section_with_its_options_and_its_source(name: str) -> None:
 def test_the_figures(chain12: Model, chain12_true: Model, chain12_frf: FRF, add_noise) -> None:
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
     everywhere = updyn.response(
-        chain12_true, chain12_frf.freq[::2], [f"{i}:X" for i in range(1, 13)], ["2:X", "5:X", "12:X"]
+        chain12_true,
+        chain12_frf.freq[::2],
+        [f"{i}:X" for i in range(1, 13)],
+        ["2:X", "5:X", "12:X"],
     )
 
     def fitted(data: FRF, method: str, *solver: str) -> tuple[float, int]:
@@ -45,17 +48,30 @@ def test_the_figures(chain12: Model, chain12_true: Model, chain12_frf: FRF, add_
         errors = []
         for p in unknowns:
             if p.is_factor:
-                true, start = (abs(getattr(m.group(p.group), p.quantity)).sum() for m in (chain12_true, chain12))
+                true, start = (
+                    abs(getattr(m.group(p.group), p.quantity)).sum()
+                    for m in (chain12_true, chain12)
+                )
                 errors.append(abs(result.values[p.name] - true / start))
         return max(errors), result.iterations
 
     table = rows()
-    assert {method for method, *_ in table} == {"force-residual", "constitutive", "maximum-likelihood"}
+    assert {method for method, *_ in table} == {
+        "force-residual",
+        "constitutive",
+        "maximum-likelihood",
+    }
     for method, (steps, *noisy) in table.items():
         error, taken = fitted(chain12_frf, *method)
         assert error < 1e-8, method
         assert taken == pytest.approx(int(steps), rel=0.05, abs=1), method
         for said, clean in zip(noisy, (everywhere, chain12_frf), strict=True):
-            draws = [fitted(add_noise(clean, np.random.default_rng(s), 0.01), *method)[0] for s in range(3)]
+            draws = [
+                fitted(add_noise(clean, np.random.default_rng(s), 0.01), *method)[0]
+                for s in range(3)
+            ]
             assert f"{float(f'{median(draws):.1g}'):g}" == said, method
-    assert f"{table['force-residual', 'trust-region'][0]} steps instead of {table['force-residual',][0]} below" in TEXT
+    assert (
+        f"{table['force-residual', 'trust-region'][0]} steps instead of"
+        f" {table['force-residual',][0]} below" in TEXT
+    )

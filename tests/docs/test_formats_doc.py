@@ -17,7 +17,9 @@ from updyn.io.registry import FORMATS, Format, load
 from updyn.job import load_job, prepare
 
 TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
-ROW = re.compile(r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE)
+ROW = re.compile(
+    r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE
+)
 
 
 def section(name: str) -> str:
@@ -40,7 +42,11 @@ def test_suffixes_and_abilities(known: Format) -> None:
     assert row[2] == known.name
     assert tuple(re.findall(r"`(\.\w+)`", row[3])) == known.suffixes
     for cell, ability in ((row[4], "frf"), (row[5], "model"), (row[6], "geometry")):
-        said = set() if cell.strip() == "-" else {f"{word}_{ability}" for word in cell.strip().split(", ")}
+        said = (
+            set()
+            if cell.strip() == "-"
+            else {f"{word}_{ability}" for word in cell.strip().split(", ")}
+        )
         assert said == {c for c in known.can if c.endswith(ability)}
     assert section(known.name).startswith(f"\n## `{known.name}`")
 
@@ -100,7 +106,11 @@ def test_the_matrix_market_model_is_read(tmp_path: Path) -> None:
     for name, diagonal in (("K", [3.0, 5.0]), ("M", [1.0, 2.0])):
         scipy.io.mmwrite(tmp_path / f"{name}_housing.mtx", np.diag(diagonal))
     model = read_model(tmp_path / "case.toml")
-    assert (model.title, model.dofs.labels, model.groups["housing"].loss_factor) == ("Gear case", ["1:X", "1:Y"], 0.02)
+    assert (model.title, model.dofs.labels, model.groups["housing"].loss_factor) == (
+        "Gear case",
+        ["1:X", "1:Y"],
+        0.02,
+    )
     np.testing.assert_array_equal(model.groups["housing"].stiffness.toarray(), np.diag([3.0, 5.0]))
     assert model.geometry is not None
     np.testing.assert_array_equal(model.geometry.lines, [[1, 2]])
@@ -136,7 +146,14 @@ def test_matlab_names_of_the_page_are_read(tmp_path: Path) -> None:
         name: np.array(re.findall(r"'([^']*)'", found), dtype=object)[:, None]
         for name, found in re.findall(r"(\w+) = (\{[^}]*\})", page)
     }
-    values = {"K": K, "M": K, "loss_factor": 0.01, "freq": np.array([[1.0], [2.0]]), "quantity": "accelerance", **cells}
+    values = {
+        "K": K,
+        "M": K,
+        "loss_factor": 0.01,
+        "freq": np.array([[1.0], [2.0]]),
+        "quantity": "accelerance",
+        **cells,
+    }
     values["H"] = np.array([[1 + 1j, 2], [3, 4]])
     for names, file in zip(saved, ("model.mat", "test.mat"), strict=True):
         scipy.io.savemat(tmp_path / file, {name: values[name] for name in names})
@@ -158,6 +175,12 @@ def test_a_universal_file_in_g_is_refused_until_it_is_scaled(
     assert main(["convert", str(file), str(tmp_path / "si.npz"), "--scale", "9.80665"]) == 0
     expected = read_frf(chain_inputs / "chain.uff").values * 9.80665
     np.testing.assert_array_equal(read_frf(tmp_path / "si.npz").values, expected)
-    job = (chain_inputs / "job.toml").read_text(encoding="utf-8").replace('"chain.h5"', f'"{chain_inputs}/chain.h5"')
-    (tmp_path / "job.toml").write_text(job.replace('"chain.uff"', '"g.uff"\nscale = 9.80665'), encoding="utf-8")
+    job = (
+        (chain_inputs / "job.toml")
+        .read_text(encoding="utf-8")
+        .replace('"chain.h5"', f'"{chain_inputs}/chain.h5"')
+    )
+    (tmp_path / "job.toml").write_text(
+        job.replace('"chain.uff"', '"g.uff"\nscale = 9.80665'), encoding="utf-8"
+    )
     np.testing.assert_array_equal(prepare(load_job(tmp_path / "job.toml")).frf.values, expected)

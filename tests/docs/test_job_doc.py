@@ -108,7 +108,9 @@ def test_keys_of_the_beam() -> None:
             assert TABLES['kind = "beam"'][key][2] == f"`{parameter.default}`"
 
 
-@pytest.mark.parametrize(("name", "part"), [("segments", Segment), ("supports", Support), ("masses", PointMass)])
+@pytest.mark.parametrize(
+    ("name", "part"), [("segments", Segment), ("supports", Support), ("masses", PointMass)]
+)
 def test_keys_of_the_parts_of_a_beam(name: str, part: Any) -> None:
     documented = TABLES[f"[[model.{name}]]"]
     fields = {f.name: f.default for f in dataclasses.fields(part)}
@@ -133,7 +135,10 @@ def test_options_of_the_methods() -> None:
         for method in having:
             value = options_of(method)[key]
             shown = str(value).lower() if isinstance(value, bool) else value
-            assert stated[method] == (f'`"{shown}"`' if isinstance(value, str) else f"`{shown}`"), (key, method)
+            assert stated[method] == (f'`"{shown}"`' if isinstance(value, str) else f"`{shown}`"), (
+                key,
+                method,
+            )
         assert stated.keys() == having, key
     for method in METHODS:
         assert f'`"{method}"`' in TEXT
@@ -182,22 +187,45 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     assert stated == set(Job.model_fields) - {"title"}
-    result = run_job(loaded, folder / "out", report=lambda result, path, found, planted: path.write_text("report"))
+    result = run_job(
+        loaded,
+        folder / "out",
+        report=lambda result, path, found, planted: path.write_text("report"),
+    )
     assert result.status == "converged"
-    assert set(TABLES["What a run writes"]) == set(OUTPUTS) == {p.name for p in (folder / "out").iterdir()}
-    assert prepare(load_job(folder / "out" / "job.toml")).parameters.names == result.parameters.names
+    assert (
+        set(TABLES["What a run writes"])
+        == set(OUTPUTS)
+        == {p.name for p in (folder / "out").iterdir()}
+    )
+    assert (
+        prepare(load_job(folder / "out" / "job.toml")).parameters.names == result.parameters.names
+    )
     found = result_to_json(result)
     keys = set()
     for key, value in found.items():
-        inside = value[0] if key == "parameters" else value if key in ("identifiability", "correlation") else {}
+        inside = (
+            value[0]
+            if key == "parameters"
+            else value
+            if key in ("identifiability", "correlation")
+            else {}
+        )
         keys |= {f"{key}.{k}" for k in inside} or {key}
     keys.add("parameters")
     assert set(TABLES["result.json"]) == keys
-    for key, inside in (("noise", found["noise"]), ("history", found["history"][0]), ("versions", found["versions"])):
+    for key, inside in (
+        ("noise", found["noise"]),
+        ("history", found["history"][0]),
+        ("versions", found["versions"]),
+    ):
         assert all(name in TABLES["result.json"][key][1] for name in inside), key
     record = json.loads((folder / "out" / "control.json").read_text(encoding="utf-8"))
     assert set(TABLES["control.json"]) == set(record) | {f"plant.{key}" for key in record["plant"]}
-    assert all(f"`{name}`" in TABLES["result.json"]["correlation.before"][1] for name in found["correlation"]["before"])
+    assert all(
+        f"`{name}`" in TABLES["result.json"]["correlation.before"][1]
+        for name in found["correlation"]["before"]
+    )
 
 
 def test_the_beam_is_built(tmp_path: Path) -> None:
@@ -237,7 +265,11 @@ def test_the_messages_are_those_of_the_changes() -> None:
 
 @pytest.mark.parametrize(("old", "new"), CHANGES)
 def test_a_message_is_as_documented(
-    old: str, new: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    old: str,
+    new: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(folder)
     job = Path("job.toml")

@@ -14,7 +14,9 @@ from updyn.dynamics import fields
 from updyn.updating import identifiability, noise, problem, search
 from updyn.updating.lines import _RELATIVE_FLOOR
 
-TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split())
+TEXT = " ".join(
+    (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split()
+)
 
 
 @pytest.mark.parametrize(
@@ -27,10 +29,16 @@ TEXT = " ".join((Path(__file__).parents[2] / "docs" / "method.md").read_text(enc
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
-        f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of {100 * noise.ASSUMED['floor']:g} %",
+        (
+            f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of"
+            f" {100 * noise.ASSUMED['floor']:g} %"
+        ),
         f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
         f"Up to {fields.DENSE_LIMIT} degrees of freedom",
-        f"up to {fields._LARGEST_DENSE} where more than {100 * fields.DENSE_FILL:g} % of the matrix is filled",
+        (
+            f"up to {fields._LARGEST_DENSE} where more than {100 * fields.DENSE_FILL:g} % of the"
+            " matrix is filled"
+        ),
     ],
 )
 def test_constants_are_as_documented(said: str) -> None:
@@ -39,16 +47,24 @@ def test_constants_are_as_documented(said: str) -> None:
 
 def gear_train(omega: list[float]) -> updyn.UpdateResult:
     start = starting_model(1)
-    test = updyn.response(true_model(), np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"])
+    test = updyn.response(
+        true_model(), np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in (1, 2, 3, 4)], ["2:RZ"]
+    )
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
     return updyn.update(start, test, unknowns, method="equation-error")
 
 
 def test_the_paper_determines_17_of_18() -> None:
     result = gear_train([10, 20, 50, 100])
-    assert (result.status, result.identifiability.rank, len(result.parameters)) == ("not-identifiable", 17, 18)
+    assert (result.status, result.identifiability.rank, len(result.parameters)) == (
+        "not-identifiable",
+        17,
+        18,
+    )
     true = [g.loss_factor for g in true_model().groups.values()]
-    np.testing.assert_allclose([g.loss_factor for g in result.model.groups.values()], true, atol=1e-9)
+    np.testing.assert_allclose(
+        [g.loss_factor for g in result.model.groups.values()], true, atol=1e-9
+    )
     (direction,) = result.identifiability.null_directions
     assert max(direction, key=lambda name: abs(direction[name])) == "unit 6.stiffness"
     assert set(direction) == {f"unit {e}.{q}" for e in (1, 5) for q in ("mass", "stiffness")} | {
@@ -90,7 +106,9 @@ def test_one_factor_on_everything_divides_the_receptance() -> None:
 
 def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
     text, sources = TEXT.split("## Sources")
-    cited = {int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)[\],]", text) for n in group.split(", ")}
+    cited = {
+        int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)[\],]", text) for n in group.split(", ")
+    }
     listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. [A-Z]", sources)}
     assert cited == listed == set(range(1, len(listed) + 1))
 
@@ -101,7 +119,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     from updyn.updating import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
-    assert f"up to {fields.DENSE_LIMIT} DOFs ({fields._LARGEST_DENSE} where the matrix is full)" in section
+    assert (
+        f"up to {fields.DENSE_LIMIT} DOFs ({fields._LARGEST_DENSE} where the matrix is full)"
+        in section
+    )
     assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
     assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
     assert "Four times its largest value" in section

@@ -18,7 +18,10 @@ from updyn.updating.methods import METHODS, method_class, options_of
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
 CLASSICAL = ("rfm", "complex-rfm", "frf-sensitivity", "reduced-frf")
 #: As the tables are made: plain iterations that would not arrive are helped by their own options.
-OPTIONS: dict[str, dict[str, object]] = {"frf-sensitivity": {"halving": True}, "reduced-frf": {"separate": False}}
+OPTIONS: dict[str, dict[str, object]] = {
+    "frf-sensitivity": {"halving": True},
+    "reduced-frf": {"separate": False},
+}
 
 
 def section(name: str) -> str:
@@ -29,12 +32,16 @@ def section(name: str) -> str:
 
 def table(heading: str) -> dict[str, list[str]]:
     """Return the rows of the table whose first column is called so, by the method in it."""
-    (found,) = re.findall(rf"^\| {re.escape(heading)} \|.*\n\|[-|]+\n((?:\|.*\n)+)", TEXT, re.MULTILINE)
+    (found,) = re.findall(
+        rf"^\| {re.escape(heading)} \|.*\n\|[-|]+\n((?:\|.*\n)+)", TEXT, re.MULTILINE
+    )
     rows = [[cell.strip() for cell in row.strip("|").split("|")] for row in found.splitlines()]
     return {re.sub(r"[`,].*", "", row[0].lstrip("`")): row[1:] for row in rows}
 
 
-def worst(start: Model, true: Model, data: FRF, name: str, **options: object) -> tuple[float, float]:
+def worst(
+    start: Model, true: Model, data: FRF, name: str, **options: object
+) -> tuple[float, float]:
     """Return the largest error of a factor, and the largest error over its own standard deviation."""
     cannot = getattr(method_class(name), "cannot", ())
     wanted = {q: "all" for q in ("stiffness", "mass", "loss_factor") if q not in cannot}
@@ -53,12 +60,16 @@ def worst(start: Model, true: Model, data: FRF, name: str, **options: object) ->
 
 
 def everywhere(true: Model, frf: FRF) -> FRF:
-    return updyn.response(true, frf.freq[::2], [f"{i}:X" for i in range(1, 13)], ["2:X", "5:X", "12:X"])
+    return updyn.response(
+        true, frf.freq[::2], [f"{i}:X" for i in range(1, 13)], ["2:X", "5:X", "12:X"]
+    )
 
 
 @pytest.fixture(scope="module")
 def starts(chain12: Model, chain12_true: Model) -> dict[str, Model]:
-    right = chain12.scaled({g: {"loss_factor": chain12_true.group(g).loss_factor} for g in chain12.groups})
+    right = chain12.scaled(
+        {g: {"loss_factor": chain12_true.group(g).loss_factor} for g in chain12.groups}
+    )
     return {"rfm": right} | dict.fromkeys((*CLASSICAL[1:], "maximum-likelihood"), chain12)
 
 
@@ -80,30 +91,48 @@ def test_figures_with_every_degree_of_freedom_measured(
     chain12_true: Model, chain12_frf: FRF, starts: dict[str, Model], add_noise
 ) -> None:
     clean = updyn.response(
-        chain12_true, chain12_frf.freq[::2], [f"{i}:X" for i in range(1, 13)], ["2:X", "5:X", "12:X"]
+        chain12_true,
+        chain12_frf.freq[::2],
+        [f"{i}:X" for i in range(1, 13)],
+        ["2:X", "5:X", "12:X"],
     )
     rows = table("12 of 12 measured")
     assert set(rows) == set(starts)
     for name, (exact, noisy, own) in rows.items():
         options = OPTIONS.get(name, {})
-        assert worst(starts[name], chain12_true, clean, name, **options)[0] < float(exact.removeprefix("< "))
+        assert worst(starts[name], chain12_true, clean, name, **options)[0] < float(
+            exact.removeprefix("< ")
+        )
         found = [
-            worst(starts[name], chain12_true, add_noise(clean, np.random.default_rng(s), 0.01), name, **options)
+            worst(
+                starts[name],
+                chain12_true,
+                add_noise(clean, np.random.default_rng(s), 0.01),
+                name,
+                **options,
+            )
             for s in range(3)
         ]
         assert f"{float(f'{median(f[0] for f in found):.1g}'):g}" == noisy, name
         assert f"{float(f'{median(f[1] for f in found):.1g}'):g}" == own, name
 
 
-def test_figures_with_five_of_twelve_measured(chain12_true: Model, chain12_frf: FRF, starts: dict[str, Model]) -> None:
+def test_figures_with_five_of_twelve_measured(
+    chain12_true: Model, chain12_frf: FRF, starts: dict[str, Model]
+) -> None:
     rows = table("5 of 12 measured, no noise")
     for name, (said,) in rows.items():
         options = OPTIONS.get(name, {}) | ({"expand": True} if "rfm" in name else {})
         error = worst(starts[name], chain12_true, chain12_frf, name, **options)[0]
-        assert error < float(said[2:]) if said.startswith("< ") else f"{error:.2g}" == said, (name, error)
+        assert error < float(said[2:]) if said.startswith("< ") else f"{error:.2g}" == said, (
+            name,
+            error,
+        )
 
 
-def test_wrong_loss_factors_go_into_the_unknowns_of_rfm(chain12: Model, chain12_true: Model, chain12_frf: FRF) -> None:
+def test_wrong_loss_factors_go_into_the_unknowns_of_rfm(
+    chain12: Model, chain12_true: Model, chain12_frf: FRF
+) -> None:
     assert {g.loss_factor for g in chain12.groups.values()} == {0.03}
     assert {g.loss_factor for g in chain12_true.groups.values()} == {0.02, 0.03, 0.04, 0.05}
     error, _ = worst(chain12, chain12_true, everywhere(chain12_true, chain12_frf), "rfm")

@@ -21,19 +21,27 @@ def test_figures_of_the_chain(
 ) -> None:
     true = chain12_case["true_factors"]
     start = chain12.scaled({"part1": {"mass": true["mass"][0]}})
-    clean = updyn.response(chain12_true, np.linspace(0.5, 23.0, 160), SENSORS, ["2:X", "12:X"], "accelerance")
+    clean = updyn.response(
+        chain12_true, np.linspace(0.5, 23.0, 160), SENSORS, ["2:X", "12:X"], "accelerance"
+    )
 
     def worst(name: str, noise: float, seed: int) -> float:
         damped = {"loss_factor": "all"} if name == "maximum-likelihood" else {}
-        unknowns = updyn.parameters(start, stiffness="all", mass=["part2", "part3", "part4"], **damped)
+        unknowns = updyn.parameters(
+            start, stiffness="all", mass=["part2", "part3", "part4"], **damped
+        )
         data = add_noise(clean, np.random.default_rng(seed), noise) if noise else clean
         result = updyn.update(start, data, unknowns, method=name)
         assert result.status == "converged"
         factors = [p for p in unknowns if p.is_factor]
-        return max(abs(result.values[p.name] - true[p.quantity][int(p.group[-1]) - 1]) for p in factors)
+        return max(
+            abs(result.values[p.name] - true[p.quantity][int(p.group[-1]) - 1]) for p in factors
+        )
 
     rows = re.findall(
-        r"^\| `([\w-]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", TEXT.split("one mass held |")[1], re.MULTILINE
+        r"^\| `([\w-]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$",
+        TEXT.split("one mass held |")[1],
+        re.MULTILINE,
     )
     assert [row[0] for row in rows[:2]] == ["modal", "maximum-likelihood"]
     for name, *said in rows[:2]:

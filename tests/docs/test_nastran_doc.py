@@ -23,7 +23,9 @@ def section(name: str) -> str:
 
 @pytest.mark.parametrize("reader", [bdf.read_model, bdf.read_geometry])
 def test_options_are_named(reader: object) -> None:
-    options = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]  # type: ignore[arg-type]
+    options = [
+        p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY
+    ]  # type: ignore[arg-type]
     assert options
     assert all(f"`{name}`" in section("nastran") for name in options)
 
@@ -36,7 +38,9 @@ def test_the_toml_file_is_read(tmp_path: Path) -> None:
     K = np.zeros((12, 12))
     K[0, 0] = K[6, 6] = 4.0
     K[0, 6] = K[6, 0] = -4.0
-    write_op4({"KGG": K, "MGG": np.diag([1e-3, *[0.0] * 5, 2e-3, *[0.0] * 5])}, tmp_path / "skin.op4")
+    write_op4(
+        {"KGG": K, "MGG": np.diag([1e-3, *[0.0] * 5, 2e-3, *[0.0] * 5])}, tmp_path / "skin.op4"
+    )
     with pytest.warns(UpdynWarning, match="10 of 12 DOFs"):
         model = read_model(tmp_path / "case.toml")
     assert model.dofs.labels == ["1:X", "2:X"]

@@ -33,7 +33,9 @@ def test_the_robust_fit_names_the_lines(page: dict[str, Any]) -> None:
 def test_the_mean_of_three_is_known_better_than_one(page: dict[str, Any]) -> None:
     assert page["averaged"].noise["kind"] == "variance"
     single = page["updyn"].update(page["start"], page["measure"](), page["unknowns"])
-    assert page["averaged"].std["shaft.stiffness"] == pytest.approx(single.std["shaft.stiffness"] / 3**0.5, rel=0.15)
+    assert page["averaged"].std["shaft.stiffness"] == pytest.approx(
+        single.std["shaft.stiffness"] / 3**0.5, rel=0.15
+    )
     assert page["averaged"].values["shaft.stiffness"] == pytest.approx(1.25, rel=0.005)
 
 

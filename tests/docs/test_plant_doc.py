@@ -37,14 +37,24 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
 def test_the_plant_is_what_the_page_says(page: dict[str, Any]) -> None:
     plant = page["plant"]
     assert f"print(plant)  # {plant!r}" in PAGE.read_text(encoding="utf-8")
-    H = page["updyn"].response(page["result"].model, [5.0, 11.0, 30.0], ["1:RZ"], ["1:RZ"], "mobility").values
+    H = (
+        page["updyn"]
+        .response(page["result"].model, [5.0, 11.0, 30.0], ["1:RZ"], ["1:RZ"], "mobility")
+        .values
+    )
     G = plant.response([5.0, 11.0, 30.0]).values[:, :1]
     assert (
         abs(G - H).max()
         < 0.012
         * abs(
             page["updyn"]
-            .response(page["result"].model, page["np"].linspace(2.0, 60.0, 2000), ["1:RZ"], ["1:RZ"], "mobility")
+            .response(
+                page["result"].model,
+                page["np"].linspace(2.0, 60.0, 2000),
+                ["1:RZ"],
+                ["1:RZ"],
+                "mobility",
+            )
             .values
         ).max()
     )
@@ -55,7 +65,10 @@ def test_the_orders_are_what_the_page_says(page: dict[str, Any]) -> None:
 
 
 def test_a_mode_at_a_fraction_of_the_single_frequency_is_far_too_high(page: dict[str, Any]) -> None:
-    by_name = {c.name: c for c in page["updyn"].conversions(page["result"], ["1:RZ"], ["3:RZ"], (2.0, 60.0))}
+    by_name = {
+        c.name: c
+        for c in page["updyn"].conversions(page["result"], ["1:RZ"], ["3:RZ"], (2.0, 60.0))
+    }
     assert by_name["single-frequency"].peak_error > 0.3 > 10 * by_name["modal"].error
 
 
@@ -76,9 +89,15 @@ def test_the_job_is_read() -> None:
 def test_the_table_is_that_of_the_benchmark() -> None:
     own = PAGE.read_text(encoding="utf-8")
     readme = (ROOT / "benchmarks/README.md").read_text(encoding="utf-8")
-    rows = [line for line in own.splitlines() if line.startswith(("| chain, ", "| gear train, ", "| antenna, "))]
+    rows = [
+        line
+        for line in own.splitlines()
+        if line.startswith(("| chain, ", "| gear train, ", "| antenna, "))
+    ]
     assert len(rows) == 5
     for row in rows:
         name, *cells = [c.strip() for c in row.strip("|").split("|")]
-        (there,) = [line for line in readme.splitlines() if line.startswith(f"| {name} |") and " / " in line]
+        (there,) = [
+            line for line in readme.splitlines() if line.startswith(f"| {name} |") and " / " in line
+        ]
         assert cells == [c.split("(")[0].strip() for c in there.strip("|").split("|")[1:]], name

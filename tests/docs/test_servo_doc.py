@@ -70,7 +70,11 @@ def test_the_job_is_read() -> None:
 def test_the_table_is_that_of_the_benchmark() -> None:
     own = PAGE.read_text(encoding="utf-8")
     readme = (ROOT / "benchmarks/README.md").read_text(encoding="utf-8")
-    rows = [line for line in own.splitlines() if line.startswith(("| velocity loop, ", "| position loop, "))]
+    rows = [
+        line
+        for line in own.splitlines()
+        if line.startswith(("| velocity loop, ", "| position loop, "))
+    ]
     assert len(rows) == 5
     for row in rows:
         name, drawings, updated, exact = [c.strip() for c in row.strip("|").split("|")]

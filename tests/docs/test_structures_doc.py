@@ -27,7 +27,11 @@ def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("table.msh").write_text(MSH, encoding="utf-8")
     namespace: dict[str, Any] = {"__name__": "page"}
-    run = [run_python(block, PAGE.name, namespace) for block in blocks(PAGE) if block.language == "python"]
+    run = [
+        run_python(block, PAGE.name, namespace)
+        for block in blocks(PAGE)
+        if block.language == "python"
+    ]
     assert len(run) == 2
 
 
@@ -39,5 +43,9 @@ def test_the_job_of_the_page_builds() -> None:
 
 @pytest.mark.parametrize("name", ["Beam", "Truss", "Shell", "Solid", "Spring", "PointMass"])
 def test_every_field_is_named(name: str) -> None:
-    (row,) = re.findall(rf"^\| `{name}` \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-    assert set(re.findall(r"`(\w+)`", row)) == {f.name for f in dataclasses.fields(getattr(package, name))}
+    (row,) = re.findall(
+        rf"^\| `{name}` \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert set(re.findall(r"`(\w+)`", row)) == {
+        f.name for f in dataclasses.fields(getattr(package, name))
+    }

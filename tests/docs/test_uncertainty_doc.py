@@ -52,13 +52,17 @@ def test_constants_are_as_documented(said: str) -> None:
 
 def test_defaults_of_the_job_are_those_of_the_library() -> None:
     job = (ROOT / "docs" / "job.md").read_text(encoding="utf-8")
-    refits, effective = (inspect.signature(f).parameters["n"].default for f in (updyn.bootstrap, updyn.sample))
+    refits, effective = (
+        inspect.signature(f).parameters["n"].default for f in (updyn.bootstrap, updyn.sample)
+    )
     assert f"| {refits} refits, {effective} effective draws |" in job
 
 
 def test_every_source_is_cited() -> None:
     text, sources = TEXT.split("## Sources")
     text = re.sub(r"```.*?```", "", text)
-    cited = {int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)\]", text) for n in group.split(", ")}
+    cited = {
+        int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)\]", text) for n in group.split(", ")
+    }
     listed = {int(n) for n in re.findall(r"(?:^| )(\d)\. [A-Z]\. ", sources)}
     assert cited == listed == set(range(1, 10))

@@ -22,7 +22,9 @@ def full(n: int) -> np.ndarray:
 
 
 def model(n: int, labels: list[str], names: tuple[str, ...] = ("a", "b")) -> updyn.Model:
-    return updyn.Model.from_groups({x: updyn.Group(full(n), full(n), 0.1, full(n)) for x in names}, labels)
+    return updyn.Model.from_groups(
+        {x: updyn.Group(full(n), full(n), 0.1, full(n)) for x in names}, labels
+    )
 
 
 def test_grounding_leaves_out_rows_and_columns() -> None:
@@ -32,7 +34,9 @@ def test_grounding_leaves_out_rows_and_columns() -> None:
     assert held.dofs.labels == ["1:X", "3:X", "4:X"]
     for name in ("stiffness", "mass", "viscous"):
         np.testing.assert_allclose(
-            getattr(held, name).toarray(), getattr(free, name).toarray()[np.ix_(keep, keep)], rtol=1e-14
+            getattr(held, name).toarray(),
+            getattr(free, name).toarray()[np.ix_(keep, keep)],
+            rtol=1e-14,
         )
     assert held.group("a").loss_factor == 0.1
 
@@ -40,9 +44,13 @@ def test_grounding_leaves_out_rows_and_columns() -> None:
 def test_a_chain_of_equations_is_resolved() -> None:
     """u4 = 2 u3 and u3 = -u1 + 0.5 u2, so u4 = -2 u1 + u2."""
     free = model(4, ["1:X", "2:X", "3:X", "4:X"])
-    tied = constrain(free, [Equation("4:X", {"3:X": 2.0}), Equation("3:X", {"1:X": -1.0, "2:X": 0.5})])
+    tied = constrain(
+        free, [Equation("4:X", {"3:X": 2.0}), Equation("3:X", {"1:X": -1.0, "2:X": 0.5})]
+    )
     T = np.array([[1, 0], [0, 1], [-1, 0.5], [-2, 1]])
-    np.testing.assert_allclose(tied.stiffness.toarray(), T.T @ free.stiffness.toarray() @ T, rtol=1e-13)
+    np.testing.assert_allclose(
+        tied.stiffness.toarray(), T.T @ free.stiffness.toarray() @ T, rtol=1e-13
+    )
 
 
 def test_signs_of_labels_count() -> None:
@@ -52,7 +60,8 @@ def test_signs_of_labels_count() -> None:
 def test_a_gear_ratio_gives_the_reflected_inertia() -> None:
     """Two free inertias of 2 and 3 kg m2, the second 4 times as fast: 2 + 16 * 3, seen from the first."""
     train = updyn.Model.from_groups(
-        {"J1": updyn.Group(mass=np.diag([2.0, 0.0])), "J2": updyn.Group(mass=np.diag([0.0, 3.0]))}, ["1:RZ", "2:RZ"]
+        {"J1": updyn.Group(mass=np.diag([2.0, 0.0])), "J2": updyn.Group(mass=np.diag([0.0, 3.0]))},
+        ["1:RZ", "2:RZ"],
     )
     tied = constrain(train, [Equation("2:RZ", {"1:RZ": -4.0})])
     np.testing.assert_allclose(tied.mass.toarray(), [[50.0]], rtol=1e-14)
@@ -67,11 +76,16 @@ def test_a_rigid_link_moves_as_a_rigid_body() -> None:
     for link in rigid_link(geometry, 1, [2, 7]):
         r = xyz[[1, 2][link.dof.node == 7]] - xyz[0]
         wanted = np.r_[move + np.cross(turn, r), turn][DIRECTIONS.index(link.dof.direction)]
-        assert sum(c * at[str(d)] for d, c in link.terms.items()) == pytest.approx(wanted, rel=1e-13)
+        assert sum(c * at[str(d)] for d, c in link.terms.items()) == pytest.approx(
+            wanted, rel=1e-13
+        )
 
 
 def test_axes_are_made_of_length_one() -> None:
-    assert along_axis("9:X", 3, [0.0, 3.0, 4.0]).terms == Equation("9:X", {"3:Y": 0.6, "3:Z": 0.8}).terms
+    assert (
+        along_axis("9:X", 3, [0.0, 3.0, 4.0]).terms
+        == Equation("9:X", {"3:Y": 0.6, "3:Z": 0.8}).terms
+    )
     assert about_axis("9:RZ", 3, [-2.0, 0, 0]).terms == Equation("9:RZ", {"3:RX": -1.0}).terms
     for bad in ([0, 0, 0], [1, 2], [np.nan, 0, 1], "x"):
         with pytest.raises(ModelError, match="axis of 9:RZ"):
@@ -80,7 +94,9 @@ def test_axes_are_made_of_length_one() -> None:
 
 def test_joined_models_share_dofs_of_one_label() -> None:
     left = updyn.Model.from_groups(
-        {"k1": updyn.Group(spring(2.0))}, ["1:X", "2:X"], geometry=Geometry([1, 2], [[0, 0, 0], [1, 0, 0]], [[1, 2]])
+        {"k1": updyn.Group(spring(2.0))},
+        ["1:X", "2:X"],
+        geometry=Geometry([1, 2], [[0, 0, 0], [1, 0, 0]], [[1, 2]]),
     )
     right = updyn.Model.from_groups(
         {"k2": updyn.Group(spring(3.0), loss_factor=0.2)},
@@ -104,7 +120,14 @@ def test_what_cannot_be_tied_is_refused_by_name() -> None:
     with pytest.raises(ModelError, match=r"held and tied"):
         constrain(free, [one], ["1:-X"])
     with pytest.raises(ModelError, match=r"loop: 1:X = \+0.5 2:X; 2:X = \+0.5 1:X"):
-        constrain(free, [Equation("1:X", {"2:X": 0.5}), Equation("2:X", {"1:X": 0.5}), Equation("3:X", {"1:X": 1.0})])
+        constrain(
+            free,
+            [
+                Equation("1:X", {"2:X": 0.5}),
+                Equation("2:X", {"1:X": 0.5}),
+                Equation("3:X", {"1:X": 1.0}),
+            ],
+        )
     with pytest.raises(ModelError, match="nothing is left"):
         constrain(free, [], ["1:X", "2:X", "3:X"])
     with pytest.raises(updyn.UpdynError, match=r"4:X.*3:X"):
@@ -122,7 +145,9 @@ def test_what_cannot_be_tied_is_refused_by_name() -> None:
 def test_joined_geometries_must_agree() -> None:
     def at(x: float, name: str) -> updyn.Model:
         return updyn.Model.from_groups(
-            {name: updyn.Group(spring(1.0))}, ["1:X", "2:X"], geometry=Geometry([1, 2], [[x, 0, 0], [1, 0, 0]])
+            {name: updyn.Group(spring(1.0))},
+            ["1:X", "2:X"],
+            geometry=Geometry([1, 2], [[x, 0, 0], [1, 0, 0]]),
         )
 
     with pytest.raises(ModelError, match="node 1 stands at"):

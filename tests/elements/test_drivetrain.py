@@ -35,9 +35,16 @@ def matrix(model, name, what="stiffness"):
 
 
 # -- energy and sense ---------------------------------------------------------------------------------------------
-@given(st.floats(0.01, 1.0), st.floats(0.01, 1.0), st.floats(0.0, 35.0), st.sampled_from(["external", "internal"]))
+@given(
+    st.floats(0.01, 1.0),
+    st.floats(0.01, 1.0),
+    st.floats(0.0, 35.0),
+    st.sampled_from(["external", "internal"]),
+)
 def test_a_mesh_stores_no_energy_in_its_ratio_and_is_positive(r_a, r_b, angle, kind):
-    pair = GearPair("mesh", 1, 2, radii=(r_a, r_b), mesh_stiffness=2e8, pressure_angle_deg=angle, kind=kind)
+    pair = GearPair(
+        "mesh", 1, 2, radii=(r_a, r_b), mesh_stiffness=2e8, pressure_angle_deg=angle, kind=kind
+    )
     K = matrix(drivetrain([pair, *ends(1, 2)]), "mesh")
     sense = -1.0 if kind == "external" else 1.0
     rolling = np.array([1.0, sense * r_a / r_b])
@@ -87,7 +94,10 @@ def test_free_motion_has_the_ratio_and_sense(name):
 @pytest.mark.parametrize(
     "rigid",
     [
-        (GearPair("x", 1, 2, ratio=2.5, rigid=True), GearPair("x", 1, 2, ratio=2.5, torsional_stiffness=1e10)),
+        (
+            GearPair("x", 1, 2, ratio=2.5, rigid=True),
+            GearPair("x", 1, 2, ratio=2.5, torsional_stiffness=1e10),
+        ),
         (Worm("x", 1, 2, -40.0), Worm("x", 1, 2, -40.0, 1e10)),
         (Belt("x", 1, 2, (0.05, 0.2)), Belt("x", 1, 2, (0.05, 0.2), 1e12)),
     ],
@@ -104,7 +114,16 @@ def test_rigid_is_the_limit_of_stiff(rigid):
 
 
 def test_stiffness_along_the_line_and_at_the_wheel_agree():
-    line = GearPair("x", 1, 2, teeth=(20, 50), module=0.004, mesh_stiffness=3e8, pressure_angle_deg=25, viscous=70.0)
+    line = GearPair(
+        "x",
+        1,
+        2,
+        teeth=(20, 50),
+        module=0.004,
+        mesh_stiffness=3e8,
+        pressure_angle_deg=25,
+        viscous=70.0,
+    )
     base = 0.002 * 50 * np.cos(np.radians(25))
     turn = GearPair("x", 1, 2, ratio=2.5, torsional_stiffness=3e8 * base**2, viscous=70.0 * base**2)
     a, b = (drivetrain([p, *ends(1, 2)]) for p in (line, turn))
@@ -114,20 +133,36 @@ def test_stiffness_along_the_line_and_at_the_wheel_agree():
 
 # -- distributed mass, discs, groups ------------------------------------------------------------------------------
 def test_the_inertia_of_a_shaft_is_that_of_its_body():
-    shaft = Shaft("s", 1, 2, G=80e9, outer_diameter=0.06, inner_diameter=0.03, length=0.8, rho=7800.0, n_elements=5)
+    shaft = Shaft(
+        "s",
+        1,
+        2,
+        G=80e9,
+        outer_diameter=0.06,
+        inner_diameter=0.03,
+        length=0.8,
+        rho=7800.0,
+        n_elements=5,
+    )
     model = drivetrain([shaft])
     ones = np.ones(model.n_dofs)
     body = 7800.0 * 0.8 * np.pi * (0.06**2 - 0.03**2) / 4  # kg
-    assert_allclose(ones @ matrix(model, "s", "mass") @ ones, body * (0.03**2 + 0.015**2) / 2, rtol=1e-12)
+    assert_allclose(
+        ones @ matrix(model, "s", "mass") @ ones, body * (0.03**2 + 0.015**2) / 2, rtol=1e-12
+    )
     assert model.dofs.labels == ["1:RZ", "2:RZ", "3:RZ", "4:RZ", "5:RZ", "6:RZ"]
-    assert_allclose(matrix(model, "s")[0, 2], -5 * 80e9 * np.pi * (0.06**4 - 0.03**4) / 32 / 0.8, rtol=1e-12)
+    assert_allclose(
+        matrix(model, "s")[0, 2], -5 * 80e9 * np.pi * (0.06**4 - 0.03**4) / 32 / 0.8, rtol=1e-12
+    )
 
 
 def test_the_damping_of_a_shaft_is_that_between_its_ends():
     shaft = Shaft("s", 1, 2, 300.0, inertia=0.1, viscous=7.0, loss_factor=0.1, n_elements=4)
     model = drivetrain([shaft], held=[1])
     for what, total in (("stiffness", 300.0), ("viscous", 7.0)):
-        turned = np.linalg.solve(matrix(model, "s", what), [1.0, 0, 0, 0])  # 2:RZ, then the inner nodes
+        turned = np.linalg.solve(
+            matrix(model, "s", what), [1.0, 0, 0, 0]
+        )  # 2:RZ, then the inner nodes
         assert_allclose(turned[0], 1 / total, rtol=1e-12)
 
 
@@ -178,10 +213,14 @@ def test_a_brake_closed_sprung_and_released():
     assert rigid.dofs.labels == ["2:RZ"]
     sprung = drivetrain([Brake("brake", 1, 900.0, inertia=0.05, viscous=3.0), *rest])
     assert_allclose(matrix(sprung, "brake"), [[900, 0], [0, 0]])
-    released = drivetrain([Brake("brake", 1, 900.0, closed=False, inertia=0.05, viscous=3.0), *rest])
+    released = drivetrain(
+        [Brake("brake", 1, 900.0, closed=False, inertia=0.05, viscous=3.0), *rest]
+    )
     assert released.groups["brake"].stiffness is None
     assert_allclose(matrix(released, "brake", "viscous"), [[3.0, 0], [0, 0]])
-    assert_allclose(updyn.modes(released, 2).frequency[1], np.sqrt(500 * (1 / 2.0 + 1 / 0.15)) / 2 / np.pi)
+    assert_allclose(
+        updyn.modes(released, 2).frequency[1], np.sqrt(500 * (1 / 2.0 + 1 / 0.15)) / 2 / np.pi
+    )
 
 
 def test_a_dual_drive_is_two_meshes_and_opens_at_its_preload():
@@ -201,9 +240,14 @@ def test_a_dual_drive_is_two_meshes_and_opens_at_its_preload():
     K, M = matrix(model, "pair"), matrix(model, "pair", "mass")
     assert_allclose(np.diag(M), [0.1, 0.1, 3.0])
     base = np.array([0.02, 0.2]) * np.cos(np.radians(20))
-    assert_allclose(np.diag(K), 1e8 * np.array([base[0] ** 2, 0.5 * base[0] ** 2, 1.5 * base[1] ** 2]), rtol=1e-12)
+    assert_allclose(
+        np.diag(K),
+        1e8 * np.array([base[0] ** 2, 0.5 * base[0] ** 2, 1.5 * base[1] ** 2]),
+        rtol=1e-12,
+    )
     assert_allclose(K @ [1.0, 1.0, -0.1], 0.0, atol=1e-9 * K.max())
-    # pinions held and the gear under the opening torque: the stiffer mesh just loses the torque of its bias
+    # pinions held and the gear under the opening torque: the stiffer mesh just loses the torque of
+    # its bias
     turn = dual.opening_torque / K[2, 2]
     assert_allclose(1e8 * base[1] * turn * base[0], 4.0, rtol=1e-12)
 
@@ -211,7 +255,9 @@ def test_a_dual_drive_is_two_meshes_and_opens_at_its_preload():
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_the_opening_torque_takes_the_bias_off_one_mesh(factor):
     """Pinions held, gear under the torque: share of each mesh, at its pinion."""
-    dual = DualDrive("d", 1, 2, 3, ratio=5.0, torsional_stiffness=1e6, second_factor=factor, preload=4.0)
+    dual = DualDrive(
+        "d", 1, 2, 3, ratio=5.0, torsional_stiffness=1e6, second_factor=factor, preload=4.0
+    )
     turn = dual.opening_torque / (1e6 * (1 + factor))
     at_pinions = np.array([1.0, factor]) * 1e6 * turn / 5.0
     assert_allclose(at_pinions.max(), 4.0, rtol=1e-12)
@@ -260,7 +306,10 @@ def test_kept_nodes_stay_and_the_same_motion_results():
 
 
 def test_a_loop_of_gears_that_fits_is_one_motion():
-    wheels = [GearPair(f"mesh {i}", *p, teeth=t, rigid=True) for i, (p, t) in enumerate(zip(LOOP, TEETH, strict=True))]
+    wheels = [
+        GearPair(f"mesh {i}", *p, teeth=t, rigid=True)
+        for i, (p, t) in enumerate(zip(LOOP, TEETH, strict=True))
+    ]
     assert drivetrain([*wheels, *ends(1, 2, 3, 4)]).n_dofs == 1
 
 
@@ -269,8 +318,13 @@ TEETH = ((17, 31), (31, 23), (23, 41), (41, 17))
 
 
 def test_gears_that_jam_are_refused():
-    jam = [GearPair(f"mesh {i}", *p, ratio=1.0, rigid=True) for i, p in enumerate(((1, 2), (2, 3), (3, 1)))]
-    with pytest.raises(ModelError, match=r"gear pair 'mesh 2': .* node 1 cannot turn: their ratios contradict"):
+    jam = [
+        GearPair(f"mesh {i}", *p, ratio=1.0, rigid=True)
+        for i, p in enumerate(((1, 2), (2, 3), (3, 1)))
+    ]
+    with pytest.raises(
+        ModelError, match=r"gear pair 'mesh 2': .* node 1 cannot turn: their ratios contradict"
+    ):
         drivetrain([*jam, *ends(1, 2, 3)])
 
 
@@ -283,7 +337,12 @@ def test_a_rigid_pair_behind_a_locked_motor_stands_still():
 def test_two_locked_motors_may_stop_the_housing_between_them():
     """Rotors that can only turn in opposite senses, both locked to one housing: nothing of it can turn."""
     motors = [Motor(f"motor {n}", n, 0.1, rotor="locked", housing=9) for n in (1, 2)]
-    parts = [*motors, GearPair("x", 1, 2, ratio=2.0, rigid=True), Shaft("s", 9, 3, 10.0), Inertia("load", 3, 1.0)]
+    parts = [
+        *motors,
+        GearPair("x", 1, 2, ratio=2.0, rigid=True),
+        Shaft("s", 9, 3, 10.0),
+        Inertia("load", 3, 1.0),
+    ]
     assert drivetrain(parts).dofs.labels == ["3:RZ"]
 
 
@@ -294,16 +353,43 @@ def test_what_cannot_be_kept_is_said(keep):
 
 
 def test_planets_in_one_node_are_the_planets_together():
-    stage = {"sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80), "module": 0.002, "sun_mesh": 2e8, "ring_mesh": 3e8}
-    whole = drivetrain([Planetary("p", **stage, planet_inertia=1e-3, planet_mass=0.4, viscous=9.0), *ends(1, 2, 3)])
-    apart = drivetrain(
-        [Planetary("p", **stage, planets=(4, 5, 6), planet_inertia=1e-3, planet_mass=0.4, viscous=9.0), *ends(1, 2, 3)]
+    stage = {
+        "sun": 1,
+        "ring": 2,
+        "carrier": 3,
+        "teeth": (20, 80),
+        "module": 0.002,
+        "sun_mesh": 2e8,
+        "ring_mesh": 3e8,
+    }
+    whole = drivetrain(
+        [Planetary("p", **stage, planet_inertia=1e-3, planet_mass=0.4, viscous=9.0), *ends(1, 2, 3)]
     )
-    assert list(whole.groups) == ["p planets", "p sun mesh", "p ring mesh", "end 1", "end 2", "end 3"]
+    apart = drivetrain(
+        [
+            Planetary(
+                "p", **stage, planets=(4, 5, 6), planet_inertia=1e-3, planet_mass=0.4, viscous=9.0
+            ),
+            *ends(1, 2, 3),
+        ]
+    )
+    assert list(whole.groups) == [
+        "p planets",
+        "p sun mesh",
+        "p ring mesh",
+        "end 1",
+        "end 2",
+        "end 3",
+    ]
     alike = np.zeros((6, 4))
     alike[:3, :3], alike[3:, 3] = np.eye(3), 1.0
     for what in ("stiffness", "mass", "viscous"):
-        assert_allclose(alike.T @ getattr(apart, what) @ alike, getattr(whole, what).toarray(), rtol=1e-12, atol=1e-9)
+        assert_allclose(
+            alike.T @ getattr(apart, what) @ alike,
+            getattr(whole, what).toarray(),
+            rtol=1e-12,
+            atol=1e-9,
+        )
 
 
 # -- what is refused -----------------------------------------------------------------------------------------------
@@ -314,25 +400,61 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (Inertia("d", 1), "inertia 'd': rho, outer_diameter, length missing; expected value, or rho, outer_diameter"),
-        (Inertia("d", 1, 1.0, rho=3.0), "inertia 'd': value and rho are given; expected one or the other"),
+        (
+            Inertia("d", 1),
+            (
+                "inertia 'd': rho, outer_diameter, length missing; expected value, or rho,"
+                " outer_diameter"
+            ),
+        ),
+        (
+            Inertia("d", 1, 1.0, rho=3.0),
+            "inertia 'd': value and rho are given; expected one or the other",
+        ),
         (Inertia("d", 1.5, 1.0), "inertia 'd': node 1.5; expected a whole number"),
         (Inertia("d", 1, -1.0), "inertia 'd': value -1.0; expected a number above 0"),
         (Shaft("s", 1, 1, 5.0), "shaft 's': node 1 stands twice"),
-        (Shaft("s", 1, 2), "shaft 's': G, outer_diameter, length missing; expected stiffness, or G"),
-        (Shaft("s", 1, 2, 5.0, rho=2.0), "shaft 's': rho goes with the geometry; with a stiffness give inertia"),
+        (
+            Shaft("s", 1, 2),
+            "shaft 's': G, outer_diameter, length missing; expected stiffness, or G",
+        ),
+        (
+            Shaft("s", 1, 2, 5.0, rho=2.0),
+            "shaft 's': rho goes with the geometry; with a stiffness give inertia",
+        ),
         (Shaft("s", 1, 2, 5.0, n_elements=4), "shaft 's': 4 elements of a shaft without mass"),
-        (Shaft("s", 1, 2, 5.0, n_elements=0), "shaft 's': n_elements 0; expected a whole number of at least 1"),
-        (Shaft("s", 1, 2, 5.0, loss_factor=-0.1), "shaft 's': loss_factor -0.1; expected a number of at least 0"),
+        (
+            Shaft("s", 1, 2, 5.0, n_elements=0),
+            "shaft 's': n_elements 0; expected a whole number of at least 1",
+        ),
+        (
+            Shaft("s", 1, 2, 5.0, loss_factor=-0.1),
+            "shaft 's': loss_factor -0.1; expected a number of at least 0",
+        ),
         (
             Shaft("s", 1, 2, G=1.0, outer_diameter=0.1, inner_diameter=0.1, length=1.0),
             "shaft 's': inner_diameter 0.1 m; expected less than outer_diameter 0.1 m",
         ),
-        (Shaft("s", 1, 2, G=1.0, outer_diameter=0.1, length=1.0, inertia=1.0), "inertia goes with a stiffness"),
-        (GearPair(**GEAR, rigid=True), "gear pair 'g': none given; expected one of ratio, teeth, radii"),
-        (GearPair(**GEAR, ratio=2.0), "none given; expected one of mesh_stiffness, torsional_stiffness, rigid"),
-        (GearPair(**GEAR, ratio=2.0, rigid=True, torsional_stiffness=1.0), "torsional_stiffness and rigid given"),
-        (GearPair(**GEAR, ratio=2.0, mesh_stiffness=1.0), "mesh_stiffness asks for radii, or teeth and module"),
+        (
+            Shaft("s", 1, 2, G=1.0, outer_diameter=0.1, length=1.0, inertia=1.0),
+            "inertia goes with a stiffness",
+        ),
+        (
+            GearPair(**GEAR, rigid=True),
+            "gear pair 'g': none given; expected one of ratio, teeth, radii",
+        ),
+        (
+            GearPair(**GEAR, ratio=2.0),
+            "none given; expected one of mesh_stiffness, torsional_stiffness, rigid",
+        ),
+        (
+            GearPair(**GEAR, ratio=2.0, rigid=True, torsional_stiffness=1.0),
+            "torsional_stiffness and rigid given",
+        ),
+        (
+            GearPair(**GEAR, ratio=2.0, mesh_stiffness=1.0),
+            "mesh_stiffness asks for radii, or teeth and module",
+        ),
         (GearPair(**GEAR, ratio=2.0, module=0.1, rigid=True), "module goes with teeth"),
         (GearPair(**GEAR, ratio=-2.0, rigid=True), "ratio -2.0; expected a number above 0"),
         (GearPair(**GEAR, teeth=(20,), rigid=True), "teeth (20,); expected two numbers"),
@@ -340,18 +462,33 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
             GearPair(**GEAR, ratio=2.0, rigid=True, kind="externl"),
             "kind 'externl'; did you mean 'external' or 'internal'?",
         ),
-        (GearPair(**GEAR, ratio=2.0, rigid=True, viscous=1.0), "is rigid: its damping would have no effect"),
-        (GearPair(**GEAR, ratio=2.0, rigid=True, pressure_angle_deg=90), "pressure_angle_deg 90; expected 0 up to 60"),
+        (
+            GearPair(**GEAR, ratio=2.0, rigid=True, viscous=1.0),
+            "is rigid: its damping would have no effect",
+        ),
+        (
+            GearPair(**GEAR, ratio=2.0, rigid=True, pressure_angle_deg=90),
+            "pressure_angle_deg 90; expected 0 up to 60",
+        ),
         (GearPair(**GEAR, ratio=2.0, rigid=True, housing=2), "node 2 stands twice"),
         (Worm("w", 1, 2, 0.0), "worm 'w': ratio 0; expected a number other than 0"),
         (Belt("b", 1, 2, (0.1, -0.1)), "belt 'b': radii -0.1; expected a number above 0"),
         (Motor("m", 1, 0.1, rotor="lock"), "motor 'm': rotor 'lock'; did you mean 'locked'?"),
-        (Motor("m", 1, 0.1, loss_factor=0.1), "motor 'm': a loss factor without stiffness has no effect"),
+        (
+            Motor("m", 1, 0.1, loss_factor=0.1),
+            "motor 'm': a loss factor without stiffness has no effect",
+        ),
         (Ground("g", 1), "ground 'g' has neither stiffness nor viscous damping"),
         (Brake("b", 1, closed="no"), "brake 'b': closed 'no'; expected true or false"),
         (DualDrive("d", 1, 1, 3, ratio=2.0, torsional_stiffness=1.0), "node 1 is both pinions"),
-        (Planetary(**STAGE), "planetary stage 'p': sun_mesh is missing; expected sun_mesh, ring_mesh and module"),
-        (Planetary(**{**STAGE, "teeth": (80, 20)}, rigid=True), "expected more on the ring than on the sun"),
+        (
+            Planetary(**STAGE),
+            "planetary stage 'p': sun_mesh is missing; expected sun_mesh, ring_mesh and module",
+        ),
+        (
+            Planetary(**{**STAGE, "teeth": (80, 20)}, rigid=True),
+            "expected more on the ring than on the sun",
+        ),
         (Planetary(**STAGE, rigid=True, sun_mesh=1.0), "is rigid: sun_mesh would have no effect"),
         (Planetary(**STAGE, rigid=True, planet_mass=1.0), "planet_mass asks for module"),
         (
@@ -360,7 +497,10 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
         ),
         ("shaft", "'shaft' is no part; expected one of Motor"),
         (Inertia(5, 1, 1.0), "Inertia 5: expected a text as its name"),
-        (Coupling("end 2", 1, 2, 1.0), "'end 2' names a Coupling and a Inertia; a group is of one kind"),
+        (
+            Coupling("end 2", 1, 2, 1.0),
+            "'end 2' names a Coupling and a Inertia; a group is of one kind",
+        ),
     ],
 )
 def test_bad_parts(part, message):
@@ -375,8 +515,16 @@ def test_bad_parts(part, message):
         (ends(1), {"held": 1}, "held 1; expected a list of nodes"),
         (ends(1), {"keep": ["a"]}, "keep 'a'; expected a whole number"),
         (ends(1), {"held": [1]}, "every DOF of the model is held or tied"),
-        ([GearPair(**GEAR, ratio=2.0, rigid=True)], {}, "no part has stiffness, inertia or damping"),
-        ([*ends(3), GearPair(**GEAR, ratio=2.0, rigid=True)], {}, "DOF 1:RZ has neither stiffness, mass nor damping"),
+        (
+            [GearPair(**GEAR, ratio=2.0, rigid=True)],
+            {},
+            "no part has stiffness, inertia or damping",
+        ),
+        (
+            [*ends(3), GearPair(**GEAR, ratio=2.0, rigid=True)],
+            {},
+            "DOF 1:RZ has neither stiffness, mass nor damping",
+        ),
         (
             [Shaft("s", 1, 2, 1.0, loss_factor=0.1), Shaft("s", 2, 3, 1.0)],
             {},
@@ -391,7 +539,9 @@ def test_bad_trains(parts, options, message):
 
 def test_groups_of_a_stage_do_not_run_into_another_part():
     stage = Planetary(**STAGE, sun_mesh=1e8, ring_mesh=1e8, module=0.002)
-    with pytest.raises(ModelError, match="group 'p sun mesh' belongs to 'p' and 'p sun mesh'; rename one"):
+    with pytest.raises(
+        ModelError, match="group 'p sun mesh' belongs to 'p' and 'p sun mesh'; rename one"
+    ):
         drivetrain([stage, *ends(1, 2, 3), Coupling("p sun mesh", 1, 4, 1.0)])
 
 

@@ -14,7 +14,9 @@ from updyn.model import Group, Model
 LABELS = [f"{n}:{d}" for n in (1, 2) for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
 rng = np.random.default_rng(5)
 A = rng.standard_normal((12, 12))
-STRUCTURE = Model.from_groups({"frame": Group(A @ A.T * 1e3, np.diag(rng.uniform(1, 3, 12)))}, LABELS, title="Frame")
+STRUCTURE = Model.from_groups(
+    {"frame": Group(A @ A.T * 1e3, np.diag(rng.uniform(1, 3, 12)))}, LABELS, title="Frame"
+)
 AXIS = np.array([1.0, 2.0, 2.0]) / 3.0
 DRIVE = [Motor("motor", 101, 0.02), Shaft("shaft", 101, 102, 4e3), Inertia("wheel", 102, 0.5)]
 
@@ -39,7 +41,9 @@ def test_response_is_that_of_the_two_coupled_by_their_impedances():
     """Receptance coupling at one DOF: H = H_s - H_sc H_cs / (H_cc + H_dd)."""
     drive = drivetrain(DRIVE)
     freq = np.array([3.0, 11.0, 40.0])
-    whole = updyn.response(mounted(drive, STRUCTURE, {102: (2, AXIS)}), freq, ["1:X"], ["1:X"]).values[:, 0, 0]
+    whole = updyn.response(
+        mounted(drive, STRUCTURE, {102: (2, AXIS)}), freq, ["1:X"], ["1:X"]
+    ).values[:, 0, 0]
     names = ["1:X", "2:RX", "2:RY", "2:RZ"]
     H = updyn.response(STRUCTURE, freq, names, names).values
     turn = np.array([[1, 0, 0, 0], [0, *AXIS]])
@@ -68,7 +72,10 @@ def test_housing_and_load_on_one_structure_leave_its_rigid_rotation_free():
 
 
 def test_an_axis_turned_round_turns_the_sense():
-    one, other = (mounted(drivetrain(DRIVE), STRUCTURE, {102: (2, axis)}).stiffness.toarray() for axis in (AXIS, -AXIS))
+    one, other = (
+        mounted(drivetrain(DRIVE), STRUCTURE, {102: (2, axis)}).stiffness.toarray()
+        for axis in (AXIS, -AXIS)
+    )
     assert_allclose(other[:12, 12], -one[:12, 12])
     assert_allclose(other[:12, :12], one[:12, :12])
 
@@ -77,10 +84,20 @@ def test_an_axis_turned_round_turns_the_sense():
     ("drive", "at", "error", "message"),
     [
         (DRIVE, {}, ModelError, "expected {node of the train: (node of the structure, axis)}"),
-        (DRIVE, {103: (2, AXIS)}, ModelError, "the train has no DOF 103:RZ (held, or it follows another"),
+        (
+            DRIVE,
+            {103: (2, AXIS)},
+            ModelError,
+            "the train has no DOF 103:RZ (held, or it follows another",
+        ),
         (DRIVE, {"102": (2, AXIS)}, ModelError, "mounted: node '102'; expected a whole number"),
         (DRIVE, {102: 2}, ModelError, "node 102: 2; expected (node of the structure, axis)"),
-        (DRIVE, {102: (2, (0, 0, 0))}, ModelError, "expected three finite numbers that are not all 0"),
+        (
+            DRIVE,
+            {102: (2, (0, 0, 0))},
+            ModelError,
+            "expected three finite numbers that are not all 0",
+        ),
         (DRIVE, {102: (9, AXIS)}, DofError, "9:RX"),
         (
             [Shaft("shaft", 1, 102, 5.0), Inertia("wheel", 102, 0.5), Inertia("hub", 1, 0.1)],

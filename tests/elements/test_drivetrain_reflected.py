@@ -49,7 +49,12 @@ def test_a_row_of_parts_by_the_textbook_formula():
     assert {k: table.ratios[k] for k in n} == pytest.approx(n, rel=1e-12)
     base = 0.01 * np.cos(np.radians(20))  # of the pinion
     mid = 80e9 * np.pi * 0.03**4 / 32 / 0.4
-    k = {"motor shaft": 900 * 200**2, "pinion": 2e8 * (base * 200) ** 2, "mid": mid * 40**2, "worm": 5e6}
+    k = {
+        "motor shaft": 900 * 200**2,
+        "pinion": 2e8 * (base * 200) ** 2,
+        "mid": mid * 40**2,
+        "worm": 5e6,
+    }
     assert values(table) == pytest.approx(k, rel=1e-9)
     total = 1 / sum(1 / v for v in k.values())
     assert_allclose(table.stiffness, total, rtol=1e-9)
@@ -89,12 +94,26 @@ def test_a_free_train_names_no_share():
 
 @pytest.mark.parametrize("ring", [Ground("ring", 3, 1e6), Brake("ring", 3), Brake("ring", 3, 1e6)])
 def test_through_a_planetary_stage(ring):
-    stage = Planetary("stage", 2, 3, 4, (24, 96), module=0.002, sun_mesh=3e8, ring_mesh=5e8, planet_inertia=1e-4)
-    parts = [Motor("m", 1, 1e-3), Shaft("in", 1, 2, 1e4), stage, ring, Shaft("out", 4, 5, 1e6), Inertia("load", 5, 3.0)]
+    stage = Planetary(
+        "stage", 2, 3, 4, (24, 96), module=0.002, sun_mesh=3e8, ring_mesh=5e8, planet_inertia=1e-4
+    )
+    parts = [
+        Motor("m", 1, 1e-3),
+        Shaft("in", 1, 2, 1e4),
+        stage,
+        ring,
+        Shaft("out", 4, 5, 1e6),
+        Inertia("load", 5, 3.0),
+    ]
     table = reflected(parts, 5, held=[1])
     assert_allclose(table.ratios[1], 5.0, rtol=1e-9)
     lever = 0.001 * (24 + 96) * np.cos(np.radians(20))
-    k = {"in": 25e4, "stage sun mesh": 9e8 * lever**2, "stage ring mesh": 15e8 * lever**2, "out": 1e6}
+    k = {
+        "in": 25e4,
+        "stage sun mesh": 9e8 * lever**2,
+        "stage ring mesh": 15e8 * lever**2,
+        "out": 1e6,
+    }
     if getattr(ring, "stiffness", None):
         k["ring"] = 1e6 * 1.25**2
     assert values(table) == pytest.approx(k, rel=1e-8)
@@ -157,7 +176,9 @@ def test_a_mesh_on_a_housing_counts_as_one_on_the_ground():
     assert carried.stiffness == pytest.approx(plain.stiffness, rel=1e-9)
     assert values(carried) == pytest.approx(values(plain), rel=1e-9)
     assert carried.ratios[1] == pytest.approx(-6.0)
-    free = reflected([*train(9), Inertia("house", 9, 40.0)], 3)  # ratios are those against the housing
+    free = reflected(
+        [*train(9), Inertia("house", 9, 40.0)], 3
+    )  # ratios are those against the housing
     assert free.stiffness is None
     assert free.ratios[1] == pytest.approx(-6.0)
     assert free.ratios[9] == 0.0
@@ -170,7 +191,9 @@ def test_the_table():
     lines = text.splitlines()
     assert lines[0].split() == ["part", "nodes", "own", "unit", "ratio", "at", "node", "5", "share"]
     assert len({line.index("N m/rad") for line in lines if "N m/rad" in line}) == 1
-    assert re.search(r"^motor shaft +1-2 +900 +N m/rad +200 +3\.6e\+07 +10\.3 %$", text, re.MULTILINE)
+    assert re.search(
+        r"^motor shaft +1-2 +900 +N m/rad +200 +3\.6e\+07 +10\.3 %$", text, re.MULTILINE
+    )
     assert re.search(r"^total stiffness +N m/rad +3\.7245e\+06$", text, re.MULTILINE)
 
 
@@ -182,7 +205,10 @@ def test_the_table():
         (TRAIN, 1, (1,), "node 1 is held; reflect to one that can turn"),
         ([*TRAIN, Inertia("apart", 20, 1.0)], 5, (), "has 2 independent motions"),
         (
-            [Planetary("p", 1, 2, 3, (20, 80), rigid=True), *(Inertia(f"i{n}", n, 1.0) for n in (1, 2, 3))],
+            [
+                Planetary("p", 1, 2, 3, (20, 80), rigid=True),
+                *(Inertia(f"i{n}", n, 1.0) for n in (1, 2, 3)),
+            ],
             1,
             (),
             "hold the fixed member of each planetary stage",

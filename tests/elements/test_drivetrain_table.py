@@ -128,7 +128,17 @@ def test_every_kind_of_part():
             Motor("motor", 1, 0.01, viscous=0.2),
             Brake("brake", 1, closed=False, inertia=0.002),
             Inertia("load", 9, rho=7850, outer_diameter=0.4, length=0.03),
-            Shaft("shaft", 1, 2, G=80e9, outer_diameter=0.03, length=0.5, rho=7850, n_elements=3, loss_factor=0.01),
+            Shaft(
+                "shaft",
+                1,
+                2,
+                G=80e9,
+                outer_diameter=0.03,
+                length=0.5,
+                rho=7850,
+                n_elements=3,
+                loss_factor=0.01,
+            ),
             Coupling("coupling", 6, 7, 4e4),
             GearPair("pinion", 2, 3, teeth=(20, 60), rigid=True, inertia_b=0.02),
             Planetary(
@@ -172,15 +182,24 @@ def test_every_kind_of_part():
     [
         ({"kind": "beam"}, "model: kind 'beam'; expected 'drivetrain'"),
         ({"shaft": []}, "model: no key 'shaft'; did you mean 'shafts'?"),
-        ({"shafts": {"name": "s"}}, "model: shafts holds dict; expected an array of tables, [[model.shafts]]"),
+        (
+            {"shafts": {"name": "s"}},
+            "model: shafts holds dict; expected an array of tables, [[model.shafts]]",
+        ),
         ({"shafts": [3]}, "model.shafts, number 1: expected a table, found 3"),
         ({"shafts": [{"name": "s", "a": 1}]}, "model.shafts, number 1: 'b' is missing"),
         (
             {"shafts": [{"name": "s", "a": 1, "b": 2, "stifness": 3.0}]},
             "model.shafts, number 1: no key 'stifness'; did you mean 'stiffness'?",
         ),
-        ({"shafts": [{"name": "s", "a": 1, "b": 2, "stiffness": "3"}]}, "shaft 's': stiffness '3'; expected a finite"),
-        ({"gear_pairs": [{"name": "g", "a": 1, "b": 2, "teeth": 3, "rigid": True}]}, "teeth 3; expected two numbers"),
+        (
+            {"shafts": [{"name": "s", "a": 1, "b": 2, "stiffness": "3"}]},
+            "shaft 's': stiffness '3'; expected a finite",
+        ),
+        (
+            {"gear_pairs": [{"name": "g", "a": 1, "b": 2, "teeth": 3, "rigid": True}]},
+            "teeth 3; expected two numbers",
+        ),
         ({}, "a drive train has no parts; expected [[model.shafts]] or others of motors"),
     ],
 )

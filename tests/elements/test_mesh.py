@@ -19,7 +19,8 @@ from updyn.errors import FormatError, ModelError, UpdynError
 
 STEEL = {"E": 2.1e11, "rho": 7850.0, "nu": 0.3}
 
-#: A plate of two quads and two triangles on two legs, in mm, written by hand; node 9 belongs to nothing.
+#: A plate of two quads and two triangles on two legs, in mm, written by hand; node 9 belongs to
+#: nothing.
 MSH = """$MeshFormat
 4.1 0 8
 $EndMeshFormat
@@ -78,7 +79,9 @@ $EndElements
 """
 
 #: The same with triangles of six nodes.
-CURVED = MSH.replace("2 1 2 2\n", "2 1 9 2\n").replace("12 13 16\n7 12 16 15", "11 12 13 14 15 16\n7 12 16 15 20 21 40")
+CURVED = MSH.replace("2 1 2 2\n", "2 1 9 2\n").replace(
+    "12 13 16\n7 12 16 15", "11 12 13 14 15 16\n7 12 16 15 20 21 40"
+)
 
 INP = """*HEADING
 two bricks
@@ -117,9 +120,20 @@ PLATE = {"thickness": 0.01, **STEEL}
 def test_a_mesh_of_gmsh_becomes_parts_with_its_own_node_numbers(tmp_path):
     path = written(tmp_path, MSH)
     model = structure_from_mesh(
-        path, {"legs": LEGS, "top": PLATE, "tip": {"mass": 3.0}}, unit="mm", grounded=["foot"], title="table"
+        path,
+        {"legs": LEGS, "top": PLATE, "tip": {"mass": 3.0}},
+        unit="mm",
+        grounded=["foot"],
+        title="table",
     )
-    nodes = {11: [0, 0, 0.5], 12: [0.5, 0, 0.5], 13: [1, 0, 0.5], 14: [0, 1, 0.5], 15: [0.5, 1, 0.5], 16: [1, 1, 0.5]}
+    nodes = {
+        11: [0, 0, 0.5],
+        12: [0.5, 0, 0.5],
+        13: [1, 0, 0.5],
+        14: [0, 1, 0.5],
+        15: [0.5, 1, 0.5],
+        16: [1, 1, 0.5],
+    }
     nodes |= {40: [7e-3] * 3, 20: [0, 0, 0], 21: [1.0, 0, 0]}
     from updyn.elements.structure import Beam
 
@@ -137,7 +151,10 @@ def test_a_mesh_of_gmsh_becomes_parts_with_its_own_node_numbers(tmp_path):
     assert set(model.groups) == set(same.groups)
     for name, group in same.groups.items():
         if group.stiffness is not None:
-            assert abs(group.stiffness - model.group(name).stiffness).max() < 1e-9 * abs(group.stiffness).max()
+            assert (
+                abs(group.stiffness - model.group(name).stiffness).max()
+                < 1e-9 * abs(group.stiffness).max()
+            )
         assert abs(group.mass - model.group(name).mass).max() < 1e-12
     assert model.title == "table"
 
@@ -157,14 +174,18 @@ def test_what_is_in_a_mesh_can_be_looked_at(tmp_path):
 
 def test_an_abaqus_deck_keeps_its_numbers_and_sets(tmp_path):
     path = written(tmp_path, INP, "deck.inp")
-    model = structure_from_mesh(path, {"lower": STEEL, "upper": STEEL | {"loss_factor": 0.02}}, unit="m")
+    model = structure_from_mesh(
+        path, {"lower": STEEL, "upper": STEEL | {"loss_factor": 0.02}}, unit="m"
+    )
     assert list(model.groups) == ["lower", "upper"]
     assert model.group("upper").loss_factor == 0.02
     assert rigid_inertia(model)[0, 0] == pytest.approx(2 * 7850)
     assert set(model.dofs.nodes.tolist()) == {*range(101, 109), *range(205, 209)}
     upper = abs(model.group("upper").stiffness).sum(axis=0) > 0
     assert set(model.dofs.nodes[upper].tolist()) == {*range(105, 109), *range(205, 209)}
-    held = structure_from_mesh(path, {"lower": STEEL, "upper": STEEL}, unit="m", grounded=["base", "205:X"])
+    held = structure_from_mesh(
+        path, {"lower": STEEL, "upper": STEEL}, unit="m", grounded=["base", "205:X"]
+    )
     assert held.n_dofs == 3 * 8 - 1
 
 
@@ -175,24 +196,38 @@ def test_solids_of_every_kind_come_through_files(tmp_path, nodes, name):
     xyz, elements = block((2, 1, 1), (1.0, 0.3, 0.2), nodes)
     kind = {4: "tetra", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}[nodes]
     n = len(elements)
-    tagged = {"gmsh:physical": [np.full(n, 1)], "gmsh:geometrical": [np.full(n, 1)]} if name.endswith("msh") else {}
+    tagged = (
+        {"gmsh:physical": [np.full(n, 1)], "gmsh:geometrical": [np.full(n, 1)]}
+        if name.endswith("msh")
+        else {}
+    )
     field = {"block": np.array([1, 3])} if name.endswith("msh") else {}
     entity = {"gmsh:dim_tags": np.tile([3, 1], (len(xyz), 1))} if name == "mesh.msh" else {}
-    mesh = meshio.Mesh(xyz * 1e3, [(kind, elements - 1)], point_data=entity, cell_data=tagged, field_data=field)
+    mesh = meshio.Mesh(
+        xyz * 1e3, [(kind, elements - 1)], point_data=entity, cell_data=tagged, field_data=field
+    )
     path = tmp_path / name
-    kw = {"file_format": "gmsh22" if "22" in name else "gmsh", "binary": False} if name.endswith("msh") else {}
+    kw = (
+        {"file_format": "gmsh22" if "22" in name else "gmsh", "binary": False}
+        if name.endswith("msh")
+        else {}
+    )
     if name == "mesh.xdmf":
         kw = {"data_format": "XML"}
     mesh.write(path, **kw)
     group = "block" if name.endswith("msh") else "all"
     model = structure_from_mesh(path, {group: STEEL}, unit="mm")
     same = structure(xyz, [Solid("all", elements, **STEEL)])
-    np.testing.assert_allclose(updyn.modes(model, 9).frequency[6:], updyn.modes(same, 9).frequency[6:], rtol=1e-6)
+    np.testing.assert_allclose(
+        updyn.modes(model, 9).frequency[6:], updyn.modes(same, 9).frequency[6:], rtol=1e-6
+    )
 
 
 def build(folder, text=MSH, name="mesh.msh", materials=None, **kw):
     given = {"legs": LEGS, "top": PLATE, "tip": {"mass": 3.0}} if materials is None else materials
-    return structure_from_mesh(written(folder, text, name), given, **{"unit": "mm", "grounded": ["foot"]} | kw)
+    return structure_from_mesh(
+        written(folder, text, name), given, **{"unit": "mm", "grounded": ["foot"]} | kw
+    )
 
 
 @pytest.mark.parametrize(
@@ -233,9 +268,19 @@ def test_what_cannot_be_built_is_named(tmp_path, given, said, capfd):
     ("old", "new", "line", "said"),
     [
         (", ELSET=upper", "", 18, "*ELEMENT without ELSET beside others with one"),
-        ("ELSET=upper", "ELSET=lower", 18, "*ELEMENT with ELSET=lower, as on line 16, which would be lost"),
+        (
+            "ELSET=upper",
+            "ELSET=lower",
+            18,
+            "*ELEMENT with ELSET=lower, as on line 16, which would be lost",
+        ),
         (" 205, 0.", "*NODE\n 205, 0.", 12, "a second *NODE block"),
-        ("*HEADING\ntwo bricks", "*INCLUDE, INPUT=other.inp", 1, "*INCLUDE: only flat decks are read"),
+        (
+            "*HEADING\ntwo bricks",
+            "*INCLUDE, INPUT=other.inp",
+            1,
+            "*INCLUDE: only flat decks are read",
+        ),
         (" 101, 0., 0.", " abc, 0., 0.", 4, "expected a node number first"),
         ("C3D8, ELSET=upper", "C3D8X, ELSET=upper", None, "not a mesh that can be read"),
     ],
@@ -251,12 +296,16 @@ def test_a_cell_in_two_groups_is_an_error(tmp_path):
     path = written(tmp_path, INP + "*ELSET, ELSET=both\n 1, 2\n", "deck.inp")
     with pytest.raises(FormatError, match="stands twice: in group 'lower' and in 'both'"):
         structure_from_mesh(path, {"lower": STEEL, "upper": STEEL, "both": STEEL}, unit="m")
-    model = structure_from_mesh(path, {"lower": STEEL, "upper": STEEL}, unit="m", leave_out=["both"])
+    model = structure_from_mesh(
+        path, {"lower": STEEL, "upper": STEEL}, unit="m", leave_out=["both"]
+    )
     assert list(model.groups) == ["lower", "upper"]
 
 
 def test_cells_in_no_group_are_an_error_unless_said(tmp_path):
-    text = INP.replace(", ELSET=lower", "").replace(", ELSET=upper", "") + "*ELSET, ELSET=lower\n 1\n"
+    text = (
+        INP.replace(", ELSET=lower", "").replace(", ELSET=upper", "") + "*ELSET, ELSET=lower\n 1\n"
+    )
     path = written(tmp_path, text, "deck.inp")
     with pytest.raises(FormatError, match="cells in no group: 1 hexahedron"):
         structure_from_mesh(path, {"lower": STEEL}, unit="m")
@@ -282,4 +331,6 @@ def test_a_mesh_that_gmsh_wrote():
     xyz, elements = block((4, 1, 2), (1.0, 0.1, 0.08), 20)
     held = (np.flatnonzero(xyz[:, 0] == 0) + 1).tolist()
     same = structure(xyz, [Solid("all", elements, **STEEL)], grounded=held)
-    np.testing.assert_allclose(updyn.modes(model, 6).frequency, updyn.modes(same, 6).frequency, rtol=1e-7)
+    np.testing.assert_allclose(
+        updyn.modes(model, 6).frequency, updyn.modes(same, 6).frequency, rtol=1e-7
+    )

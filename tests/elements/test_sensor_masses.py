@@ -47,7 +47,11 @@ def test_a_mass_acts_in_all_translations_of_its_node():
         ({}, ModelError, "sensor masses: expected a mapping"),
         ({"1:X": 0.0}, ModelError, "mass of sensor 1:X: 0.0; expected a number above 0"),
         ({"1:X": "heavy"}, ModelError, "mass of sensor 1:X: 'heavy'; expected a number above 0"),
-        ({"1:X": 0.1, 1: 0.1}, ModelError, r"sensor 1: there is a group 'sensor 1' already \(two sensors on one node"),
+        (
+            {"1:X": 0.1, 1: 0.1},
+            ModelError,
+            r"sensor 1: there is a group 'sensor 1' already \(two sensors on one node",
+        ),
         ({"7:X": 0.1}, DofError, "sensor at node 7: the model has no such node; .*5"),
         ({1.5: 0.1}, DofError, "sensor 1.5: expected a label such as '12:Z', or a node"),
         ({"1X": 0.1}, DofError, "1X"),
@@ -63,7 +67,9 @@ def test_what_cannot_be_loaded_or_named_is_refused(make_chain):
     with pytest.raises(ModelError, match="sensor at node 1: the model has no translation there"):
         updyn.sensor_masses(turning, {1: 0.1})
     loaded, _ = updyn.sensor_masses(make_chain(5), {1: 0.1})
-    with pytest.raises(ModelError, match=r"sensor 1: there is a group 'sensor 1' already \(rename it\)"):
+    with pytest.raises(
+        ModelError, match=r"sensor 1: there is a group 'sensor 1' already \(rename it\)"
+    ):
         updyn.sensor_masses(loaded, {1: 0.1})
     with pytest.raises(ParameterError, match="prior_std"):
         updyn.sensor_masses(make_chain(5), {1: 0.1}, prior_std=-1.0)

@@ -30,14 +30,33 @@ from updyn.errors import DofError, ModelError, UpdynError
 
 E, RHO = 2.1e11, 7850.0
 TALL = rectangle(0.1, 0.04)
-NODES = {10: [0, 0, 0], 11: [1.0, 0.2, 0.1], 12: [1.5, 1.2, 0.3], 13: [1.7, 1.0, 1.4], 14: [0.1, 1.0, 2.0]}
+NODES = {
+    10: [0, 0, 0],
+    11: [1.0, 0.2, 0.1],
+    12: [1.5, 1.2, 0.3],
+    13: [1.7, 1.0, 1.4],
+    14: [0.1, 1.0, 2.0],
+}
 PARTS = [
     Beam("legs", [[10, 11], [11, 12]], E, RHO, TALL, orientation=[0, 0, 1.0], loss_factor=0.01),
     Beam("mast", [[12, 13]], E, RHO, tube(0.08, 0.07)),
     Truss("stay", [[11, 13], [13, 14], [14, 11], [14, 12]], E, RHO, 2e-4),
-    Spring("joint", 10, 14, (1e5, 2e5, 3e5, 4e3, 5e3, 6e3), axes=[[1, 1, 0], [0, 1, 1]], viscous=(1, 2, 3, 4, 5, 6)),
+    Spring(
+        "joint",
+        10,
+        14,
+        (1e5, 2e5, 3e5, 4e3, 5e3, 6e3),
+        axes=[[1, 1, 0], [0, 1, 1]],
+        viscous=(1, 2, 3, 4, 5, 6),
+    ),
     Spring("strut", 11, 12, (1e6, 0, 0, 1e3, 0, 0), axes="line"),
-    PointMass("motor", 13, 40.0, inertia=[[2.0, 0.1, 0], [0.1, 1.5, -0.2], [0, -0.2, 1.0]], offset=[0.1, -0.2, 0.3]),
+    PointMass(
+        "motor",
+        13,
+        40.0,
+        inertia=[[2.0, 0.1, 0], [0.1, 1.5, -0.2], [0, -0.2, 1.0]],
+        offset=[0.1, -0.2, 0.3],
+    ),
 ]
 
 
@@ -49,7 +68,9 @@ def test_a_free_structure_has_exactly_six_motions_without_energy():
     values = np.linalg.eigvalsh(K / np.outer(scale, scale))
     assert (values < 1e-10).sum() == 6
     C = model.viscous.toarray()
-    assert np.linalg.matrix_rank(C, tol=1e-9) == 6  # one damper of six directions, none of them rigid
+    assert (
+        np.linalg.matrix_rank(C, tol=1e-9) == 6
+    )  # one damper of six directions, none of them rigid
 
 
 def test_mass_centre_and_inertia_are_those_of_the_body():
@@ -80,7 +101,13 @@ def test_mass_centre_and_inertia_are_those_of_the_body():
                 y = np.cross(z, x)
                 s = part.section
                 about += (
-                    RHO * length * (s.Izz * np.outer(z, z) + s.Iyy * np.outer(y, y) + (s.Iyy + s.Izz) * np.outer(x, x))
+                    RHO
+                    * length
+                    * (
+                        s.Izz * np.outer(z, z)
+                        + s.Iyy * np.outer(y, y)
+                        + (s.Iyy + s.Izz) * np.outer(x, x)
+                    )
                 )
             add(m, (a + b) / 2, about)
             mass, first = mass + m, first + m * (a + b) / 2
@@ -95,7 +122,9 @@ def test_a_turned_structure_has_the_same_frequencies(seed):
     Q = rotation(seed)
     nodes = {k: Q @ np.array(x, dtype=float) for k, x in NODES.items()}
     before = updyn.modes(structure(NODES, PARTS, grounded=[10]), 12).frequency
-    after = updyn.modes(structure(nodes, [turned(p, Q) for p in PARTS], grounded=[10]), 12).frequency
+    after = updyn.modes(
+        structure(nodes, [turned(p, Q) for p in PARTS], grounded=[10]), 12
+    ).frequency
     np.testing.assert_allclose(after, before, rtol=1e-9)
 
 
@@ -105,11 +134,20 @@ def test_parts_of_one_name_are_one_group_and_sum_up():
     both = structure(NODES, two)
     assert list(both.groups) == ["a"]
     assert abs(one.stiffness - both.stiffness).max() == 0.0
-    assert list(structure(NODES, PARTS).groups) == ["legs", "mast", "stay", "joint", "strut", "motor"]
+    assert list(structure(NODES, PARTS).groups) == [
+        "legs",
+        "mast",
+        "stay",
+        "joint",
+        "strut",
+        "motor",
+    ]
 
 
 def test_a_part_may_be_without_mass():
-    model = structure(NODES, [Beam("b", [[10, 11]], E, 0.0, tube(0.1)), PointMass("m", 11, 2.0)], grounded=[10])
+    model = structure(
+        NODES, [Beam("b", [[10, 11]], E, 0.0, tube(0.1)), PointMass("m", 11, 2.0)], grounded=[10]
+    )
     assert model.group("b").mass is None
     assert rigid_inertia(model)[0, 0] == pytest.approx(2.0)
 
@@ -130,19 +168,27 @@ def test_dofs_that_nothing_touches_are_left_out():
 def test_a_spring_between_nodes_apart_acts_half_way():
     """Across a gap d a shear spring k turns its ends: moments k d / 2 each."""
     nodes = [[0, 0, 0], [2.0, 0, 0]]
-    model = structure(nodes, [Spring("s", 1, 2, (0, 10.0, 0, 0, 0, 0)), PointMass("m", 2, 1.0, (1.0, 1.0, 1.0))])
+    model = structure(
+        nodes, [Spring("s", 1, 2, (0, 10.0, 0, 0, 0, 0)), PointMass("m", 2, 1.0, (1.0, 1.0, 1.0))]
+    )
     K = model.stiffness.toarray()
     at = model.dofs.match(["1:Y", "1:RZ", "2:Y", "2:RZ"]).index
-    v = np.array([-1.0, -1.0, 1.0, -1.0])  # slip at the middle from Y and RZ of both ends, arms of 1 m
+    v = np.array(
+        [-1.0, -1.0, 1.0, -1.0]
+    )  # slip at the middle from Y and RZ of both ends, arms of 1 m
     np.testing.assert_allclose(K[np.ix_(at, at)], 10.0 * np.outer(v, v), atol=1e-12)
 
 
 def test_a_line_spring_pulls_along_the_line_only():
     nodes = [[0, 0, 0], [3.0, 0, 4.0]]
-    model = structure(nodes, [Spring("s", 1, 2, (10.0, 0, 0, 0, 0, 0), axes="line"), PointMass("m", 2, 1.0)])
+    model = structure(
+        nodes, [Spring("s", 1, 2, (10.0, 0, 0, 0, 0, 0), axes="line"), PointMass("m", 2, 1.0)]
+    )
     at = model.dofs.match(["2:X", "2:Y", "2:Z"]).index
     x = np.array([0.6, 0, 0.8])
-    np.testing.assert_allclose(model.stiffness.toarray()[np.ix_(at, at)], 10.0 * np.outer(x, x), atol=1e-12)
+    np.testing.assert_allclose(
+        model.stiffness.toarray()[np.ix_(at, at)], 10.0 * np.outer(x, x), atol=1e-12
+    )
     assert not any(":R" in label for label in model.dofs.labels)
 
 
@@ -152,7 +198,12 @@ def test_an_offset_mass_is_a_mass_at_the_end_of_a_rigid_link():
     inertia = (0.4, 0.5, 0.6)
     direct = structure(NODES, [beams, PointMass("m", 12, 20.0, inertia, offset)], grounded=[10])
     nodes = NODES | {99: np.array(NODES[12]) + offset}
-    linked = structure(nodes, [beams, PointMass("m", 99, 20.0, inertia)], links=[RigidLink(12, [99])], grounded=[10])
+    linked = structure(
+        nodes,
+        [beams, PointMass("m", 99, 20.0, inertia)],
+        links=[RigidLink(12, [99])],
+        grounded=[10],
+    )
     assert linked.dofs.labels == direct.dofs.labels
     assert abs(linked.mass - direct.mass).max() < 1e-12 * abs(direct.mass).max()
     # Parallel axes, by hand: about X, Ixx + m (dy^2 + dz^2).
@@ -163,16 +214,29 @@ def test_an_offset_mass_is_a_mass_at_the_end_of_a_rigid_link():
 
 
 def test_a_rigid_link_carries_nodes_of_trusses_by_their_three_dofs():
-    nodes = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, 1.0], [1.2, 0.2, 1.0], [0.2, 1.2, 1.0], [0.5, 0.5, 1.5]]
+    nodes = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [0, 1, 0],
+        [0.2, 0.2, 1.0],
+        [1.2, 0.2, 1.0],
+        [0.2, 1.2, 1.0],
+        [0.5, 0.5, 1.5],
+    ]
     bars = Truss("bars", [[1, 4], [2, 5], [3, 6], [1, 5], [2, 6], [3, 4]], E, RHO, 1e-4)
     model = structure(nodes, [bars], links=[RigidLink(7, [4, 5, 6])], grounded=[1, 2, 3])
     assert model.dofs.labels == [f"7:{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
     assert np.linalg.eigvalsh(model.stiffness.toarray())[0] > 0
     chained = structure(
-        [*nodes, [0, 0, 3.0]], [bars], links=[RigidLink(8, [7]), RigidLink(7, [4, 5, 6])], grounded=[1, 2, 3]
+        [*nodes, [0, 0, 3.0]],
+        [bars],
+        links=[RigidLink(8, [7]), RigidLink(7, [4, 5, 6])],
+        grounded=[1, 2, 3],
     )
     assert chained.dofs.labels == [f"8:{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
-    np.testing.assert_allclose(updyn.modes(chained, 6).frequency, updyn.modes(model, 6).frequency, rtol=1e-8)
+    np.testing.assert_allclose(
+        updyn.modes(chained, 6).frequency, updyn.modes(model, 6).frequency, rtol=1e-8
+    )
 
 
 def test_a_link_may_carry_some_directions_only():
@@ -184,10 +248,15 @@ def test_a_link_may_carry_some_directions_only():
 
 
 def test_an_equation_ties_dofs():
-    two = [Spring("a", 10, stiffness=(3.0, 0, 0, 0, 0, 0)), Spring("b", 11, stiffness=(5.0, 0, 0, 0, 0, 0))]
+    two = [
+        Spring("a", 10, stiffness=(3.0, 0, 0, 0, 0, 0)),
+        Spring("b", 11, stiffness=(5.0, 0, 0, 0, 0, 0)),
+    ]
     model = structure(NODES, two, equations=[Equation("11:X", {"10:X": 2.0})])
     assert model.stiffness.toarray().tolist() == [[3.0 + 4 * 5.0]]
-    mean = structure(NODES, two, equations=[Equation("11:X", {"13:X": 1.0}), Equation("10:X", {"13:X": 1.0})])
+    mean = structure(
+        NODES, two, equations=[Equation("11:X", {"13:X": 1.0}), Equation("10:X", {"13:X": 1.0})]
+    )
     assert mean.dofs.labels == ["13:X"]
     assert mean.stiffness.toarray().tolist() == [[8.0]]
 
@@ -198,13 +267,24 @@ def test_grounds_hold_a_node_or_a_dof():
     assert both.dofs.labels[0] == "11:X"
     assert both.n_dofs == 6
     assert structure(NODES, [beams], grounded=[10]).dofs.labels[0] == "11:X"
-    assert structure(NODES, [beams], grounded=["10:X", "10:RZ"]).dofs.labels[:4] == ["10:Y", "10:Z", "10:RX", "10:RY"]
+    assert structure(NODES, [beams], grounded=["10:X", "10:RZ"]).dofs.labels[:4] == [
+        "10:Y",
+        "10:Z",
+        "10:RX",
+        "10:RY",
+    ]
     assert deflection(structure(NODES, [beams], grounded=[10]), {"11:X": 1.0})["11:X"] > 0
 
 
 # -- what is refused ---------------------------------------------------------------------------------------
 def beam(**changes):
-    given = {"name": "b", "connectivity": [[10, 11]], "E": E, "rho": RHO, "section": tube(0.1)} | changes
+    given = {
+        "name": "b",
+        "connectivity": [[10, 11]],
+        "E": E,
+        "rho": RHO,
+        "section": tube(0.1),
+    } | changes
     return lambda: structure(NODES, [Beam(**given)])
 
 
@@ -215,9 +295,15 @@ def free(*parts, **kw):
 @pytest.mark.parametrize(
     ("build", "said"),
     [
-        (beam(connectivity=[[10, 15]]), "beam 'b': node 15 is not among the 5 nodes; nearest: 14, 13, 12"),
+        (
+            beam(connectivity=[[10, 15]]),
+            "beam 'b': node 15 is not among the 5 nodes; nearest: 14, 13, 12",
+        ),
         (beam(connectivity=[[10, 10]]), "beam 'b': element 1 names a node twice: [10, 10]"),
-        (beam(connectivity=[[10, 11, 12]]), "beam 'b': connectivity of shape (1, 3); expected (m, 2) node numbers"),
+        (
+            beam(connectivity=[[10, 11, 12]]),
+            "beam 'b': connectivity of shape (1, 3); expected (m, 2) node numbers",
+        ),
         (beam(connectivity=[[10, 11.5]]), "beam 'b': connectivity: expected whole numbers"),
         (beam(E=0), "beam 'b': E 0; expected a number above 0"),
         (beam(rho=float("nan")), "beam 'b': rho nan; expected a finite number"),
@@ -229,12 +315,21 @@ def free(*parts, **kw):
         (beam(orientation=[0, 0]), "beam 'b': orientation [0, 0]; expected three numbers"),
         (
             beam(connectivity=[[10, 11]], orientation=[1.0, 0.2, 0.1]),
-            "beam 'b': the orientation [1.0, 0.2, 0.1] is parallel to the element of nodes [10, 11]",
+            (
+                "beam 'b': the orientation [1.0, 0.2, 0.1] is parallel to the element of nodes"
+                " [10, 11]"
+            ),
         ),
         (lambda: Section(1.0, 1.0, 1.0, 0.0), "section: J 0.0; expected a number above 0"),
-        (lambda: tube(0.1, 0.2), "tube: inner diameter 0.2; expected at least 0 and below the outer one"),
+        (
+            lambda: tube(0.1, 0.2),
+            "tube: inner diameter 0.2; expected at least 0 and below the outer one",
+        ),
         (lambda: rectangle(0.1, 0.1, nu=0.7), "rectangle: nu 0.7"),
-        (lambda: structure({1: [0, 0, 0], 2: [0, 0, 0]}, [Truss("t", [[1, 2]], E, RHO, 1.0)]), "has no length"),
+        (
+            lambda: structure({1: [0, 0, 0], 2: [0, 0, 0]}, [Truss("t", [[1, 2]], E, RHO, 1.0)]),
+            "has no length",
+        ),
         (lambda: structure([[0, 0]], PARTS), "positions of shape (1, 2)"),
         (lambda: structure(NODES, []), "there are no parts"),
         (lambda: structure({}, PARTS), "there are no nodes"),
@@ -246,26 +341,41 @@ def free(*parts, **kw):
         (lambda: Spring("s", 1), "spring 's' has neither stiffness nor viscous damping"),
         (lambda: Spring("s", 1, 1, (1,) * 6), "spring 's': both ends are node 1"),
         (lambda: Spring("s", 1, 2, (1,) * 6, axes="line"), "axes 'line' leaves y and z open"),
-        (lambda: Spring("s", 1, None, (1, 0, 0, 0, 0, 0), axes="line"), "axes 'line' needs a second node"),
+        (
+            lambda: Spring("s", 1, None, (1, 0, 0, 0, 0, 0), axes="line"),
+            "axes 'line' needs a second node",
+        ),
         (lambda: Spring("s", 1, 2, (1,) * 6, axes="lines"), "axes 'lines'; expected 'line'"),
         (lambda: Spring("s", 1, 2, (1,) * 6, axes=[[1, 0, 0], [2, 0, 0]]), "are parallel or 0"),
         (lambda: Spring("s", 1, 2, (1, 2, 3)), "stiffness (1, 2, 3); expected six numbers"),
         (lambda: Spring("s", 1.5), "spring 's': first 1.5; expected a node number"),
         (lambda: PointMass("m", 1, -1.0), "mass 'm': mass -1.0"),
         (lambda: PointMass("m", 1, 0.0), "mass 'm' has neither mass nor inertia"),
-        (lambda: PointMass("m", 1, 1.0, [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "or a symmetric (3, 3) tensor"),
+        (
+            lambda: PointMass("m", 1, 1.0, [[1, 2, 0], [0, 1, 0], [0, 0, 1]]),
+            "or a symmetric (3, 3) tensor",
+        ),
         (lambda: PointMass("m", 1, 1.0, (1.0, -1.0, 1.0)), "is negative about some axis"),
         (lambda: RigidLink(1, [2], ["Q"]), "rigid link of node 1: direction 'Q'"),
         (lambda: RigidLink(1, []), "expected at least one node number"),
         (free(links=[RigidLink(10, [12])]), "rigid link of node 10: nothing touches node 12"),
-        (free(links=[RigidLink(77, [11])]), "rigid link of node 77: node 77 is not among the 5 nodes"),
+        (
+            free(links=[RigidLink(77, [11])]),
+            "rigid link of node 77: node 77 is not among the 5 nodes",
+        ),
         (free(links=[(10, [11])]), "expected a RigidLink"),
         (free(links=[RigidLink(10, [11])], grounded=["11:X"]), "DOF 11:X is held and tied"),
         (free(grounded=[12]), "grounded: nothing touches node 12"),
         (free(grounded=[True]), "grounded True: expected a DOF such as '3:X', or a node number"),
         (free(grounded=[10, 11]), "every DOF of the structure is held: nothing is left to move"),
-        (free(links=[RigidLink(10, [11])], grounded=[10]), "every DOF of the model is held or tied"),
-        (free(equations=[Equation("11:X", {"55:X": 1.0})]), "equation: node 55 is not among the 5 nodes"),
+        (
+            free(links=[RigidLink(10, [11])], grounded=[10]),
+            "every DOF of the model is held or tied",
+        ),
+        (
+            free(equations=[Equation("11:X", {"55:X": 1.0})]),
+            "equation: node 55 is not among the 5 nodes",
+        ),
     ],
 )
 def test_what_cannot_be_built_is_named(build, said):
@@ -315,6 +425,8 @@ def test_absurd_values_are_errors_of_the_input(build):
 
 def test_pyfe3d_is_the_one_that_was_looked_at():
     """Its traps are those of one version: another one has to pass these tests before the pin moves."""
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads(
+        (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    )["project"]
     (pin,) = [r for r in project["optional-dependencies"]["structures"] if r.startswith("pyfe3d")]
     assert pin == f"pyfe3d=={metadata.version('pyfe3d')}"

@@ -104,7 +104,14 @@ def test_a_table_says_what_the_call_says():
     nodes = {int(k): v for k, v in table()["nodes"].items()}
     parts = [
         Beam("mast", [[2, 6]], **STEEL, section=tube(0.1, 0.08)),
-        Beam("rim", [[1, 2], [3, 4]], **STEEL, section=rectangle(0.1, 0.05), orientation=[0, 0, 1], loss_factor=0.01),
+        Beam(
+            "rim",
+            [[1, 2], [3, 4]],
+            **STEEL,
+            section=rectangle(0.1, 0.05),
+            orientation=[0, 0, 1],
+            loss_factor=0.01,
+        ),
         Beam("edge", [[2, 3]], **STEEL, section=Section(1e-3, 1e-7, 1e-7, 1e-7)),
         Truss("stay", [[6, 3], [6, 4]], **STEEL, A=1e-4),
         Shell("top", [[1, 2, 3, 4]], 7e10, 2700, 0.01),
@@ -133,7 +140,13 @@ def test_a_table_says_what_the_call_says():
 def test_solids_in_a_table():
     xyz, elements = block((1, 1, 1), (1.0, 1.0, 1.0), 8)
     nodes = {str(k): x for k, x in enumerate(xyz.tolist(), 1)}
-    row = {"name": "block", "connectivity": elements.tolist(), "E": 2.1e11, "rho": 7850, "lumped": True}
+    row = {
+        "name": "block",
+        "connectivity": elements.tolist(),
+        "E": 2.1e11,
+        "rho": 7850,
+        "lumped": True,
+    }
     found = structure_from_table({"nodes": nodes, "solid": [row]})
     same = structure(xyz, [Solid("block", elements, **STEEL, lumped=True)])
     assert abs(found.mass - same.mass).max() == 0.0
@@ -144,16 +157,32 @@ def test_solids_in_a_table():
     [
         (("beams",), [], "model: no key 'beams'; did you mean 'beam'?"),
         (("kind",), "frame", "model: kind 'frame'; expected 'structure'"),
-        (("nodes",), [[0, 0, 0]], "model: nodes holds list; expected a table from node number to position"),
+        (
+            ("nodes",),
+            [[0, 0, 0]],
+            "model: nodes holds list; expected a table from node number to position",
+        ),
         (("nodes", "a"), [0, 0, 0], "model.nodes: 'a'; expected a node number"),
         (("nodes", "2"), [0, 0], "model.nodes: node 2 stands at [0, 0]; expected three numbers"),
         (("nodes", "02"), [0, 0, 0], "model.nodes: node 2 stands twice"),
-        (("beam",), {"name": "b"}, "model: beam holds dict; expected an array of tables, [[model.beam]]"),
+        (
+            ("beam",),
+            {"name": "b"},
+            "model: beam holds dict; expected an array of tables, [[model.beam]]",
+        ),
         (("beam", 0, "rh"), 1, "model.beam, number 1: no key 'rh'; did you mean 'rho'?"),
         (("beam", 1, "section"), "tube", "model.beam, number 2: section 'tube'; expected a table"),
         (("beam", 1, "section"), {"shape": "tub"}, "section.shape 'tub': did you mean 'tube'?"),
-        (("beam", 1, "section"), {"shape": "tube"}, "model.beam, number 2: section, a tube: 'outer' is missing"),
-        (("beam", 2, "section", "Iy"), 1.0, "model.beam, number 3: section: no key 'Iy'; did you mean 'Iyy'?"),
+        (
+            ("beam", 1, "section"),
+            {"shape": "tube"},
+            "model.beam, number 2: section, a tube: 'outer' is missing",
+        ),
+        (
+            ("beam", 2, "section", "Iy"),
+            1.0,
+            "model.beam, number 3: section: no key 'Iy'; did you mean 'Iyy'?",
+        ),
         (("beam", 0, "E"), "steel", "beam 'mast': E 'steel'; expected a finite number"),
         (("link", 0, "slave"), 3, "model.link, number 1: no key 'slave'; did you mean 'slaves'?"),
         (("equation", 0), 5, "model.equation, number 1: expected a table, found 5"),
@@ -221,7 +250,9 @@ def test_a_job_updates_a_structure(tmp_path: Path):
 
 
 def test_a_job_says_where_it_is_wrong(tmp_path: Path):
-    (tmp_path / "job.toml").write_text(JOB.replace("grounded = [1]", "grounded = [9]"), encoding="utf-8")
+    (tmp_path / "job.toml").write_text(
+        JOB.replace("grounded = [1]", "grounded = [9]"), encoding="utf-8"
+    )
     with pytest.raises(JobError, match="grounded: node 9 is not among the 3 nodes") as caught:
         prepare(load_job(tmp_path / "job.toml"))
     assert caught.value.line == 4

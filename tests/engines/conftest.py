@@ -34,7 +34,16 @@ class DaskProcesses:
         self.folder = folder
         about = folder / "scheduler.json"
         # Timeouts: none is left behind where the tests are killed.
-        where = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0", "--idle-timeout", "300"]
+        where = [
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--dashboard-address",
+            "127.0.0.1:0",
+            "--idle-timeout",
+            "300",
+        ]
         self.scheduler = self._start("scheduler", *where, "--scheduler-file", str(about))
         self.address = ""
         self.workers: list[subprocess.Popen[bytes]] = []
@@ -51,7 +60,9 @@ class DaskProcesses:
         env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path}
         env["DASK_DISTRIBUTED__SCHEDULER__ACTIVE_MEMORY_MANAGER__INTERVAL"] = "100ms"
         with (self.folder / "log").open("ab") as log:
-            return subprocess.Popen([DASK, *command], env=env, cwd=self.folder, stdout=log, stderr=log)
+            return subprocess.Popen(
+                [DASK, *command], env=env, cwd=self.folder, stdout=log, stderr=log
+            )
 
     def start_worker(self) -> None:
         options = ["--nthreads", "1", "--no-nanny", "--death-timeout", "60"]

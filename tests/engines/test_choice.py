@@ -30,7 +30,9 @@ def test_an_engine_is_itself():
 @pytest.mark.parametrize("given", ["two", 2.0, Serial, [], True])
 def test_anything_else_is_refused_by_name(given):
     expected = "None, a number of processes from 1 up, a dask.distributed Client or an engine"
-    with pytest.raises(OptionError, match=rf"^engine is .* \((str|float|type|list|bool)\); expected {expected}$"):
+    with pytest.raises(
+        OptionError, match=rf"^engine is .* \((str|float|type|list|bool)\); expected {expected}$"
+    ):
         choose_engine(given)
 
 
@@ -43,7 +45,9 @@ def test_a_number_is_so_many_processes():
 
 @pytest.mark.parametrize("given", [0, -1])
 def test_a_number_below_one_is_refused(given):
-    with pytest.raises(OptionError, match=rf"^engine is {given}; expected a number of processes from 1 up$"):
+    with pytest.raises(
+        OptionError, match=rf"^engine is {given}; expected a number of processes from 1 up$"
+    ):
         choose_engine(given)
 
 
@@ -58,7 +62,8 @@ def test_a_client_is_its_cluster(client):
 def test_a_cluster_with_another_version_is_refused(client, monkeypatch):
     monkeypatch.setattr("updyn.engines.cluster.__version__", "9.9")
     with pytest.raises(
-        EngineError, match=r"^updyn is 9\.9 here and \d+\.\d+\.\d+ on tcp://.*; install the same on all$"
+        EngineError,
+        match=r"^updyn is 9\.9 here and \d+\.\d+\.\d+ on tcp://.*; install the same on all$",
     ):
         choose_engine(client)
 

@@ -50,7 +50,9 @@ def test_the_python_blocks_run_and_give_the_same(inputs, client, dask_processes)
         result = names["result"]
         assert result.options["engine"] == engine
         assert result.status == alone.status
-        np.testing.assert_allclose(list(result.values.values()), list(alone.values.values()), rtol=1e-12)
+        np.testing.assert_allclose(
+            list(result.values.values()), list(alone.values.values()), rtol=1e-12
+        )
 
 
 def test_numbers_are_those_of_the_code():

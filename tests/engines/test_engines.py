@@ -52,7 +52,11 @@ def test_lists_are_shared_as_they_are(engine):
 
 def test_two_maps_at_a_time(engine, shared, tmp_path):
     other = work.Shared(tmp_path, 20)
-    pairs = zip(engine.map(work.contract, shared, range(5)), engine.map(work.contract, other, range(5)), strict=True)
+    pairs = zip(
+        engine.map(work.contract, shared, range(5)),
+        engine.map(work.contract, other, range(5)),
+        strict=True,
+    )
     for i, (a, b) in enumerate(pairs):
         np.testing.assert_array_equal(a, work.contract(shared, i))
         np.testing.assert_array_equal(b, work.contract(other, i))
@@ -114,7 +118,9 @@ def test_a_killed_process_costs_no_result(two_processes, shared):
 def test_work_that_kills_every_process_is_named(two_processes, shared, monkeypatch):
     monkeypatch.setattr(remote, "MOST_LOSSES", 1)
     results = two_processes.map(work.die_always, shared, range(4, 7))
-    with pytest.raises(EngineError, match=r"^workers were lost 2 times in a row at item 1 of 3: .*SIGKILL"):
+    with pytest.raises(
+        EngineError, match=r"^workers were lost 2 times in a row at item 1 of 3: .*SIGKILL"
+    ):
         next(results)
     assert list(two_processes.map(work.die_always, shared, [1, 2])) == [1, 2]
 
@@ -149,7 +155,8 @@ def test_no_worker_and_then_no_scheduler(dask_processes, shared, monkeypatch, tm
             with monkeypatch.context() as hurried:
                 hurried.setattr(cluster, "PATIENCE", 0.2)
                 with pytest.raises(
-                    EngineError, match=rf"no worker has .* dask worker {processes.address} --nthreads 1"
+                    EngineError,
+                    match=rf"no worker has .* dask worker {processes.address} --nthreads 1",
                 ):
                     cluster.engine_for(client)
             processes.start_worker()
@@ -157,7 +164,9 @@ def test_no_worker_and_then_no_scheduler(dask_processes, shared, monkeypatch, tm
             results = engine.map(work.behind_gate, shared, range(3))
             assert next(results) == (0, 0)
             processes.end(processes.scheduler)
-            with pytest.raises(EngineError, match=f"connection to the scheduler {processes.address} is lost"):
+            with pytest.raises(
+                EngineError, match=f"connection to the scheduler {processes.address} is lost"
+            ):
                 next(results)
             for known in (shared, [1]):
                 with pytest.raises(EngineError, match="is lost"):

@@ -50,7 +50,7 @@ def test_arrays_lie_in_the_file_and_are_aligned(tmp_path):
 
 def test_what_one_changes_no_other_sees(tmp_path):
     parcel = Parcel([np.zeros(5)], tmp_path / "parcel")
-    ((one,), (other,)) = open_parcel(parcel.path), open_parcel(parcel.path)
+    (one,), (other,) = open_parcel(parcel.path), open_parcel(parcel.path)
     one[2] = 7.0
     assert one.tolist() == [0, 0, 7, 0, 0]
     assert other.tolist() == [0] * 5
@@ -75,5 +75,7 @@ def test_the_file_goes_with_the_parcel_and_what_was_opened_stays(tmp_path):
 
 
 def test_no_room(tmp_path):
-    with pytest.raises(EngineError, match=r"parcel: 8 MiB .* cannot be written: No such file .*TMPDIR"):
+    with pytest.raises(
+        EngineError, match=r"parcel: 8 MiB .* cannot be written: No such file .*TMPDIR"
+    ):
         Parcel(np.ones(2**20), tmp_path / "gone" / "parcel")

@@ -34,11 +34,15 @@ def test_the_cores_are_shared_among_the_processes(two_processes):
     assert found == str(min(share, int(os.environ.get("OMP_NUM_THREADS", share))))
 
 
-@pytest.mark.parametrize(("value", "expected"), [("1", 1), ("3", 3), ("0", 4), ("", 4), ("2,4", 4), ("-1", 4)])
+@pytest.mark.parametrize(
+    ("value", "expected"), [("1", 1), ("3", 3), ("0", 4), ("", 4), ("2,4", 4), ("-1", 4)]
+)
 def test_a_number_of_threads_set_by_the_user(value, expected, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", value)
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    assert [processes._limit(name, 4) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")] == [expected] * 2
+    assert [processes._limit(name, 4) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")] == [
+        expected
+    ] * 2
     monkeypatch.setenv("MKL_NUM_THREADS", "2")
     assert processes._limit("MKL_NUM_THREADS", 4) == 2
 
@@ -102,8 +106,12 @@ print({{pid for pid, _ in engine.map(work.call_of, shared, range(20))}}, engine.
 def test_a_script_without_main_guard_that(ending, tmp_path):
     """Such a script starts workers, and leaves none behind, nor their files, however it ends."""
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(here=str(HERE), folder=str(tmp_path), ending=ending), encoding="utf-8")
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False)
+    script.write_text(
+        SCRIPT.format(here=str(HERE), folder=str(tmp_path), ending=ending), encoding="utf-8"
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == (-signal.SIGKILL if ending else 0), done.stderr
     started, folder = done.stdout.strip().rsplit(" ", 1)
     workers = {int(pid) for pid in started.strip("{}").split(",")}

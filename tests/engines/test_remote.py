@@ -13,7 +13,9 @@ from updyn.errors import EngineError
 class Paper(Remote):
     """Calls are worked on when their result is asked for; `losses` lists which of all calls to lose, by number."""
 
-    def __init__(self, window: int | None = None, losses: tuple[int, ...] = (), also: int = 0) -> None:
+    def __init__(
+        self, window: int | None = None, losses: tuple[int, ...] = (), also: int = 0
+    ) -> None:
         super().__init__()
         self.window, self.losses, self.also = window, losses, also
         self.sent: list[object] = []
@@ -26,7 +28,9 @@ class Paper(Remote):
         return ("handle", shared)
 
     def _submit(self, function, handle, item):
-        self.calls.append({"function": function, "shared": handle[1], "item": item, "number": len(self.calls)})
+        self.calls.append(
+            {"function": function, "shared": handle[1], "item": item, "number": len(self.calls)}
+        )
         self.most_open = max(self.most_open, sum("done" not in c for c in self.calls))
         return self.calls[-1]
 
@@ -72,11 +76,17 @@ def test_losses_with_results_in_between_are_borne_without_end():
 
 
 def test_losses_in_a_row_are_borne_so_many_times():
-    assert list(Paper(1, losses=tuple(range(1, 1 + MOST_LOSSES))).map(plus, [0], range(3))) == [0, 1, 2]
+    assert list(Paper(1, losses=tuple(range(1, 1 + MOST_LOSSES))).map(plus, [0], range(3))) == [
+        0,
+        1,
+        2,
+    ]
     engine = Paper(2, losses=tuple(range(1, 20)))
     results = engine.map(plus, [0], range(5))
     assert next(results) == 0
-    with pytest.raises(EngineError, match=r"^workers were lost 4 times in a row at item 2 of 5: out of memory$"):
+    with pytest.raises(
+        EngineError, match=r"^workers were lost 4 times in a row at item 2 of 5: out of memory$"
+    ):
         next(results)
     assert engine.dropped == [1, 2]
 

@@ -1,11 +1,11 @@
 """Files of Ansys for the tests: those that ansys-mapdl-reader ships, and an ``.emat`` made here of the same beam.
 
-The package (MIT licence, copyright Ansys, Inc. and contributors) ships ``file.full`` and ``file.rst`` of one beam of 40
-SOLID186 elements, solved by release 15.0: the ``.full`` with one end held, the ``.rst`` free. It ships no ``.emat``.
-The one here is laid out as fdemat.inc describes it, with element matrices computed by textbook formulas that are known
-to be those of SOLID186 (uniform reduced integration for K, the 14-point rule for M): added up they are the matrices of
-``file.full``, and their frequencies are those of ``file.rst``; tests hold them to that.
-"""
+The package (MIT licence, copyright Ansys, Inc. and contributors) ships ``file.full`` and
+``file.rst`` of one beam of 40 SOLID186 elements, solved by release 15.0: the ``.full`` with one end
+held, the ``.rst`` free. It ships no ``.emat``. The one here is laid out as fdemat.inc describes it,
+with element matrices computed by textbook formulas that are known to be those of SOLID186 (uniform
+reduced integration for K, the 14-point rule for M): added up they are the matrices of
+``file.full``, and their frequencies are those of ``file.rst``; tests hold them to that."""
 
 from __future__ import annotations
 
@@ -16,8 +16,26 @@ from pathlib import Path
 
 import numpy as np
 
-CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
-MIDDLES = [(0, -1, -1), (1, 0, -1), (0, 1, -1), (-1, 0, -1), (0, -1, 1), (1, 0, 1), (0, 1, 1), (-1, 0, 1)]
+CORNERS = [
+    (-1, -1, -1),
+    (1, -1, -1),
+    (1, 1, -1),
+    (-1, 1, -1),
+    (-1, -1, 1),
+    (1, -1, 1),
+    (1, 1, 1),
+    (-1, 1, 1),
+]
+MIDDLES = [
+    (0, -1, -1),
+    (1, 0, -1),
+    (0, 1, -1),
+    (-1, 0, -1),
+    (0, -1, 1),
+    (1, 0, 1),
+    (0, 1, 1),
+    (-1, 0, 1),
+]
 UPRIGHT = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
 POINTS = np.array(CORNERS + MIDDLES + UPRIGHT, dtype=float)
 #: Monomials of the serendipity brick: no more than one square in each.
@@ -38,9 +56,14 @@ def slopes(at):
 
 
 SHAPES = np.linalg.solve(np.array([monomials(p) for p in POINTS]), np.eye(20))
-#: Gauss, 2 x 2 x 2; and Irons' 14 points (Irons 1971, "Quadrature rules for brick based finite elements").
+#: Gauss, 2 x 2 x 2; and Irons' 14 points (Irons 1971, "Quadrature rules for brick based finite
+#: elements").
 GAUSS = [(np.array(p) / np.sqrt(3.0), 1.0) for p in product((-1, 1), repeat=3)]
-IRONS = [(s * np.sqrt(19.0 / 30.0) * np.eye(3)[axis], 320.0 / 361.0) for axis in range(3) for s in (-1, 1)]
+IRONS = [
+    (s * np.sqrt(19.0 / 30.0) * np.eye(3)[axis], 320.0 / 361.0)
+    for axis in range(3)
+    for s in (-1, 1)
+]
 IRONS += [(np.array(p) * np.sqrt(19.0 / 33.0), 121.0 / 361.0) for p in product((-1, 1), repeat=3)]
 
 
@@ -130,7 +153,17 @@ def write_emat(
         index[i] = len(out) // 4
         rows = [place[n] * len(dofs) + k + 1 for n in part for k in range(len(dofs))]
         triangular = how in ("rows", "columns")
-        out += record([*(int(k in matrices) for k in kinds), 0, 0, 0, 0, 0, -len(rows) if triangular else len(rows)])
+        out += record(
+            [
+                *(int(k in matrices) for k in kinds),
+                0,
+                0,
+                0,
+                0,
+                0,
+                -len(rows) if triangular else len(rows),
+            ]
+        )
         out += record(rows)
         for kind in kinds:
             if kind in matrices:

@@ -12,7 +12,12 @@ THIRD = 1.0 / 3.0
 
 def geometry() -> Geometry:
     turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return Geometry([1, 7, -3], [[0.0, 0.1, THIRD], [1e-300, -2.5, 1e17], [1, 2, 3]], [[1, 7], [7, -3]], [turned] * 3)
+    return Geometry(
+        [1, 7, -3],
+        [[0.0, 0.1, THIRD], [1e-300, -2.5, 1e17], [1, 2, 3]],
+        [[1, 7], [7, -3]],
+        [turned] * 3,
+    )
 
 
 def model(with_geometry: bool = True) -> Model:
@@ -26,7 +31,9 @@ def model(with_geometry: bool = True) -> Model:
         "a_first": Group(mass=np.diag([0.0, 2.0, 0.0])),
     }
     place = geometry() if with_geometry else None
-    return Model.from_groups(groups, ["7:RZ", "1:X", "1:Y"], geometry=place, title='Drive "A", Prüfstand\n2')
+    return Model.from_groups(
+        groups, ["7:RZ", "1:X", "1:Y"], geometry=place, title='Drive "A", Prüfstand\n2'
+    )
 
 
 def frf(n_references: int = 2, with_geometry: bool = True) -> FRF:

@@ -1,8 +1,8 @@
 """Writes ``.mat`` files of version 7.3 as MATLAB lays them out, for the tests of the reader.
 
-Written from the documented layout: a user block of 512 bytes with the text header, axes reversed, complex numbers as a
-compound of real and imag, sparse matrices as a group of data, ir, jc, char as uint16, cells as references into #refs#.
-"""
+Written from the documented layout: a user block of 512 bytes with the text header, axes reversed,
+complex numbers as a compound of real and imag, sparse matrices as a group of data, ir, jc, char as
+uint16, cells as references into #refs#."""
 
 from pathlib import Path
 
@@ -10,7 +10,10 @@ import h5py
 import numpy as np
 import scipy.sparse as sp
 
-_HEADER = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan  1 00:00:00 2024 HDF5 schema 1.00 ."
+_HEADER = (
+    b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan  1 00:00:00 2024 HDF5 schema"
+    b" 1.00 ."
+)
 
 
 def write_matlab73(path: Path, variables: dict) -> None:
@@ -30,7 +33,9 @@ def _put(file: h5py.File, parent: h5py.Group, name: str, value: object) -> None:
         group.attrs.create("MATLAB_fields", fields, dtype=h5py.vlen_dtype(np.dtype("S1")))
         for key, item in value.items():
             _put(file, group, key, item)
-    elif isinstance(value, list) and isinstance(value[0], dict):  # a struct array: a reference a field and element
+    elif isinstance(value, list) and isinstance(
+        value[0], dict
+    ):  # a struct array: a reference a field and element
         references = file.require_group("#refs#")
         group = parent.create_group(name)
         group.attrs["MATLAB_class"] = np.bytes_("struct")
@@ -63,7 +68,9 @@ def _put(file: h5py.File, parent: h5py.Group, name: str, value: object) -> None:
         stored.attrs["MATLAB_class"] = np.bytes_("cell")
     else:
         array = np.asarray(value)
-        array = array.reshape(1, 1) if array.ndim == 0 else array[:, None] if array.ndim == 1 else array
+        array = (
+            array.reshape(1, 1) if array.ndim == 0 else array[:, None] if array.ndim == 1 else array
+        )
         while array.ndim > 2 and array.shape[-1] == 1:  # MATLAB has no trailing axis of length 1
             array = array[..., 0]
         if np.iscomplexobj(array):
@@ -79,6 +86,8 @@ def _char(parent: h5py.Group, name: str, text: str) -> None:
         stored = parent.create_dataset(name, data=np.zeros(2, dtype=np.uint64))
         stored.attrs["MATLAB_empty"] = np.uint8(1)
     else:
-        stored = parent.create_dataset(name, data=np.frombuffer(text.encode("utf-16-le"), dtype="<u2")[:, None])
+        stored = parent.create_dataset(
+            name, data=np.frombuffer(text.encode("utf-16-le"), dtype="<u2")[:, None]
+        )
     stored.attrs["MATLAB_class"] = np.bytes_("char")
     stored.attrs["MATLAB_int_decode"] = np.int32(2)

@@ -15,7 +15,9 @@ from updyn.model import Group, Model
 THIRD = 1.0 / 3.0
 LABELS = [(1, 1), (1, 2), (7, 1), (7, 6)]
 DOFS = ["1:X", "1:Y", "7:X", "7:RZ"]
-K = np.array([[3e6, -1.5, 0, 7.0], [-1.5, 2e6 + THIRD, -1e6, 0], [0, -1e6, 1e6, 0.25], [7.0, 0, 0.25, 40.0]])
+K = np.array(
+    [[3e6, -1.5, 0, 7.0], [-1.5, 2e6 + THIRD, -1e6, 0], [0, -1e6, 1e6, 0.25], [7.0, 0, 0.25, 40.0]]
+)
 M = np.diag([2.0, 2.0, THIRD, 1e-3])
 
 
@@ -51,7 +53,9 @@ def check(model, stiffness=K, mass=M, name="wing"):
 @pytest.mark.parametrize("keep", ["both", "lower", "upper"])
 @pytest.mark.parametrize("style", ["input", "labels"])
 def test_every_way_to_write_a_matrix_is_the_same_matrix(tmp_path, style, keep):
-    path = job(tmp_path, stiffness=rows(K, keep=keep, style=style), mass=rows(M, keep=keep, style=style))
+    path = job(
+        tmp_path, stiffness=rows(K, keep=keep, style=style), mass=rows(M, keep=keep, style=style)
+    )
     model = read_model(path)
     assert model.dofs.labels == DOFS
     check(model)
@@ -59,16 +63,25 @@ def test_every_way_to_write_a_matrix_is_the_same_matrix(tmp_path, style, keep):
 
 @pytest.mark.parametrize("keep", ["both", "lower"])
 def test_coordinates_need_the_degrees_of_freedom(tmp_path, keep):
-    path = job(tmp_path, stiffness=rows(K, keep=keep, style="coordinate"), mass=rows(M, style="coordinate"))
-    with pytest.raises(FormatError, match=r"wing_STIF1.mtx: the rows say no nodes \(FORMAT=COORDINATE\)"):
+    path = job(
+        tmp_path, stiffness=rows(K, keep=keep, style="coordinate"), mass=rows(M, style="coordinate")
+    )
+    with pytest.raises(
+        FormatError, match=r"wing_STIF1.mtx: the rows say no nodes \(FORMAT=COORDINATE\)"
+    ):
         read_model(path)
-    toml = f'dofs = {DOFS}\n[[group]]\nname = "wing"\nstiffness = "wing_STIF1.mtx"\nmass = "wing_MASS1.mtx"\n'
+    toml = (
+        f'dofs = {DOFS}\n[[group]]\nname = "wing"\nstiffness = "wing_STIF1.mtx"\nmass ='
+        ' "wing_MASS1.mtx"\n'
+    )
     (tmp_path / "case.toml").write_text(toml.replace("'", '"'))
     model = read_model(tmp_path / "case.toml")
     assert model.dofs.labels == DOFS
     check(model)
     (tmp_path / "case.toml").write_text(toml.replace("'", '"').replace(', "7:RZ"', ""))
-    with pytest.raises(FormatError, match=r"wing_STIF1.mtx: an entry is in row or column 4; there are 3 labels"):
+    with pytest.raises(
+        FormatError, match=r"wing_STIF1.mtx: an entry is in row or column 4; there are 3 labels"
+    ):
         read_model(tmp_path / "case.toml")
 
 
@@ -102,7 +115,9 @@ def test_degrees_of_freedom_that_are_held_are_left_out(tmp_path):
 
 def test_empty_degrees_of_freedom_are_left_out_with_a_word(tmp_path):
     text = rows(K) + "9,3, 9,3, 0.000000000000000e+00\n"
-    with pytest.warns(UpdynWarning, match=r"9:Z has neither stiffness, mass nor damping \(1 such\): left out"):
+    with pytest.warns(
+        UpdynWarning, match=r"9:Z has neither stiffness, mass nor damping \(1 such\): left out"
+    ):
         check(read_model(job(tmp_path, stiffness=text, mass=rows(M))))
 
 
@@ -117,9 +132,18 @@ def test_empty_degrees_of_freedom_are_left_out_with_a_word(tmp_path):
             lambda t: t.replace("1,2, 1,2, 2", "1,2, 1,2, x", 1),
             r"STIF1.mtx:\d: found '1,2, 1,2, x.*; expected node, dof, n",
         ),
-        (lambda t: t.replace("7,6, 7,6, 4", "7,6, 7,6, n", 1), r"STIF1.mtx:\d+: found '7,6, 7,6, n"),
-        (lambda t: t.replace("7,6", "7,8"), r"degree of freedom 8 \(pressure\); expected 1 to 6 for X, Y, Z"),
-        (lambda t: t.replace("7,6", "0,6"), r"STIF1.mtx:4: found '1,1, 0,6.*finite and counted from 1"),
+        (
+            lambda t: t.replace("7,6, 7,6, 4", "7,6, 7,6, n", 1),
+            r"STIF1.mtx:\d+: found '7,6, 7,6, n",
+        ),
+        (
+            lambda t: t.replace("7,6", "7,8"),
+            r"degree of freedom 8 \(pressure\); expected 1 to 6 for X, Y, Z",
+        ),
+        (
+            lambda t: t.replace("7,6", "0,6"),
+            r"STIF1.mtx:4: found '1,1, 0,6.*finite and counted from 1",
+        ),
         (lambda t: t.replace("7,6", "7.5,6"), r"STIF1.mtx:4: found '1,1, 7.5,6"),
         (lambda t: t + "1,1, 1,1, 5.0\n", r"STIF1.mtx: entry \(1:X, 1:X\) stands twice"),
         (
@@ -143,11 +167,14 @@ def test_rows_with_faults(tmp_path, change, message):
 def test_names_of_files(tmp_path):
     path = job(tmp_path, stiffness=rows(K))
     with pytest.raises(
-        FormatError, match=r"no wing_MASS1.mtx beside it; \*MATRIX GENERATE, STIFFNESS, MASS writes both"
+        FormatError,
+        match=r"no wing_MASS1.mtx beside it; \*MATRIX GENERATE, STIFFNESS, MASS writes both",
     ):
         read_model(path)
     (tmp_path / "K.mtx").write_text(rows(K))
-    with pytest.raises(FormatError, match=r'K.mtx: its name is not as Abaqus gives it.*stiffness = "K.mtx"'):
+    with pytest.raises(
+        FormatError, match=r'K.mtx: its name is not as Abaqus gives it.*stiffness = "K.mtx"'
+    ):
         read_model(tmp_path / "K.mtx")
     (tmp_path / "case.toml").write_text("[[group]]\n")
     with pytest.raises(OptionError, match="a TOML file says its own"):
@@ -164,14 +191,22 @@ def test_the_deck_of_the_job_says_where_nodes_stand(tmp_path):
 # -- damping -----------------------------------------------------------------------------------------------
 def test_structural_and_viscous_damping(tmp_path):
     C = np.diag([1.0, 2.0, 3.0, 4.0])
-    path = job(tmp_path, stiffness=rows(K), mass=rows(M), structural=rows(0.03 * K), viscous=rows(C, keep="lower"))
+    path = job(
+        tmp_path,
+        stiffness=rows(K),
+        mass=rows(M),
+        structural=rows(0.03 * K),
+        viscous=rows(C, keep="lower"),
+    )
     group = read_model(path).groups["wing"]
     assert group.loss_factor == pytest.approx(0.03, rel=1e-13)
     np.testing.assert_allclose(group.viscous.toarray(), C)
     other = 0.03 * K
     other[0, 0] *= 1.01
     path = job(tmp_path, structural=rows(other))
-    with pytest.raises(FormatError, match=r"group 'wing': structural damping is no multiple of its stiffness"):
+    with pytest.raises(
+        FormatError, match=r"group 'wing': structural damping is no multiple of its stiffness"
+    ):
         read_model(path)
 
 
@@ -192,7 +227,12 @@ def stiffness_of(springs, n=5):
 
 def two_parts(folder, mass=(1.0, 2.0, 1.5, 1.0, 0.0)):
     """Write springs in two groups; the internal node belongs to the second."""
-    job(folder, "a", stiffness=rows(stiffness_of(SPRINGS[:1] + SPRINGS[4:]), INNER), mass=rows(np.diag(mass), INNER))
+    job(
+        folder,
+        "a",
+        stiffness=rows(stiffness_of(SPRINGS[:1] + SPRINGS[4:]), INNER),
+        mass=rows(np.diag(mass), INNER),
+    )
     job(
         folder,
         "b",
@@ -209,7 +249,11 @@ def test_internal_nodes_follow_the_largest_of_the_others(tmp_path):
     two_parts(tmp_path)
     model = read_model(tmp_path / "case.toml")
     assert model.dofs.labels == ["1:X", "2:X", "3:X", "4:X", "5:X"]
-    Z = stiffness_of(SPRINGS) + 0.02j * stiffness_of(SPRINGS[1:4]) - (2 * np.pi * 30) ** 2 * np.diag([1, 2, 1.5, 1, 0])
+    Z = (
+        stiffness_of(SPRINGS)
+        + 0.02j * stiffness_of(SPRINGS[1:4])
+        - (2 * np.pi * 30) ** 2 * np.diag([1, 2, 1.5, 1, 0])
+    )
     expected = np.linalg.solve(Z, np.eye(5))[np.ix_([0, 3], [1])]
     frf = updyn.response(model, [30.0], ["1:X", "4:X"], ["2:X"])
     np.testing.assert_allclose(frf.values[0], expected, rtol=1e-12)
@@ -221,7 +265,10 @@ def test_condensed_internal_nodes_change_no_response_also_when_a_group_changes(t
     (tmp_path / "case.toml").write_text('internal = "condense"\n' + toml)
     small = read_model(tmp_path / "case.toml")
     assert small.dofs.labels == ["1:X", "2:X", "3:X", "4:X"]
-    for change in ({}, {"b": {"stiffness": 1.7, "loss_factor": 0.05}, "a": {"stiffness": 0.8, "mass": 1.1}}):
+    for change in (
+        {},
+        {"b": {"stiffness": 1.7, "loss_factor": 0.05}, "a": {"stiffness": 0.8, "mass": 1.1}},
+    ):
         one, two = (
             updyn.response(m.scaled(change), np.linspace(0, 60, 13), ["1:X", "3:X", "4:X"], ["2:X"])
             for m in (kept, small)
@@ -234,7 +281,10 @@ def test_condensed_internal_nodes_change_no_response_also_when_a_group_changes(t
     [
         ({"mass": (1.0, 2.0, 1.5, 1.0, 0.1)}, r"group 'a': internal 5:X has mass; keep it"),
         ({"shared": True}, r"internal 5:X belongs to 2 groups; keep it"),
-        ({"multiplier": True}, r"group 'b': internal 5:X and its like have a singular stiffness \(Lagrange multip"),
+        (
+            {"multiplier": True},
+            r"group 'b': internal 5:X and its like have a singular stiffness \(Lagrange multip",
+        ),
     ],
 )
 def test_internal_nodes_that_cannot_be_condensed(tmp_path, change, message):
@@ -255,13 +305,22 @@ def test_a_lagrange_multiplier_that_is_kept_ties(tmp_path):
     springs = stiffness_of(SPRINGS[:1] + SPRINGS[4:])
     tie = np.zeros((5, 5))
     tie[[1, 2, 4, 4], [4, 4, 1, 2]] = [1e4, -1e4, 1e4, -1e4]
-    job(tmp_path, "a", stiffness=rows(springs, INNER), mass=rows(np.diag([1.0, 2.0, 1.5, 1.0, 0.0]), INNER))
+    job(
+        tmp_path,
+        "a",
+        stiffness=rows(springs, INNER),
+        mass=rows(np.diag([1.0, 2.0, 1.5, 1.0, 0.0]), INNER),
+    )
     job(tmp_path, "tie", stiffness=rows(tie, INNER))
     toml = '[[group]]\nname = "a"\nstiffness = "a_STIF1.mtx"\nmass = "a_MASS1.mtx"\n'
-    (tmp_path / "case.toml").write_text(toml + '[[group]]\nname = "tie"\nstiffness = "tie_STIF1.mtx"\n')
+    (tmp_path / "case.toml").write_text(
+        toml + '[[group]]\nname = "tie"\nstiffness = "tie_STIF1.mtx"\n'
+    )
     with pytest.warns(UpdynWarning, match=r"group 'tie': stiffness is indefinite"):
         model = read_model(tmp_path / "case.toml")
-    T = np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]], dtype=float)  # 2:X and 3:X move together
+    T = np.array(
+        [[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1]], dtype=float
+    )  # 2:X and 3:X move together
     Z = springs[:4, :4] - (2 * np.pi * 20) ** 2 * np.diag([1.0, 2.0, 1.5, 1.0])
     expected = T @ np.linalg.solve(T.T @ Z @ T, T.T)
     frf = updyn.response(model, [20.0], ["1:X", "3:X", "4:X"], ["2:X"])
@@ -302,7 +361,10 @@ LINE = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
 
 def test_element_sets_of_steps_are_groups_and_add_up(tmp_path):
     (tmp_path / "rod.inp").write_text(
-        GENERATE + STEP.format(", ELSET=Left") + STEP.format(", ELSET=rod-1.Right") + STEP.format("")
+        GENERATE
+        + STEP.format(", ELSET=Left")
+        + STEP.format(", ELSET=rod-1.Right")
+        + STEP.format("")
     )
     job(tmp_path, "rod", 1, stiffness=rows(2.1e7 * ONE, LEFT), mass=rows(0.785 * LINE, LEFT))
     job(tmp_path, "rod", 2, stiffness=rows(1e7 * ONE, RIGHT), mass=rows(0.85 * LINE, RIGHT))
@@ -323,30 +385,42 @@ def test_element_sets_of_steps_are_groups_and_add_up(tmp_path):
     total["mass"][2, 2] += 0.2
     job(tmp_path, "rod", 3, mass=rows(total["mass"], both))
     with pytest.raises(
-        FormatError, match=r"rod_MASS3.mtx: the element sets do not add up to the mass.*3:X, 3:X 0.2 is left"
+        FormatError,
+        match=r"rod_MASS3.mtx: the element sets do not add up to the mass.*3:X, 3:X 0.2 is left",
     ):
         read_model(tmp_path / "rod.inp")
 
 
 def test_element_matrices_become_materials(tmp_path):
     (tmp_path / "rod.inp").write_text(GENERATE + STEP.format(", ELEMENT BY ELEMENT"))
-    K_rows = rows(2.1e7 * ONE, LEFT, "upper", element=11) + rows(1e7 * ONE, RIGHT, "upper", element=12)
+    K_rows = rows(2.1e7 * ONE, LEFT, "upper", element=11) + rows(
+        1e7 * ONE, RIGHT, "upper", element=12
+    )
     M_rows = rows(0.785 * LINE, LEFT, element=11) + rows(0.85 * LINE, RIGHT, element=12)
     job(tmp_path, "rod", 1, stiffness=K_rows, mass=M_rows)
     model = read_model(tmp_path / "rod.inp")
     assert list(model.groups) == ["Steel", "Brass"]
-    np.testing.assert_allclose(model.groups["Brass"].stiffness.toarray()[1:, 1:], 1e7 * ONE, rtol=1e-14)
-    np.testing.assert_allclose(model.groups["Steel"].mass.toarray()[:2, :2], 0.785 * LINE, rtol=1e-14)
+    np.testing.assert_allclose(
+        model.groups["Brass"].stiffness.toarray()[1:, 1:], 1e7 * ONE, rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        model.groups["Steel"].mass.toarray()[:2, :2], 0.785 * LINE, rtol=1e-14
+    )
     assert model.groups["Steel"].mass.toarray()[2, 2] == 0.0
     job(tmp_path, "rod", 1, mass=M_rows + rows(0.85 * LINE, RIGHT, element=13))
-    with pytest.raises(FormatError, match=r"rod_MASS1.mtx: element 13 is of no section of the deck"):
+    with pytest.raises(
+        FormatError, match=r"rod_MASS1.mtx: element 13 is of no section of the deck"
+    ):
         read_model(tmp_path / "rod.inp")
 
 
 @pytest.mark.parametrize(
     ("steps", "message"),
     [
-        ("*STEP\n*STATIC\n*END STEP\n*PART\n", r"rod.inp: no step of the deck writes matrices. Abaqus has to: add"),
+        (
+            "*STEP\n*STATIC\n*END STEP\n*PART\n",
+            r"rod.inp: no step of the deck writes matrices. Abaqus has to: add",
+        ),
         (
             STEP.format(", ELSET=Left") * 2,
             r"rod.inp:30: \*MATRIX GENERATE, STIFFNESS of step 2: no file 'rod_STIF2.mtx'; did",
@@ -355,7 +429,10 @@ def test_element_matrices_become_materials(tmp_path):
             STEP.format(", ELEMENT BY ELEMENT"),
             r"rod_STIF1.mtx: the matrix is whole, the deck says by element \(line 26\)",
         ),
-        (STEP.format("").replace(", STIFFNESS, MASS", "", 1), r"\*MATRIX GENERATE says neither STIFFNESS nor MASS"),
+        (
+            STEP.format("").replace(", STIFFNESS, MASS", "", 1),
+            r"\*MATRIX GENERATE says neither STIFFNESS nor MASS",
+        ),
     ],
 )
 def test_steps_with_faults(tmp_path, steps, message):
@@ -367,14 +444,27 @@ def test_steps_with_faults(tmp_path, steps, message):
 
 def test_element_sets_in_a_toml_file(tmp_path):
     (tmp_path / "rod.inp").write_text(GENERATE)
-    job(tmp_path, "rod", 1, stiffness=rows(2.1e4 * ONE, LEFT, element=11) + rows(1e4 * ONE, RIGHT, element=12))
+    job(
+        tmp_path,
+        "rod",
+        1,
+        stiffness=rows(2.1e4 * ONE, LEFT, element=11) + rows(1e4 * ONE, RIGHT, element=12),
+    )
     toml = 'title = "rod"\nunit = "m"\ndeck = "rod.inp"\n'
     for name in ("Left", "Right"):
-        toml += f'[[group]]\nname = "{name.lower()}"\nstiffness = "rod_STIF1.mtx"\nelset = "{name}"\n'
+        toml += (
+            f'[[group]]\nname = "{name.lower()}"\nstiffness = "rod_STIF1.mtx"\nelset = "{name}"\n'
+        )
     (tmp_path / "case.toml").write_text(toml + "loss_factor = 0.125\n")
     model = read_model(tmp_path / "case.toml")
-    assert (model.title, list(model.groups), model.groups["right"].loss_factor) == ("rod", ["left", "right"], 0.125)
-    np.testing.assert_allclose(model.groups["right"].stiffness.toarray()[1:, 1:], 1e4 * ONE, rtol=1e-14)
+    assert (model.title, list(model.groups), model.groups["right"].loss_factor) == (
+        "rod",
+        ["left", "right"],
+        0.125,
+    )
+    np.testing.assert_allclose(
+        model.groups["right"].stiffness.toarray()[1:, 1:], 1e4 * ONE, rtol=1e-14
+    )
     for old, new, message in (
         (
             'elset = "Right"',
@@ -405,9 +495,13 @@ def sample():
     rng = np.random.default_rng(11)
     A, B = rng.standard_normal((2, 4, 4))
     groups = {
-        "wing": Group(1e6 * (A @ A.T + np.eye(4)), np.diag([1.0, THIRD, 2.0, 1e-3]), loss_factor=0.1 / 3),
+        "wing": Group(
+            1e6 * (A @ A.T + np.eye(4)), np.diag([1.0, THIRD, 2.0, 1e-3]), loss_factor=0.1 / 3
+        ),
         "engine 1/é": Group(mass=np.diag([0.0, 2.0, 0.0, 0.0])),
-        "mount": Group(sp.csr_array(([5e6], [0], [0, 1, 1, 1, 1]), shape=(4, 4)), viscous=1e-5 * B @ B.T),
+        "mount": Group(
+            sp.csr_array(([5e6], [0], [0, 1, 1, 1, 1]), shape=(4, 4)), viscous=1e-5 * B @ B.T
+        ),
     }
     geometry = updyn.Geometry([1, 7], [[0.0, THIRD, 1e-9], [1.0, -2.5, 3e5]])
     return Model.from_groups(groups, DOFS, geometry=geometry, title="A wing")
@@ -429,8 +523,12 @@ def test_a_written_model_comes_back_to_twelve_digits(tmp_path):
             if A is not None:
                 np.testing.assert_allclose(B.toarray(), A.toarray(), rtol=1e-12)
     for file in tmp_path.glob("*.mtx"):
-        assert all(len(f.strip()) <= 20 for line in file.read_text().splitlines() for f in line.split(","))
-    np.testing.assert_allclose(updyn.modes(back, 4).frequency, updyn.modes(model, 4).frequency, rtol=1e-10)
+        assert all(
+            len(f.strip()) <= 20 for line in file.read_text().splitlines() for f in line.split(",")
+        )
+    np.testing.assert_allclose(
+        updyn.modes(back, 4).frequency, updyn.modes(model, 4).frequency, rtol=1e-10
+    )
 
 
 def test_models_that_a_deck_cannot_hold(tmp_path):
@@ -473,8 +571,13 @@ def test_matrices_in_the_deck_scaled_and_supported(tmp_path):
     assert model.dofs.labels == ["1:X", "7:X", "7:RZ"]
     at = np.ix_([0, 2, 3], [0, 2, 3])
     check(model, 2 * K[at], M[at], "K")
-    with pytest.raises(FormatError, match=r"use.inp: the deck is put together of matrices.*write_model\(result.model"):
-        updyn.write_properties({"K": {"stiffness": 2.0}}, tmp_path / "use.inp", tmp_path / "new.inp")
+    with pytest.raises(
+        FormatError,
+        match=r"use.inp: the deck is put together of matrices.*write_model\(result.model",
+    ):
+        updyn.write_properties(
+            {"K": {"stiffness": 2.0}}, tmp_path / "use.inp", tmp_path / "new.inp"
+        )
 
 
 @pytest.mark.parametrize(
@@ -494,7 +597,11 @@ def test_matrices_in_the_deck_scaled_and_supported(tmp_path):
             r"\*EQUATION beside \*MATRIX ASSEMBLE is not",
         ),
         ("1, 2\n", "al, 2\n", r"\*BOUNDARY: no node set 'al'; did you mean 'ALL'"),
-        ("1, 2\n", "all, 1, 7\n", r"\*BOUNDARY: found 'all, 1, 7'; expected directions from 1 to 6"),
+        (
+            "1, 2\n",
+            "all, 1, 7\n",
+            r"\*BOUNDARY: found 'all, 1, 7'; expected directions from 1 to 6",
+        ),
         ("1, 2\n", "all, ENCASTRE\n", r"no degree of freedom is free: everything is held"),
     ],
 )
@@ -544,24 +651,27 @@ def test_new_materials_for_a_deck_with_parts(tmp_path):
     }
     updyn.write_properties(changes, tmp_path / "wing.inp", tmp_path / "new.inp")
     text = (tmp_path / "new.inp").read_text().splitlines()
-    assert [line for line in text if not line.startswith("**")] == [
-        "*MATERIAL, NAME=Alu",
-        "*DENSITY",
-        "1350.0",
-        "*ELASTIC",
-        "87500000000.0, 0.33",
-        "*DAMPING, ALPHA=16.0, BETA=1.6E-05, STRUCTURAL=0.03",  # C = 2 (4 M + 1e-5 K) of M/2 and 1.25 K
-        "*EXPANSION",
-        "2.4E-5",
-        "*MATERIAL, NAME=Steel",
-        "*ELASTIC",
-        "105000000000.0, 0.3",
-        "*DENSITY",
-        "7850.",
-        "*PLASTIC",
-        "2.5E8, 0.",
-        "*DAMPING, STRUCTURAL=0.02",
-    ]
+    assert (
+        [line for line in text if not line.startswith("**")]
+        == [
+            "*MATERIAL, NAME=Alu",
+            "*DENSITY",
+            "1350.0",
+            "*ELASTIC",
+            "87500000000.0, 0.33",
+            "*DAMPING, ALPHA=16.0, BETA=1.6E-05, STRUCTURAL=0.03",  # C = 2 (4 M + 1e-5 K) of M/2 and 1.25 K
+            "*EXPANSION",
+            "2.4E-5",
+            "*MATERIAL, NAME=Steel",
+            "*ELASTIC",
+            "105000000000.0, 0.3",
+            "*DENSITY",
+            "7850.",
+            "*PLASTIC",
+            "2.5E8, 0.",
+            "*DAMPING, STRUCTURAL=0.02",
+        ]
+    )
     assert "** old damping: ALPHA=4., BETA=1.E-5, STRUCTURAL=0.01" in text
 
 
@@ -571,8 +681,11 @@ def test_element_sets_that_share_a_material(tmp_path):
     write_properties(both, tmp_path / "wing.inp", tmp_path / "new.inp")
     assert (tmp_path / "new.inp").read_text().count("*MATERIAL") == 1
     with pytest.raises(
-        FormatError, match=r"group 'Skin' is made of material 'ALU', as is 'SPAR', which changes otherwise"
+        FormatError,
+        match=r"group 'Skin' is made of material 'ALU', as is 'SPAR', which changes otherwise",
     ):
         write_properties({"Skin": {"stiffness": 1.25}}, tmp_path / "wing.inp", tmp_path / "new.inp")
-    with pytest.raises(FormatError, match=r"no material or element set 'Skni'; did you mean 'SKIN'"):
+    with pytest.raises(
+        FormatError, match=r"no material or element set 'Skni'; did you mean 'SKIN'"
+    ):
         write_properties({"Skni": {"stiffness": 1.25}}, tmp_path / "wing.inp", tmp_path / "new.inp")

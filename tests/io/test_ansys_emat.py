@@ -30,7 +30,9 @@ def elements():
     material = result.materials[1]
     return [
         (number, nodes, {"stiffness": K, "mass": M})
-        for number, nodes, K, M in beam_elements(result.mesh, material["EX"], material["NUXY"], material["DENS"])
+        for number, nodes, K, M in beam_elements(
+            result.mesh, material["EX"], material["NUXY"], material["DENS"]
+        )
     ]
 
 
@@ -122,22 +124,27 @@ def test_diagonal_masses(tmp_path):
         how={"mass": "diagonal", "stiffness": "rows", "damping": "full"},
     )
     with pytest.warns(
-        UpdynWarning, match="4 degrees of freedom without stiffness, mass and damping are left out, .* 7:Y"
+        UpdynWarning,
+        match="4 degrees of freedom without stiffness, mass and damping are left out, .* 7:Y",
     ):
-        model = updyn.read_model(tmp_path / "pair.emat", groups={"spring": [1], "masses": [2, 5]}, supports=[])
+        model = updyn.read_model(
+            tmp_path / "pair.emat", groups={"spring": [1], "masses": [2, 5]}, supports=[]
+        )
     assert model.dofs.labels == ["7:X", "9:X"]
     np.testing.assert_array_equal(dense(model.mass), np.diag(m))
     np.testing.assert_allclose(dense(model.group("spring").viscous), [[40, -40], [-40, 40]])
     # omega^2 = k (1/m1 + 1/m2), by hand
     expected = np.sqrt(k * (1 / m[0] + 1 / m[1])) / (2 * np.pi)
-    assert updyn.modes(updyn.Model(model.groups, model.dofs).scaled({"spring": {"viscous": 0.0}}), 2).frequency[
-        1
-    ] == pytest.approx(expected, rel=1e-9)
+    assert updyn.modes(
+        updyn.Model(model.groups, model.dofs).scaled({"spring": {"viscous": 0.0}}), 2
+    ).frequency[1] == pytest.approx(expected, rel=1e-9)
 
 
 class TestGroups:
     def test_by_material_from_the_archive(self, folder, archive, tmp_path):
-        model = updyn.read_model(folder / "beam.emat", attributes=archive, full=folder / "beam.full")
+        model = updyn.read_model(
+            folder / "beam.emat", attributes=archive, full=folder / "beam.full"
+        )
         parts = updyn.read_model(folder / "beam.emat", groups=HALVES)
         assert list(model.groups) == ["material 1", "material 2"]
         for name, half in (("material 1", "root"), ("material 2", "tip")):
@@ -154,13 +161,17 @@ class TestGroups:
         node = 22
         there = model.geometry.position([node])[0]
         np.testing.assert_allclose(there, [0, 0, 5])
-        assert len(model.geometry.lines) == 9 * 10 + 12 * 11  # 2 x 2 x 10 bricks: 9 lines along, 12 edges a layer
+        assert (
+            len(model.geometry.lines) == 9 * 10 + 12 * 11
+        )  # 2 x 2 x 10 bricks: 9 lines along, 12 edges a layer
 
     def test_positions_in_the_unit_that_is_stated(self, folder):
         model = updyn.read_model(folder / "beam.emat", unit="in")
         assert np.ptp(model.geometry.xyz, axis=0) == pytest.approx([0.0254, 0.0254, 0.127])
 
-    @pytest.mark.parametrize(("by", "name"), [("type", "type 1"), ("real", "real 1"), ("section", "section 1")])
+    @pytest.mark.parametrize(
+        ("by", "name"), [("type", "type 1"), ("real", "real 1"), ("section", "section 1")]
+    )
     def test_by_number(self, folder, by, name):
         assert list(updyn.read_model(folder / "beam.emat", by=by).groups) == [name]
 
@@ -185,7 +196,8 @@ class TestGroups:
         text = text.replace("SOLID,        40,        40", "SOLID,        41,        41")
         row = [1, 2, 4, 1, 0, 0, 0, 0, 2, 0, 41, 1, 22]
         text = text.replace(
-            "\n        -1\nCMBLOCK,ECOMP1", "\n" + "".join(f"{v:10d}" for v in row) + "\n        -1\nCMBLOCK,ECOMP1"
+            "\n        -1\nCMBLOCK,ECOMP1",
+            "\n" + "".join(f"{v:10d}" for v in row) + "\n        -1\nCMBLOCK,ECOMP1",
         )
         (tmp_path / "spring.cdb").write_text(text)
         result = mapdl.read_binary(examples.rstfile)
@@ -203,20 +215,26 @@ class TestGroups:
 
     def test_no_attributes(self, folder, tmp_path):
         shutil.copy(folder / "beam.emat", tmp_path / "alone.emat")
-        with pytest.raises(FormatError, match="does not say which element is of which material: give attributes="):
+        with pytest.raises(
+            FormatError, match="does not say which element is of which material: give attributes="
+        ):
             updyn.read_model(tmp_path / "alone.emat", supports=[])
 
     def test_elements_that_the_archive_lacks(self, folder, archive, tmp_path):
         """Mechanical writes a block a body, and the library reads the first one."""
         lines = archive.read_text().splitlines()
         at = next(
-            i for i, line in enumerate(lines) if line.split()[:1] == ["-1"] and lines[i + 1].startswith("CMBLOCK")
+            i
+            for i, line in enumerate(lines)
+            if line.split()[:1] == ["-1"] and lines[i + 1].startswith("CMBLOCK")
         )
         del lines[at - 4 : at]
         (tmp_path / "part.cdb").write_text(
             "\n".join(lines).replace("SOLID,        40,        40", "SOLID,        38,        38")
         )
-        with pytest.raises(FormatError, match=r"element 39 \(2 such\) is not in part.cdb, which has 38 elements"):
+        with pytest.raises(
+            FormatError, match=r"element 39 \(2 such\) is not in part.cdb, which has 38 elements"
+        ):
             updyn.read_model(folder / "beam.emat", attributes=tmp_path / "part.cdb")
 
     @pytest.mark.parametrize(
@@ -245,10 +263,15 @@ class TestChecks:
     def test_groups_that_do_not_add_up(self, elements, folder, tmp_path):
         """One element of 40 is 1 ppm off."""
         number, nodes, parts = elements[25]
-        off = [*elements[:25], (number, nodes, {**parts, "stiffness": parts["stiffness"] * (1 + 1e-6)}), *elements[26:]]
+        off = [
+            *elements[:25],
+            (number, nodes, {**parts, "stiffness": parts["stiffness"] * (1 + 1e-6)}),
+            *elements[26:],
+        ]
         write_emat(tmp_path / "off.emat", off)
         with pytest.raises(
-            FormatError, match=r"do not add up to the \.full file: stiffness at \d+:[XYZ], \d+:[XYZ] is"
+            FormatError,
+            match=r"do not add up to the \.full file: stiffness at \d+:[XYZ], \d+:[XYZ] is",
         ):
             updyn.read_model(tmp_path / "off.emat", groups=HALVES, full=folder / "beam.full")
 
@@ -256,25 +279,42 @@ class TestChecks:
         write_emat(tmp_path / "off.emat", elements[:-1])
         with pytest.raises(FormatError, match=r"do not add up|on which no element acts"):
             updyn.read_model(
-                tmp_path / "off.emat", groups={"all": [e[0] for e in elements[:-1]]}, full=folder / "beam.full"
+                tmp_path / "off.emat",
+                groups={"all": [e[0] for e in elements[:-1]]},
+                full=folder / "beam.full",
             )
 
     def test_attributes_of_another_model(self, elements, folder, tmp_path):
-        swapped = [(elements[1][0], *elements[0][1:]), (elements[0][0], *elements[1][1:]), *elements[2:]]
+        swapped = [
+            (elements[1][0], *elements[0][1:]),
+            (elements[0][0], *elements[1][1:]),
+            *elements[2:],
+        ]
         write_emat(tmp_path / "swapped.emat", swapped)
-        with pytest.raises(FormatError, match=r"element \d+ acts on node \d+, which it has not in beam.rst"):
+        with pytest.raises(
+            FormatError, match=r"element \d+ acts on node \d+, which it has not in beam.rst"
+        ):
             updyn.read_model(tmp_path / "swapped.emat", attributes=folder / "beam.rst", supports=[])
 
     def test_stress_stiffness_has_to_be_said(self, elements, tmp_path):
         number, nodes, parts = elements[0]
-        write_emat(tmp_path / "s.emat", [(number, nodes, {**parts, "stress stiffness": 0.01 * parts["stiffness"]})])
+        write_emat(
+            tmp_path / "s.emat",
+            [(number, nodes, {**parts, "stress stiffness": 0.01 * parts["stiffness"]})],
+        )
         groups = {"bar": [number]}
         with pytest.raises(OptionError, match="stress_stiffness=True"):
             updyn.read_model(tmp_path / "s.emat", groups=groups, supports=[])
-        without = updyn.read_model(tmp_path / "s.emat", groups=groups, supports=[], stress_stiffness=False)
-        with_it = updyn.read_model(tmp_path / "s.emat", groups=groups, supports=[], stress_stiffness=True)
+        without = updyn.read_model(
+            tmp_path / "s.emat", groups=groups, supports=[], stress_stiffness=False
+        )
+        with_it = updyn.read_model(
+            tmp_path / "s.emat", groups=groups, supports=[], stress_stiffness=True
+        )
         assert list(with_it.groups) == ["bar", "stress stiffness"]
-        np.testing.assert_allclose(dense(with_it.stiffness), 1.01 * dense(without.stiffness), rtol=1e-12)
+        np.testing.assert_allclose(
+            dense(with_it.stiffness), 1.01 * dense(without.stiffness), rtol=1e-12
+        )
 
     def test_internal_constraints(self, elements, tmp_path):
         write_emat(tmp_path / "joint.emat", elements, internal_equations=2)
@@ -290,13 +330,19 @@ class TestChecks:
             updyn.read_model(tmp_path / "u.emat", groups={"a": [1]}, supports=[])
 
     def test_a_thermal_model(self, tmp_path):
-        write_emat(tmp_path / "hot.emat", [(1, [1, 2], {"stiffness": np.array([[1.0, -1], [-1, 1]])})], dofs=(20,))
+        write_emat(
+            tmp_path / "hot.emat",
+            [(1, [1, 2], {"stiffness": np.array([[1.0, -1], [-1, 1]])})],
+            dofs=(20,),
+        )
         with pytest.raises(FormatError, match=r"node 1 has the degree of freedom TEMP \(2 such\)"):
             updyn.read_model(tmp_path / "hot.emat", groups={"a": [1]}, supports=[])
 
     def test_rotations_by_name(self, tmp_path):
         """A plane beam has UX, UY and ROTZ: three DOFs a node, of which the third is the sixth."""
-        write_emat(tmp_path / "plane.emat", [(1, [3, 4], {"stiffness": np.eye(6) * 5})], dofs=(1, 2, 6))
+        write_emat(
+            tmp_path / "plane.emat", [(1, [3, 4], {"stiffness": np.eye(6) * 5})], dofs=(1, 2, 6)
+        )
         model = updyn.read_model(tmp_path / "plane.emat", groups={"a": [1]}, supports=[])
         assert model.dofs.labels == ["3:X", "3:Y", "3:RZ", "4:X", "4:Y", "4:RZ"]
 
@@ -365,8 +411,12 @@ def test_recovery(folder):
     start = updyn.read_model(folder / "beam.emat", groups=HALVES, unit="in", loss_factor=0.01)
     truth = {"root": {"stiffness": 0.86, "mass": 1.05}, "tip": {"stiffness": 1.12, "mass": 0.93}}
     freq = np.linspace(900.0, 7200.0, 22)
-    frf = updyn.response(start.scaled(truth), freq, ["22:X", "22:Z", "290:X", "298:X"], ["22:X", "22:Z"])
-    result = updyn.update(start, frf, updyn.parameters(start, stiffness="all", mass="all"), noise={"relative": 1e-6})
+    frf = updyn.response(
+        start.scaled(truth), freq, ["22:X", "22:Z", "290:X", "298:X"], ["22:X", "22:Z"]
+    )
+    result = updyn.update(
+        start, frf, updyn.parameters(start, stiffness="all", mass="all"), noise={"relative": 1e-6}
+    )
     assert result.status == "converged"
     for group, change in truth.items():
         for quantity, value in change.items():
@@ -381,7 +431,9 @@ def test_a_job(folder, archive, tmp_path):
         shutil.copy(folder / name, tmp_path / name)
     shutil.copy(archive, tmp_path / "beam.cdb")
     model = updyn.read_model(tmp_path / "beam.emat", unit="in", loss_factor=0.01)
-    updyn.write_frf(updyn.response(model, [900.0, 1200.0, 1500.0], ["22:X"], ["22:X"]), tmp_path / "test.npz")
+    updyn.write_frf(
+        updyn.response(model, [900.0, 1200.0, 1500.0], ["22:X"], ["22:X"]), tmp_path / "test.npz"
+    )
     (tmp_path / "job.toml").write_text(
         '[model]\nfile = "beam.emat"\nunit = "in"\nloss_factor = 0.01\n[test]\nfile = "test.npz"\n'
         '[[parameter]]\ngroups = ["material *"]\nquantity = "stiffness"\n'

@@ -25,7 +25,15 @@ FULL, RST = Path(examples.fullfile), Path(examples.rstfile)
 WORD = 4
 # Items of the header of the file, counted from 0, and where its words stand.
 HEADER = 105
-ITEM = {"lumpm": 10, "keyuns": 13, "ncefull": 20, "ntermMl": 33, "ntermDl": 34, "ptrDMPl": 28, "ptrMASl": 26}
+ITEM = {
+    "lumpm": 10,
+    "keyuns": 13,
+    "ncefull": 20,
+    "ntermMl": 33,
+    "ntermDl": 34,
+    "ptrDMPl": 28,
+    "ptrMASl": 26,
+}
 ITEM |= {"distKey": 62, "nVirtBCs": 79, "fun04": 0, "ntermMh": 21}
 
 
@@ -55,7 +63,9 @@ def textbook() -> tuple[dict[tuple[int, int], int], np.ndarray, np.ndarray]:
     material = result.materials[1]
     at = {(int(n), a): 3 * i + a for i, n in enumerate(result.mesh.nnum) for a in range(3)}
     K, M = np.zeros((len(at), len(at))), np.zeros((len(at), len(at)))
-    for _, nodes, k, m in beam_elements(result.mesh, material["EX"], material["NUXY"], material["DENS"]):
+    for _, nodes, k, m in beam_elements(
+        result.mesh, material["EX"], material["NUXY"], material["DENS"]
+    ):
         rows = np.ix_(*[[at[n, a] for n in nodes for a in range(3)]] * 2)
         K[rows] += k
         M[rows] += m
@@ -71,15 +81,18 @@ def test_matrices_are_those_of_textbook_bricks(model, textbook):
 
 
 def test_frequencies(model):
-    # A cantilever of side 1 and length 5 with c = sqrt(E/rho): Euler-Bernoulli puts its first pair at
-    # 1.8751^2/(2 pi) c sqrt(1/12)/25 = 1305.3 Hz (Blevins 1979, table 8-1); shear and inertia take 2 % off.
+    # A cantilever of side 1 and length 5 with c = sqrt(E/rho): Euler-Bernoulli puts its first pair
+    # at 1.8751^2/(2 pi) c sqrt(1/12)/25 = 1305.3 Hz (Blevins 1979, table 8-1); shear and inertia
+    # take 2 % off.
     c = np.sqrt(16.9e6 / 4.1408e-4)
     euler = 1.87510407**2 / (2 * np.pi) * c * np.sqrt(1 / 12) / 25
     first = updyn.modes(model, 6).frequency
     assert first[0] == pytest.approx(first[1], rel=1e-9)
     assert 0.97 < first[0] / euler < 1.0
     np.testing.assert_allclose(
-        first, [1283.2003692, 1283.2003692, 5781.9748617, 6919.3988771, 6919.3988771, 10172.614977], rtol=1e-8
+        first,
+        [1283.2003692, 1283.2003692, 5781.9748617, 6919.3988771, 6919.3988771, 10172.614977],
+        rtol=1e-8,
     )
 
 
@@ -119,7 +132,9 @@ def test_labels_are_sorted_and_go_with_their_rows(model, textbook):
 def test_damping_of_the_file_is_read(tmp_path):
     """The file of the package has no C. Here it is told that its mass matrix is its damping matrix too."""
     w = words()
-    file = changed(tmp_path, ptrDMPl=w[HEADER + ITEM["ptrMASl"]], ntermDl=w[HEADER + ITEM["ntermMl"]])
+    file = changed(
+        tmp_path, ptrDMPl=w[HEADER + ITEM["ptrMASl"]], ntermDl=w[HEADER + ITEM["ntermMl"]]
+    )
     model = updyn.read_model(file)
     assert abs(model.viscous - model.mass).max() == 0.0
 
@@ -163,12 +178,16 @@ def test_other_degrees_of_freedom_are_refused_by_name(tmp_path):
     assert w[vector + 900] == 1
     w[vector + 902] = 20
     (tmp_path / "hot.full").write_bytes(w.tobytes())
-    with pytest.raises(FormatError, match=r"node \d+ has the degree of freedom TEMP; expected displacements"):
+    with pytest.raises(
+        FormatError, match=r"node \d+ has the degree of freedom TEMP; expected displacements"
+    ):
         updyn.read_model(tmp_path / "hot.full")
 
 
 def test_another_file_of_ansys_is_named():
-    with pytest.raises(FormatError, match=r"is a \.rst file of Ansys by its header, expected \.full"):
+    with pytest.raises(
+        FormatError, match=r"is a \.rst file of Ansys by its header, expected \.full"
+    ):
         updyn.read_model(RST, format="ansys_full")
 
 
@@ -184,7 +203,9 @@ class TestUnits:
         pound, inch = 4.4482216152605, 0.0254
         ratio = si.stiffness.toarray()[0, 0] / model.stiffness.toarray()[0, 0]
         assert ratio == pytest.approx(pound / inch, rel=1e-12)
-        np.testing.assert_allclose(updyn.modes(si, 3).frequency, updyn.modes(model, 3).frequency, rtol=1e-9)
+        np.testing.assert_allclose(
+            updyn.modes(si, 3).frequency, updyn.modes(model, 3).frequency, rtol=1e-9
+        )
         # A titanium bar of 1 x 1 x 5 in: 4.1408e-4 lbf s2/in4 is 4425 kg/m3.
         volume = 5 * inch**3
         K = 4.1408e-4 * pound / inch**4 * volume
@@ -195,7 +216,9 @@ class TestUnits:
         w = words()
         w[6] = 6
         (tmp_path / "mpa.full").write_bytes(w.tobytes())
-        with pytest.raises(FormatError, match=r"unit 'in' contradicts the header, which says MPA \(mm, N, t\)"):
+        with pytest.raises(
+            FormatError, match=r"unit 'in' contradicts the header, which says MPA \(mm, N, t\)"
+        ):
             updyn.read_model(tmp_path / "mpa.full", unit="in")
         said = updyn.read_model(tmp_path / "mpa.full")
         stated = updyn.read_model(FULL, unit="mm")
@@ -216,7 +239,10 @@ class TestUnits:
 def scaled_file(tmp_path: Path, name: str, factor_k: float, factor_m: float) -> Path:
     """Write the file with all of its K and M multiplied."""
     w = words()
-    for pointer, factor in ((int(w[HEADER + 18]), factor_k), (int(w[HEADER + ITEM["ptrMASl"]]), factor_m)):
+    for pointer, factor in (
+        (int(w[HEADER + 18]), factor_k),
+        (int(w[HEADER + ITEM["ptrMASl"]]), factor_m),
+    ):
         at = pointer
         for row in range(2 * 963):
             n = int(w[at])

@@ -1,5 +1,4 @@
 """New properties as an Ansys input file: every number is read back by the few lines below and compared."""
-# ruff: noqa: E501 (lines of a deck are as long as they are)
 
 from __future__ import annotations
 
@@ -95,12 +94,19 @@ def test_a_table_over_temperature(deck):
 
 def test_viscous_damping_of_a_material(deck):
     out = commands(written({"material 1": {"viscous": 1.5, "stiffness": 2.0}}, deck))
-    assert {c[1]: float(c[3]) for c in out} == pytest.approx({"EX": 4.2e11, "BETD": 2e-5 * 1.5 / 2.0})
+    assert {c[1]: float(c[3]) for c in out} == pytest.approx(
+        {"EX": 4.2e11, "BETD": 2e-5 * 1.5 / 2.0}
+    )
 
 
 @pytest.mark.parametrize(
     ("release", "label", "value"),
-    [("2024 R2", "DMPS", 0.03), ("2019 R2", "DMPR", 0.015), ("18.2", "DMPR", 0.015), ("15.0", "DMPR", 0.015)],
+    [
+        ("2024 R2", "DMPS", 0.03),
+        ("2019 R2", "DMPR", 0.015),
+        ("18.2", "DMPR", 0.015),
+        ("15.0", "DMPR", 0.015),
+    ],
 )
 def test_loss_factor(deck, release, label, value):
     """2 g K by DMPR in the older releases, g K by DMPS in the newer."""
@@ -117,7 +123,9 @@ def test_a_damping_ratio_that_stands_in_the_way(deck):
 
 
 def test_springs_and_masses(deck):
-    out = commands(written({"real 7": {"stiffness": 1.2, "viscous": 0.5}, "real 8": {"mass": 1.1}}, deck))
+    out = commands(
+        written({"real 7": {"stiffness": 1.2, "viscous": 0.5}, "real 8": {"mass": 1.1}}, deck)
+    )
     assert out[0][:2] == ("R", "7")
     assert numbers(out[0][2:]) == pytest.approx([1.8e6, 10.0], rel=1e-15)
     assert out[1][:2] == ("R", "8")
@@ -152,12 +160,18 @@ def test_of_an_update(deck):
 
     K, M = np.diag([4.0e6, 1.0e6]), np.diag([10.0, 5.0])
     start = updyn.Model.from_groups(
-        {"material 1": updyn.Group(K, M, 0.02), "real 7": updyn.Group([[0, 0], [0, 3e6]])}, ["1:X", "2:X"]
+        {"material 1": updyn.Group(K, M, 0.02), "real 7": updyn.Group([[0, 0], [0, 3e6]])},
+        ["1:X", "2:X"],
     )
     frf = updyn.response(
-        start.scaled({"real 7": {"stiffness": 1.3}}), np.linspace(20, 250, 40), ["1:X", "2:X"], ["2:X"]
+        start.scaled({"real 7": {"stiffness": 1.3}}),
+        np.linspace(20, 250, 40),
+        ["1:X", "2:X"],
+        ["2:X"],
     )
-    result = updyn.update(start, frf, updyn.parameters(start, stiffness=["real 7"]), noise={"relative": 1e-5})
+    result = updyn.update(
+        start, frf, updyn.parameters(start, stiffness=["real 7"]), noise={"relative": 1e-5}
+    )
     out = deck.parent / "new.inp"
     updyn.write_properties(result, deck, out)
     value = result.values["real 7.stiffness"]
@@ -168,8 +182,13 @@ def test_of_an_update(deck):
 def test_the_deck_that_the_program_wrote(tmp_path):
     examples = pytest.importorskip("ansys.mapdl.reader.examples", reason="needs updyn[ansys]")
     out = tmp_path / "new.inp"
-    updyn.write_properties({"material 1": {"stiffness": 1.25, "mass": 0.5}}, Path(examples.hexarchivefile), out)
-    assert commands(out.read_text()) == [("MP", "EX", "1", "87500000000.0"), ("MP", "DENS", "1", "1350.0")]
+    updyn.write_properties(
+        {"material 1": {"stiffness": 1.25, "mass": 0.5}}, Path(examples.hexarchivefile), out
+    )
+    assert commands(out.read_text()) == [
+        ("MP", "EX", "1", "87500000000.0"),
+        ("MP", "DENS", "1", "1350.0"),
+    ]
     found = read_deck(examples.hexarchivefile)
     assert found.release == 2019.2
     assert found.types == {1: 186}
@@ -183,7 +202,10 @@ def test_the_deck_that_the_program_wrote(tmp_path):
         ({"material 9": {"stiffness": 1.1}}, "has no 'material 9'; did you mean"),
         ({"steel": {"stiffness": 1.1}}, r"has no 'steel' \(by component"),
         ({"real 3": {"stiffness": 1.1}}, "has no 'real 3'"),
-        ({"material 3": {"stiffness": 1.1}}, r"arm.cdb:14: EX of material 3 is 'E_RUBBER'; expected a number"),
+        (
+            {"material 3": {"stiffness": 1.1}},
+            r"arm.cdb:14: EX of material 3 is 'E_RUBBER'; expected a number",
+        ),
         ({"material 4": {"mass": 1.1}}, r"arm.cdb:16: material 4 has no DENS to change; it has EX"),
         ({"material 2": {"viscous": 1.1}}, "material 2 has no ALPD or BETD"),
         ({"material 5": {"stiffness": 1.1}}, r"arm.cdb:17: material 5 has a table \(TB\)"),
@@ -193,7 +215,10 @@ def test_the_deck_that_the_program_wrote(tmp_path):
         ({"real 9": {"stiffness": 2.0}}, "its constants belong to elements COMBIN14, MASS21"),
         ({"material 1": {"stifness": 1.1}}, "no quantity 'stifness'; did you mean 'stiffness'"),
         ({"material 1": {"stiffness": 0.0}}, "stiffness 0.0; expected a finite number above 0"),
-        ({"material 1": {"loss_factor": -0.1}}, "loss_factor -0.1; expected a finite number at least 0"),
+        (
+            {"material 1": {"loss_factor": -0.1}},
+            "loss_factor -0.1; expected a finite number at least 0",
+        ),
     ],
 )
 def test_what_cannot_be_written(deck, changes, said):
@@ -223,7 +248,9 @@ def test_other_suffixes_are_told(deck):
 def test_a_binary_file_is_refused(tmp_path):
     (tmp_path / "job.cdb").write_bytes(bytes(500))
     with pytest.raises(FormatError, match="is a binary file"):
-        updyn.write_properties({"material 1": {"stiffness": 1.1}}, tmp_path / "job.cdb", tmp_path / "new.inp")
+        updyn.write_properties(
+            {"material 1": {"stiffness": 1.1}}, tmp_path / "job.cdb", tmp_path / "new.inp"
+        )
 
 
 def test_a_block_that_is_cut_short(deck):
@@ -233,15 +260,33 @@ def test_a_block_that_is_cut_short(deck):
 
 
 def test_elements_out_of_their_columns(deck):
-    deck.write_text(DECK.replace("         1         2         7", "         1         2        7a"))
-    with pytest.raises(FormatError, match=r"arm.cdb:28: EBLOCK: found .* whole numbers of 10 characters"):
+    deck.write_text(
+        DECK.replace("         1         2         7", "         1         2        7a")
+    )
+    with pytest.raises(
+        FormatError, match=r"arm.cdb:28: EBLOCK: found .* whole numbers of 10 characters"
+    ):
         written({"material 1": {"stiffness": 1.1}}, deck)
 
 
 @pytest.mark.parametrize(
-    "line", ["MP", "MPDATA", "MPTEMP", "R", "RMORE", "ET", "TB", "KEYOPT", "MP,EX", "/COM,ANSYS RELEASE 19.2.1"]
+    "line",
+    [
+        "MP",
+        "MPDATA",
+        "MPTEMP",
+        "R",
+        "RMORE",
+        "ET",
+        "TB",
+        "KEYOPT",
+        "MP,EX",
+        "/COM,ANSYS RELEASE 19.2.1",
+    ],
 )
 def test_commands_without_their_arguments(deck, line):
     """Of no use, and no harm to the others."""
     deck.write_text(line + "\n" + DECK)
-    assert ("MP", "EX", "4", "2000000000.0") in commands(written({"material 4": {"stiffness": 2.0}}, deck))
+    assert ("MP", "EX", "4", "2000000000.0") in commands(
+        written({"material 4": {"stiffness": 2.0}}, deck)
+    )

@@ -97,10 +97,14 @@ def test_a_format_can_be_forced(tmp_path):
 
 def test_options_are_checked_by_name(tmp_path):
     updyn.write_frf(frf(), tmp_path / "a.npz")
-    with pytest.raises(OptionError, match="read_frf of the format 'npz' has no option 'ordr'; did you mean 'order'"):
+    with pytest.raises(
+        OptionError, match="read_frf of the format 'npz' has no option 'ordr'; did you mean 'order'"
+    ):
         updyn.read_frf(tmp_path / "a.npz", ordr=("freq",))
     updyn.write_model(model(), tmp_path / "m.npz")
-    with pytest.raises(OptionError, match="read_model of the format 'npz' has no option 'dofs'; valid: 'format'"):
+    with pytest.raises(
+        OptionError, match="read_model of the format 'npz' has no option 'dofs'; valid: 'format'"
+    ):
         updyn.read_model(tmp_path / "m.npz", dofs=["1:X"])
 
 

@@ -18,32 +18,50 @@ from make_bad_frf import files  # noqa: E402
 #: A part of the message, with the line (":11: ...") where the file has one to name.
 EXPECTED = {
     "abs_negative.csv": "H(1:Z/1:Z) abs is -1; expected 0 or above",
-    "abscissa_decreases.uff": ":2: dataset 58: the abscissa does not increase from point 2 (3) to 3 (2)",
+    "abscissa_decreases.uff": (
+        ":2: dataset 58: the abscissa does not increase from point 2 (3) to 3 (2)"
+    ),
     "abscissa_increment_zero.uff": ":9: record 7: abscissa starts at 1 with steps of 0",
     "abscissa_negative.uff": "the first line is -1 Hz; expected 0 or above",
     "abscissa_repeats.uff": "does not increase from point 2 (2) to 3 (2)",
-    "abscissa_rpm.uff": ":10: record 8: the abscissa is frequency in 'rpm'; expected frequency in Hz",
+    "abscissa_rpm.uff": (
+        ":10: record 8: the abscissa is frequency in 'rpm'; expected frequency in Hz"
+    ),
     "abscissa_time.uff": ":10: record 8: the abscissa is time in 's'; expected frequency in Hz",
     "averages_garbled.csv": "averages: 'many'; expected a whole number",
     "binary_cut_in_header.uff": "58b: the file ends within the dataset, before its data",
     "binary_cut_short.uff": "cut short: 64 bytes of data follow from record 7, 31 are left",
-    "binary_head_missing.uff": ":2: 58b: expected byte order, floating-point format, lines of text and bytes",
+    "binary_head_missing.uff": (
+        ":2: 58b: expected byte order, floating-point format, lines of text and bytes"
+    ),
     "binary_rubbish.uff": ":1: expected '    -1', which opens a dataset",
-    "binary_through_text_mode.uff": "a wrong count of points or bytes, or a file changed by a text-mode transfer",
-    "blank.uff": "holds no frequency response function (dataset 58, function type 4); it holds nothing",
+    "binary_through_text_mode.uff": (
+        "a wrong count of points or bytes, or a file changed by a text-mode transfer"
+    ),
+    "blank.uff": (
+        "holds no frequency response function (dataset 58, function type 4); it holds nothing"
+    ),
     "both_senses.csv": ":2: header: DOF 1:Z stands twice",
-    "byte_count_wrong.uff": ":2: 58b: says 56 bytes of data; 64 follow from record 7, and stand there",
+    "byte_count_wrong.uff": (
+        ":2: 58b: says 56 bytes of data; 64 follow from record 7, and stand there"
+    ),
     "byte_order_wrong.uff": "byte order 7; expected 1 (little-endian) or 2 (big-endian)",
     "cell_empty.csv": ":4: column 2: '' is not a number",
     "cell_missing.csv": ":4: 2 cell(s); expected 3",
     "cell_nan.csv": ":4: column 3: 'nan' is not finite",
     "cell_text.csv": ":4: column 3: 'four' is not a number",
-    "coherence_above_1.csv": "coherence at 10 Hz, response 1:Z, reference 1:Z is 1.5; expected 0 to 1",
-    "coherence_above_1.uff": ":18: coherence at response 1:Z, reference 1:Z is 1.2; expected 0 to 1",
+    "coherence_above_1.csv": (
+        "coherence at 10 Hz, response 1:Z, reference 1:Z is 1.5; expected 0 to 1"
+    ),
+    "coherence_above_1.uff": (
+        ":18: coherence at response 1:Z, reference 1:Z is 1.2; expected 0 to 1"
+    ),
     "coherence_complex.uff": ":18: coherence at response 1:Z, reference 1:Z has an imaginary part",
     "coherence_partial.csv": ":2: header: H(1:Z/1:Z) has no column 'coh', others have",
     "column_dof.csv": ":2: header: column 'H(1:W/1:Z) im': DOF '1:W': expected node:direction",
-    "column_im_missing.csv": ":2: header: H(1:Z/1:Z) has re; expected re and im, or abs and phase_deg",
+    "column_im_missing.csv": (
+        ":2: header: H(1:Z/1:Z) has re; expected re and im, or abs and phase_deg"
+    ),
     "column_kind.csv": "column 'H(1:Z/1:Z) imag' is of kind 'imag'; did you mean 'im'?",
     "column_kinds_mixed.csv": "H(1:Z/1:Z) has re and phase_deg; expected",
     "column_name.csv": "column 'H11 im'; expected a name such as 'H(3:Z/1:X) re'",
@@ -56,8 +74,12 @@ EXPECTED = {
     "delimiter_superfluous.uff": ":18: expected the number of a dataset, found '-1'",
     "direction_0.uff": ":8: record 6: response direction 0 (scalar) at node 17 says no direction",
     "direction_9.uff": ":8: record 6: response direction 9; expected -6 to 6",
-    "direction_garbled.uff": ":8: record 6, response direction: expected a whole number in columns 52 to 55",
-    "duplicate_pair.uff": ":18: frequency response function at response 4:-X, reference 1:Z stands twice: also on",
+    "direction_garbled.uff": (
+        ":8: record 6, response direction: expected a whole number in columns 52 to 55"
+    ),
+    "duplicate_pair.uff": (
+        ":18: frequency response function at response 4:-X, reference 1:Z stands twice: also on"
+    ),
     "empty.csv": "the file is empty",
     "empty.uff": "the file is empty",
     "first_column.csv": ":2: header: the first column is 'frequency'; expected 'freq_Hz'",
@@ -68,8 +90,13 @@ EXPECTED = {
     "latin1.csv": "not a text in UTF-8 (invalid start byte at byte 4)",
     "latin1_title_cut.uff": "dataset 58, opened on line 1, is not closed",
     "lines_decrease.csv": ":4: 5 Hz does not exceed 10 Hz; lines must increase",
-    "lines_differ.uff": ":18: frequency response function at response 2:Z, reference 1:Z has 4 lines from 1 to 1.75 Hz",
-    "lines_differ_in_number.uff": "has 3 lines from 1 to 2 Hz, the first FRF has 4 from 1 to 2.5 Hz",
+    "lines_differ.uff": (
+        ":18: frequency response function at response 2:Z, reference 1:Z has 4 lines from 1 to"
+        " 1.75 Hz"
+    ),
+    "lines_differ_in_number.uff": (
+        "has 3 lines from 1 to 2 Hz, the first FRF has 4 from 1 to 2.5 Hz"
+    ),
     "magnitude_only.uff": "a magnitude without phase cannot be used",
     "matrix_incomplete.uff": "1 of 4 pairs of response / reference are missing: 2:Z / 2:Z",
     "motion_over_motion.uff": ":11: records 9 and 10 say acceleration over acceleration",
@@ -78,38 +105,55 @@ EXPECTED = {
     "no_functions.uff": "it holds a geometry of 3 nodes (see updyn.io.read_geometry)",
     "no_lines.csv": "holds a header and no line of numbers",
     "no_quantity.csv": "expected a line '# quantity: accelerance'",
-    "node_garbled.uff": ":8: record 6, response node: expected a whole number in columns 42 to 51, found '7x77'",
-    "node_not_in_geometry.uff": ":14: record 6: response 3:X: geometry: node 3 has no position; nearest: 2, 1, 30",
+    "node_garbled.uff": (
+        ":8: record 6, response node: expected a whole number in columns 42 to 51, found '7x77'"
+    ),
+    "node_not_in_geometry.uff": (
+        ":14: record 6: response 3:X: geometry: node 3 has no position; nearest: 2, 1, 30"
+    ),
     "node_position_garbled.uff": ":3: dataset 15, position: expected a number, found '5.x0000E-01'",
     "node_twice.uff": ":4: node 1 stands twice: also on line 3",
     "not_closed.uff": "dataset 58, opened on line 1, is not closed: no further '    -1'",
     "number_garbled.uff": ":14: data: expected a number, found '7.0O000E+00'",
     "number_missing.uff": ":2: expected the number of a dataset, found 'abc'",
-    "oblique.uff": ":25: record 6: response 2:X is oblique: its displacement system turns it to (0.8, 0.6, 0)",
+    "oblique.uff": (
+        ":25: record 6: response 2:X is oblique: its displacement system turns it to (0.8, 0.6, 0)"
+    ),
     "ordinate_type_wrong.uff": ":9: record 7: ordinate data type 7; expected 2 or 4 (real), 5 or 6",
     "other_functions.uff": "it holds 1 time response",
     "pair_missing.csv": "header: H(1:Z/3:Z) has no column; expected re and im",
     "points_absurd_binary.uff": "15999999984 bytes of data follow from record 7, 71 are left",
     "points_none.uff": ":9: record 7: 0 points; expected at least 1",
     "points_too_few.uff": "6 numbers follow from record 7 (points, type, spacing), found 8",
-    "points_too_few_binary.uff": "64 bytes of data stand there; from record 7 (points, type, spacing) follow 48",
+    "points_too_few_binary.uff": (
+        "64 bytes of data stand there; from record 7 (points, type, spacing) follow 48"
+    ),
     "points_too_many.uff": "10 numbers follow from record 7 (points, type, spacing), found 8",
     "quantity_inverse.csv": "quantity 'apparent mass' is a force over a motion",
     "quantity_misspelt.csv": "quantity 'acelerance': did you mean 'accelerance'",
-    "quantity_mixed.uff": "accelerance (dataset 58 on line 2) and mobility (line 18); expected one quantity",
+    "quantity_mixed.uff": (
+        "accelerance (dataset 58 on line 2) and mobility (line 18); expected one quantity"
+    ),
     "quantity_twice.csv": "quantity is said twice: accelerance and mobility",
     "quantity_unknown.uff": ":11: records 9 and 10 do not say what was measured",
     "spacing_wrong.uff": ":9: record 7: abscissa spacing 3; expected 0 (uneven) or 1 (even)",
     "strain_over_force.uff": "records 9 and 10 say strain over excitation force",
-    "system_not_defined.uff": ":4: node 2, displacement: coordinate system 5 is not defined in this file",
+    "system_not_defined.uff": (
+        ":4: node 2, displacement: coordinate system 5 is not defined in this file"
+    ),
     "system_not_orthogonal.uff": ":5: system 5: its axes are not three perpendicular directions",
-    "text.uff": ":1: expected '    -1', which opens a dataset, found 'Measured on a Monday, see the logbook.'",
+    "text.uff": (
+        ":1: expected '    -1', which opens a dataset, found 'Measured on a Monday, see the"
+        " logbook.'"
+    ),
     "text_cut_short.uff": "8 numbers follow from record 7 (points, type, spacing), found 4",
     "text_lines_wrong.uff": "12 lines of text before the data; expected 11",
     "trace_line_to_nowhere.uff": ":7: dataset 82: node 4 of the trace line has no position",
     "unit_g.uff": ":11: record 9: the accelerance is in 'g', which is not SI: give scale=",
     "units_change.uff": ":9: dataset 164 contradicts the one on line 3",
-    "units_contradict.uff": ":3: dataset 164: units code 1 goes with factors 1 (length) and 1 (force)",
+    "units_contradict.uff": (
+        ":3: dataset 164: units code 1 goes with factors 1 (length) and 1 (force)"
+    ),
 }
 
 
@@ -185,5 +229,8 @@ def test_changed_bytes_raise_nothing_else(tmp_path, seed):
 def test_left_out_functions_do_not_hide_an_error(tmp_path):
     path = tmp_path / "case.uff"
     path.write_bytes(uff.ascii58(Y.real, kind=2) + uff.ascii58(Y, types=(18, 0, 0)))
-    with pytest.warns(UpdynWarning, match="1 auto spectrum"), pytest.raises(UpdynError, match="give quantity="):
+    with (
+        pytest.warns(UpdynWarning, match="1 auto spectrum"),
+        pytest.raises(UpdynError, match="give quantity="),
+    ):
         updyn.read_frf(path)

@@ -19,9 +19,13 @@ def test_there_are_enough_and_none_is_left_out():
     assert len(MODELS) >= 50
     assert len(FRFS) >= 15
     for folder, expected in (("model", MODELS), ("frf_npz_mat", FRFS)):
-        matrices = {Path(name).with_suffix(".mtx").name for name in expected if name.endswith(".toml")}
+        matrices = {
+            Path(name).with_suffix(".mtx").name for name in expected if name.endswith(".toml")
+        }
         files = {p.name for p in (BAD / folder).iterdir()} - {"expected.json"}
-        assert files - matrices - {"alone.mtx", "not_a_matrix.mtx"} == {n for n in expected if not n.endswith(".mtx")}
+        assert files - matrices - {"alone.mtx", "not_a_matrix.mtx"} == {
+            n for n in expected if not n.endswith(".mtx")
+        }
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -47,25 +47,34 @@ def test_groups_are_the_materials_and_add_up(deck, model):
     assert model.title == "Bar of three materials"
     assert model.n_dofs == 3 * 36
     assert not np.isin(model.dofs.nodes, [1, 2, 3, 4, 5, 6]).any()
-    # All free nodes at one speed along X: twice the kinetic energy. Where one side of a linear brick stands still the
-    # speed grows along it, which leaves a third: of the two bricks along the steel part one is full.
+    # All free nodes at one speed along X: twice the kinetic energy. Where one side of a linear
+    # brick stands still the speed grows along it, which leaves a third: of the two bricks along the
+    # steel part one is full.
     ones = (model.dofs.axes == 0).astype(float)
     volume = 0.1 * 0.04 * 0.03
     for name, rho, share in zip(NAMES, DENSITIES, (0.5 + 0.5 / 3, 1.0, 1.0), strict=True):
-        assert ones @ (model.groups[name].mass @ ones) == pytest.approx(rho * volume * share, rel=1e-9)
+        assert ones @ (model.groups[name].mass @ ones) == pytest.approx(
+            rho * volume * share, rel=1e-9
+        )
 
 
 @needs_ccx
 def test_a_factor_on_a_group_is_a_factor_on_its_material(deck, model, tmp_path):
     changed = tmp_path / "changed.inp"
-    text = bar().replace(f"{MODULI[1]:.10g}", f"{MODULI[1] * 1.7:.10g}").replace(f"\n{DENSITIES[2]:.10g}", "\n6230.")
+    text = (
+        bar()
+        .replace(f"{MODULI[1]:.10g}", f"{MODULI[1] * 1.7:.10g}")
+        .replace(f"\n{DENSITIES[2]:.10g}", "\n6230.")
+    )
     changed.write_text(text)
     scaled = model.scaled({"alu": {"stiffness": 1.7}, "BRONZE": {"mass": 0.7}})
     other = read_model(changed)
     for what in ("stiffness", "mass"):
         A, B = getattr(scaled, what), getattr(other, what)
         assert abs(A - B).max() < 1e-12 * abs(B).max()
-    np.testing.assert_allclose(updyn.modes(scaled, 10).frequency, own_frequencies(changed), rtol=PRINTED)
+    np.testing.assert_allclose(
+        updyn.modes(scaled, 10).frequency, own_frequencies(changed), rtol=PRINTED
+    )
 
 
 @needs_ccx
@@ -119,11 +128,17 @@ SPRINGS = """*ELEMENT, TYPE=SPRING1, ELSET=Ground
 @needs_ccx
 def test_springs_masses_equations_and_damping(tmp_path):
     path = tmp_path / "more.inp"
-    text = bar().replace("*BOUNDARY", SPRINGS + "*BOUNDARY").replace("\n2700\n", "\n2700\n*DAMPING, STRUCTURAL=0.02\n")
+    text = (
+        bar()
+        .replace("*BOUNDARY", SPRINGS + "*BOUNDARY")
+        .replace("\n2700\n", "\n2700\n*DAMPING, STRUCTURAL=0.02\n")
+    )
     path.write_text(text)
     model = read_model(path)
     assert list(model.groups) == [*NAMES, "Ground", "Strut", "Tip"]
-    np.testing.assert_allclose(updyn.modes(undamped(model), 10).frequency, own_frequencies(path), rtol=PRINTED)
+    np.testing.assert_allclose(
+        updyn.modes(undamped(model), 10).frequency, own_frequencies(path), rtol=PRINTED
+    )
     assert [g.loss_factor for g in model.groups.values()] == [0.0, 0.02, 0.0, 0.0, 0.0, 0.0]
     ground, tip = model.groups["Ground"], model.groups["Tip"]
     assert ground.mass is None
@@ -134,7 +149,11 @@ def test_springs_masses_equations_and_damping(tmp_path):
     assert "41:Z" not in model.dofs
     np.testing.assert_allclose(tip.mass.data, 0.35, rtol=1e-9)
     for group in model.groups.values():
-        parts = [f * A.toarray() for f, A in ((3.0, group.mass), (2e-6, group.stiffness)) if A is not None]
+        parts = [
+            f * A.toarray()
+            for f, A in ((3.0, group.mass), (2e-6, group.stiffness))
+            if A is not None
+        ]
         np.testing.assert_allclose(group.viscous.toarray(), sum(parts), rtol=1e-12)
 
 
@@ -160,7 +179,9 @@ def test_quadratic_elements_and_rotated_supports(tmp_path):
     lines += ["*BOUNDARY", "S, 1, 2", "4, 3", "*STEP", "*FREQUENCY", "4", "*END STEP"]
     path = tmp_path / "tets.inp"
     path.write_text("\n".join(lines) + "\n")
-    np.testing.assert_allclose(updyn.modes(read_model(path), 4).frequency, own_frequencies(path), rtol=PRINTED)
+    np.testing.assert_allclose(
+        updyn.modes(read_model(path), 4).frequency, own_frequencies(path), rtol=PRINTED
+    )
 
 
 ORIENTED = """*ORIENTATION, NAME=turned
@@ -206,7 +227,10 @@ slave, master
         ("TYPE=C3D8", "TYPE=C3D8I", 108 + 12 * 9),
         (
             "*ELASTIC\n1.1e+11, 0.3\n",
-            "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n1.1e11,5.e10,4.e10,.3,.28,.25,3.e10,2.e10,\n1.5e10\n",
+            (
+                "*ELASTIC, TYPE=ENGINEERING"
+                " CONSTANTS\n1.1e11,5.e10,4.e10,.3,.28,.25,3.e10,2.e10,\n1.5e10\n"
+            ),
             108,
         ),
         (
@@ -228,7 +252,9 @@ def test_elements_materials_and_ties_of_other_kinds(tmp_path, old, new, n_dofs):
     path.write_text(text)
     model = read_model(path)
     assert model.n_dofs == n_dofs
-    np.testing.assert_allclose(updyn.modes(model, 10).frequency, own_frequencies(path), rtol=PRINTED)
+    np.testing.assert_allclose(
+        updyn.modes(model, 10).frequency, own_frequencies(path), rtol=PRINTED
+    )
 
 
 SETS = """*NSET, NSET=tip
@@ -255,9 +281,12 @@ HUB = """*ELEMENT, TYPE=MASS, ELSET=Hub
 def test_rotations_of_rigid_bodies(tmp_path, ties, unit):
     path, metre = tmp_path / "rigid.inp", 1.0 if unit == "m" else 1e3
     nodes = "".join(
-        f"{n}, {x * metre}, {0.02 * metre}, {0.04 * metre}\n" for n, x in ((901, 0.34), (902, 0.0), (903, -0.03))
+        f"{n}, {x * metre}, {0.02 * metre}, {0.04 * metre}\n"
+        for n, x in ((901, 0.34), (902, 0.0), (903, -0.03))
     )
-    text = bar(unit=MM if unit == "mm" else (1.0, 1.0, 1.0)).replace("*ELEMENT", nodes + "*ELEMENT", 1)
+    text = bar(unit=MM if unit == "mm" else (1.0, 1.0, 1.0)).replace(
+        "*ELEMENT", nodes + "*ELEMENT", 1
+    )
     text = text.replace("*BOUNDARY\nFixed, 1, 3\n", SETS + ties + HUB)
     path.write_text(text.replace("\n0.8\n", "\n0.8E-3\n") if unit == "mm" else text)
     model = read_model(path, unit=unit)
@@ -268,7 +297,9 @@ def test_rotations_of_rigid_bodies(tmp_path, ties, unit):
     turn, at = np.array([0.3, -0.5, 0.7]), model.geometry.position(model.dofs.nodes)
     axis = np.array(model.dofs.axes)
     motion = np.where(axis < 3, np.cross(turn, at)[np.arange(len(axis)), axis % 3], turn[axis % 3])
-    assert abs(model.stiffness @ motion).max() < 1e-9 * abs(model.stiffness).max() * abs(motion).max()
+    assert (
+        abs(model.stiffness @ motion).max() < 1e-9 * abs(model.stiffness).max() * abs(motion).max()
+    )
     own = own_frequencies(path)
     np.testing.assert_allclose(updyn.modes(model, 10).frequency[6:], own[6:], rtol=PRINTED)
 
@@ -283,7 +314,9 @@ def test_what_is_written_back_gives_the_frequencies_of_the_updated_model(deck, m
     again = tmp_path / "again.inp"
     again.write_text(spliced(bar(), ("Steel", "BRONZE"), "new.inp"))
     expected = model.scaled(changes)
-    np.testing.assert_allclose(updyn.modes(undamped(expected), 10).frequency, own_frequencies(again), rtol=PRINTED)
+    np.testing.assert_allclose(
+        updyn.modes(undamped(expected), 10).frequency, own_frequencies(again), rtol=PRINTED
+    )
     back = read_model(again)
     assert [back.groups[n].loss_factor for n in NAMES] == [0.013, 0.0, 0.0]
     for what in ("stiffness", "mass"):
@@ -301,7 +334,9 @@ def test_as_a_deck_of_abaqus_the_model_keeps_the_frequencies_of_the_program(deck
 
 def test_the_written_file_says_old_and_new(tmp_path):
     (tmp_path / "bar.inp").write_text(bar())
-    write_properties({"alu": {"stiffness": 1.5, "mass": 2.0}}, tmp_path / "bar.inp", tmp_path / "new.inp")
+    write_properties(
+        {"alu": {"stiffness": 1.5, "mass": 2.0}}, tmp_path / "bar.inp", tmp_path / "new.inp"
+    )
     text = (tmp_path / "new.inp").read_text().splitlines()
     assert [line for line in text if not line.startswith("**")] == [
         "*MATERIAL, NAME=alu",
@@ -316,24 +351,44 @@ def test_the_written_file_says_old_and_new(tmp_path):
 
 
 def test_damping_of_the_whole_deck_stays_where_it_is(tmp_path):
-    (tmp_path / "bar.inp").write_text(bar().replace("\n8900\n", "\n8900\n*DAMPING, ALPHA=3., BETA=2.E-6\n"))
+    (tmp_path / "bar.inp").write_text(
+        bar().replace("\n8900\n", "\n8900\n*DAMPING, ALPHA=3., BETA=2.E-6\n")
+    )
     write_properties({"BRONZE": {"mass": 2.0}}, tmp_path / "bar.inp", tmp_path / "new.inp")
     text = (tmp_path / "new.inp").read_text()
     assert "17800.0" in text
     assert "*DAMPING" not in text
-    assert "** ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness." in text
+    assert (
+        "** ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and"
+        " stiffness." in text
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"allu": {"stiffness": 1.5}}, r"no material, spring or mass 'allu'; did you mean 'alu'"),
-        ({"alu": {"stifness": 1.5}}, r"group 'alu': no quantity 'stifness'; did you mean 'stiffness'"),
-        ({"alu": {"stiffness": -1.0}}, r"group 'alu': stiffness -1.0; expected a finite number above 0"),
-        ({"alu": {"loss_factor": -0.1}}, r"group 'alu': loss_factor -0.1; expected a finite number at least 0"),
-        ({"alu": {"viscous": 2.0}}, r"bar.inp:\d+: group 'alu': ALPHA and BETA hold for the whole deck"),
+        (
+            {"alu": {"stifness": 1.5}},
+            r"group 'alu': no quantity 'stifness'; did you mean 'stiffness'",
+        ),
+        (
+            {"alu": {"stiffness": -1.0}},
+            r"group 'alu': stiffness -1.0; expected a finite number above 0",
+        ),
+        (
+            {"alu": {"loss_factor": -0.1}},
+            r"group 'alu': loss_factor -0.1; expected a finite number at least 0",
+        ),
+        (
+            {"alu": {"viscous": 2.0}},
+            r"bar.inp:\d+: group 'alu': ALPHA and BETA hold for the whole deck",
+        ),
         ({"Ground": {"mass": 2.0}}, r"bar.inp:\d+: group 'Ground' has no mass to change"),
-        ({"Ground": {"loss_factor": 0.1}}, r"group 'Ground': \*SPRING has no place for a loss factor"),
+        (
+            {"Ground": {"loss_factor": 0.1}},
+            r"group 'Ground': \*SPRING has no place for a loss factor",
+        ),
     ],
 )
 def test_changes_that_the_deck_has_no_place_for(tmp_path, changes, message):
@@ -345,7 +400,10 @@ def test_changes_that_the_deck_has_no_place_for(tmp_path, changes, message):
 
 def test_without_the_program_the_message_says_what_to_install(tmp_path):
     (tmp_path / "bar.inp").write_text(bar())
-    with pytest.raises(OptionError, match=r"bar.inp: CalculiX is needed.*no program 'no-such-ccx'.*apt install calc"):
+    with pytest.raises(
+        OptionError,
+        match=r"bar.inp: CalculiX is needed.*no program 'no-such-ccx'.*apt install calc",
+    ):
         read_model(tmp_path / "bar.inp", ccx="no-such-ccx")
     with pytest.raises(OptionError, match=r"timeout 0; expected seconds above 0"):
         read_model(tmp_path / "bar.inp", timeout=0)
@@ -363,30 +421,53 @@ def stand_in(folder, script):
     ("script", "message"),
     [
         ("sleep 30", r"ccx was stopped after 0.3 s; give it longer: timeout="),
-        ("echo ' *ERROR reading *X: bad'; echo '        card'; echo; exit 201", r"ccx says: reading \*X: bad card"),
-        ("echo ' *WARNING reading the input file. Card image:'; echo '   1,2'", r"ccx says: .*Card image: 1,2"),
-        ("echo last words; exit 3", r"ccx ended with code 3 and wrote no matrices; its last words: last words"),
-        ("echo 7.1 > job.dof; echo x > job.sti; touch job.mas", r"not a readable matrix file of ccx"),
-        ("echo 7.4 > job.dof; touch job.sti job.mas", r"ccx writes degrees of freedom of direction \['4'\]"),
+        (
+            "echo ' *ERROR reading *X: bad'; echo '        card'; echo; exit 201",
+            r"ccx says: reading \*X: bad card",
+        ),
+        (
+            "echo ' *WARNING reading the input file. Card image:'; echo '   1,2'",
+            r"ccx says: .*Card image: 1,2",
+        ),
+        (
+            "echo last words; exit 3",
+            r"ccx ended with code 3 and wrote no matrices; its last words: last words",
+        ),
+        (
+            "echo 7.1 > job.dof; echo x > job.sti; touch job.mas",
+            r"not a readable matrix file of ccx",
+        ),
+        (
+            "echo 7.4 > job.dof; touch job.sti job.mas",
+            r"ccx writes degrees of freedom of direction \['4'\]",
+        ),
         ("touch job.dof job.sti job.mas", r"no degree of freedom is free"),
     ],
 )
 def test_failures_of_the_program_are_told(tmp_path, script, message):
     (tmp_path / "bar.inp").write_text(bar())
     with pytest.raises(FormatError, match=message):
-        read_model(tmp_path / "bar.inp", ccx=stand_in(tmp_path, script), timeout=0.3 if "sleep" in script else 30.0)
+        read_model(
+            tmp_path / "bar.inp",
+            ccx=stand_in(tmp_path, script),
+            timeout=0.3 if "sleep" in script else 30.0,
+        )
 
 
 @needs_ccx
 def test_what_the_program_itself_refuses_is_told_in_its_words(tmp_path):
-    (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY", "*EQUATION\n2\n40,1,1.\n*BOUNDARY", 1))
+    (tmp_path / "bar.inp").write_text(
+        bar().replace("*BOUNDARY", "*EQUATION\n2\n40,1,1.\n*BOUNDARY", 1)
+    )
     with pytest.raises(FormatError, match=r"bar.inp: ccx says: .*EQUATION"):
         read_model(tmp_path / "bar.inp")
 
 
 @needs_ccx
 def test_remarks_of_the_program_are_passed_on_once(tmp_path, recwarn):
-    (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY\n", CAP.replace("S1", "S2") + "*BOUNDARY\n"))
+    (tmp_path / "bar.inp").write_text(
+        bar().replace("*BOUNDARY\n", CAP.replace("S1", "S2") + "*BOUNDARY\n")
+    )
     read_model(tmp_path / "bar.inp")
     assert [str(w.message).count("no tied MPC generated for node 37") for w in recwarn] == [1]
 
@@ -395,16 +476,22 @@ def test_remarks_of_the_program_are_passed_on_once(tmp_path, recwarn):
 def test_constraints_that_make_no_numbers_are_told(tmp_path):
     plane = "*MPC\nPLANE, 37, 38, 39, 40, 41, 42\n"  # of which ccx says nothing itself
     (tmp_path / "bar.inp").write_text(bar().replace("*BOUNDARY\n", plane + "*BOUNDARY\n"))
-    with pytest.raises(FormatError, match=r"ccx writes numbers that are not finite; look at the constraints"):
+    with pytest.raises(
+        FormatError, match=r"ccx writes numbers that are not finite; look at the constraints"
+    ):
         read_model(tmp_path / "bar.inp")
 
 
 @needs_ccx
 def test_what_is_left_out_is_told(tmp_path):
-    text = bar().replace("*BOUNDARY", "*MATERIAL, NAME=spare\n*ELASTIC\n1.E9, .3\n*DENSITY\n1000.\n*BOUNDARY")
+    text = bar().replace(
+        "*BOUNDARY", "*MATERIAL, NAME=spare\n*ELASTIC\n1.E9, .3\n*DENSITY\n1000.\n*BOUNDARY"
+    )
     (tmp_path / "bar.inp").write_text(text)
     with pytest.warns(UpdynWarning, match=r"no element is made of material 'spare': left out"):
         assert list(read_model(tmp_path / "bar.inp").groups) == list(NAMES)
     (tmp_path / "light.inp").write_text(bar().replace("*DENSITY\n2700\n", ""))
-    with pytest.warns(UpdynWarning, match=r"material 'alu' has no \*DENSITY: its group has no mass"):
+    with pytest.warns(
+        UpdynWarning, match=r"material 'alu' has no \*DENSITY: its group has no mass"
+    ):
         assert read_model(tmp_path / "light.inp").groups["alu"].mass is None

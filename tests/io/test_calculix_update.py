@@ -23,7 +23,9 @@ def deck_of_the_real_thing(path: Path) -> None:
         old = f"*ELASTIC\n{E:.10g}, 0.3\n*DENSITY\n{rho:.10g}\n"
         assert old in text
         text = text.replace(
-            old, f"*ELASTIC\n{E * k:.10g}, 0.3\n*DENSITY\n{rho * m:.10g}\n*DAMPING, STRUCTURAL={gamma}\n"
+            old,
+            f"*ELASTIC\n{E * k:.10g}, 0.3\n*DENSITY\n{rho * m:.10g}\n*DAMPING,"
+            f" STRUCTURAL={gamma}\n",
         )
     path.write_text(text)
 
@@ -50,10 +52,14 @@ def test_a_deck_is_updated_to_another_and_written_back(tmp_path: Path) -> None:
     for name in NAMES:
         text = re.sub(rf"\*MATERIAL, NAME={name}\n\*ELASTIC\n.*\n\*DENSITY\n.*\n", "", text)
     again = tmp_path / "again.inp"
-    again.write_text(text.replace("*Solid section", "*INCLUDE, INPUT=updated.inp\n*Solid section", 1))
+    again.write_text(
+        text.replace("*Solid section", "*INCLUDE, INPUT=updated.inp\n*Solid section", 1)
+    )
     np.testing.assert_allclose(own_frequencies(again), own_frequencies(real), rtol=1e-6)
     for name, group in read_model(again).groups.items():
-        np.testing.assert_allclose(group.loss_factor, result.values[f"{name}.loss_factor"], rtol=1e-12)
+        np.testing.assert_allclose(
+            group.loss_factor, result.values[f"{name}.loss_factor"], rtol=1e-12
+        )
 
 
 @needs_ccx
@@ -63,10 +69,11 @@ def test_a_job_reads_a_deck_in_mm_and_writes_its_properties(tmp_path: Path) -> N
     model = read_model(tmp_path / "bar.inp", unit="mm")
     truth = model.scaled({"Steel": {"stiffness": 0.9}})
     tip = str(model.dofs[model.n_dofs - 2])
-    updyn.write_frf(updyn.response(truth, np.linspace(60.0, 4200.0, 60), [tip], [tip]), tmp_path / "test.npz")
+    updyn.write_frf(
+        updyn.response(truth, np.linspace(60.0, 4200.0, 60), [tip], [tip]), tmp_path / "test.npz"
+    )
     job = tmp_path / "job.toml"
-    job.write_text(
-        f"""
+    job.write_text(f"""
 [model]
 file = "bar.inp"
 unit = "mm"
@@ -82,12 +89,15 @@ starts = 0
 [output]
 properties = "updated.inp"
 report = false
-"""
-    )
+""")
     assert main(["run", str(job), "--out", str(tmp_path / "out")]) == 0
     written = (tmp_path / "out" / "updated.inp").read_text()
-    found = re.search(r"\*MATERIAL, NAME=Steel\n(?:\*\*.*\n)*\*ELASTIC.*\n([^,\s]+)", written, re.IGNORECASE)
+    found = re.search(
+        r"\*MATERIAL, NAME=Steel\n(?:\*\*.*\n)*\*ELASTIC.*\n([^,\s]+)", written, re.IGNORECASE
+    )
     assert found is not None, written
-    np.testing.assert_allclose(float(found[1]), 0.9 * MODULI[NAMES.index("Steel")] * 1e-6, rtol=1e-6)
+    np.testing.assert_allclose(
+        float(found[1]), 0.9 * MODULI[NAMES.index("Steel")] * 1e-6, rtol=1e-6
+    )
     assert main(["run", str(tmp_path / "out" / "job.toml"), "--out", str(tmp_path / "again")]) == 0
     assert main(["info", str(tmp_path / "bar.inp"), "--unit", "mm"]) == 0

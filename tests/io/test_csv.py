@@ -37,7 +37,11 @@ def test_geometry_is_left_out_with_a_warning(tmp_path):
 def test_a_table_written_by_hand(tmp_path):
     path = put(tmp_path, HEAD + "10,1.5,-2\n\n20.5,0,1e-3\n")
     found = updyn.read_frf(path)
-    assert (found.quantity, found.responses.labels, found.references.labels) == ("accelerance", ["3:Z"], ["1:-X"])
+    assert (found.quantity, found.responses.labels, found.references.labels) == (
+        "accelerance",
+        ["3:Z"],
+        ["1:-X"],
+    )
     np.testing.assert_array_equal(found.freq, [10.0, 20.5])
     np.testing.assert_array_equal(found.values[:, 0, 0], [1.5 - 2j, 1e-3j])
 
@@ -46,7 +50,11 @@ def test_a_table_written_by_hand(tmp_path):
 def test_separators_and_commas_in_names(tmp_path, separator):
     name = '"H(3:Z,1:X) abs"' if separator == "," else "H(3:Z,1:X) abs"
     cells = ["freq_Hz", "H(3:Z,1:X) phase_deg", name, "H(3:Z,1:X) coh"]
-    path = put(tmp_path, separator.join(cells) + "\r\n" + separator.join(["1", "90", "2", "0.5"]) + "\r\n", "case.txt")
+    path = put(
+        tmp_path,
+        separator.join(cells) + "\r\n" + separator.join(["1", "90", "2", "0.5"]) + "\r\n",
+        "case.txt",
+    )
     found = updyn.read_frf(path, quantity="mobility")
     np.testing.assert_allclose(found.values[0, 0, 0], 2j, atol=1e-15)
     assert found.coherence[0, 0, 0] == 0.5
@@ -55,7 +63,9 @@ def test_separators_and_commas_in_names(tmp_path, separator):
 def test_a_matrix_in_any_order_of_columns(tmp_path):
     pairs = ["2:X/5:Y", "1:X/5:Y", "1:X/6:Y", "2:X/6:Y"]
     names = [f"H({p}) {what}" for what in ("im", "re") for p in pairs]
-    path = put(tmp_path, "# quantity: receptance\nfreq_Hz," + ",".join(names) + "\n1,1,2,3,4,5,6,7,8\n")
+    path = put(
+        tmp_path, "# quantity: receptance\nfreq_Hz," + ",".join(names) + "\n1,1,2,3,4,5,6,7,8\n"
+    )
     found = updyn.read_frf(path)
     assert (found.responses.labels, found.references.labels) == (["2:X", "1:X"], ["5:Y", "6:Y"])
     np.testing.assert_array_equal(found.values[0], [[5 + 1j, 8 + 4j], [6 + 2j, 7 + 3j]])
@@ -64,7 +74,9 @@ def test_a_matrix_in_any_order_of_columns(tmp_path):
 def test_quantity_given_and_said_must_agree(tmp_path):
     path = put(tmp_path, HEAD + "10,1,2\n")
     assert updyn.read_frf(path, quantity="accelerance").quantity == "accelerance"
-    with pytest.raises(FormatError, match="'mobility' contradicts the file, which says 'accelerance'"):
+    with pytest.raises(
+        FormatError, match="'mobility' contradicts the file, which says 'accelerance'"
+    ):
         updyn.read_frf(path, quantity="mobility")
 
 

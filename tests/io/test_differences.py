@@ -21,7 +21,12 @@ def deck(factor: dict[str, float], rest: float = 0.0) -> Matrices:
 
 def test_parts_come_back() -> None:
     groups = groups_by_difference(
-        ["soft", "stiff"], deck({}), lambda name: deck({name: 2.0}), DOFS, "deck.inp", tolerance=1e-10
+        ["soft", "stiff"],
+        deck({}),
+        lambda name: deck({name: 2.0}),
+        DOFS,
+        "deck.inp",
+        tolerance=1e-10,
     )
     K, M = groups["stiff"]
     np.testing.assert_allclose(K.toarray(), STIFF, rtol=1e-12)
@@ -34,14 +39,24 @@ def test_parts_come_back() -> None:
 
 
 def test_a_part_of_no_group_is_refused() -> None:
-    with pytest.raises(FormatError, match=r"deck.inp: the groups do not add up to K: at 1:X, 1:X 5 is left"):
-        groups_by_difference(["soft", "stiff"], deck({}, 5.0), lambda name: deck({name: 2.0}, 5.0), DOFS, "deck.inp")
+    with pytest.raises(
+        FormatError, match=r"deck.inp: the groups do not add up to K: at 1:X, 1:X 5 is left"
+    ):
+        groups_by_difference(
+            ["soft", "stiff"], deck({}, 5.0), lambda name: deck({name: 2.0}, 5.0), DOFS, "deck.inp"
+        )
     with pytest.raises(FormatError, match="do not add up to M: at 3:X, 3:X"):
         groups_by_difference(
-            ["soft", "stiff"], deck({}), lambda name: (deck({name: 2.0})[0], deck({})[1]), DOFS, "deck.inp"
+            ["soft", "stiff"],
+            deck({}),
+            lambda name: (deck({name: 2.0})[0], deck({})[1]),
+            DOFS,
+            "deck.inp",
         )
 
 
 def test_another_size_is_refused() -> None:
     with pytest.raises(FormatError, match="'soft': K has 2 DOFs"):
-        groups_by_difference(["soft"], deck({}), lambda _: (sp.csr_array(np.eye(2)), None), DOFS, "deck.inp")
+        groups_by_difference(
+            ["soft"], deck({}), lambda _: (sp.csr_array(np.eye(2)), None), DOFS, "deck.inp"
+        )

@@ -8,7 +8,9 @@ from updyn.errors import FormatError
 from updyn.io.nastran.dmig import read_dmig, write_dmig
 
 DOFS = DofSet(["3:X", "3:RZ", "10:Y", "12345678:Z"])
-K = np.array([[2.5e9, -1.25, 0.0, 3.0], [-1.25, 4.0 / 3.0, 0.0, 0.0], [0, 0, 7e-12, 0], [3.0, 0.0, 0.0, 1.0]])
+K = np.array(
+    [[2.5e9, -1.25, 0.0, 3.0], [-1.25, 4.0 / 3.0, 0.0, 0.0], [0, 0, 7e-12, 0], [3.0, 0.0, 0.0, 1.0]]
+)
 
 SMALL = """$ two springs
 DMIG    KAAX           0       6       2       0
@@ -28,14 +30,19 @@ dmig,kaax,3,1,,3,1,2.5,
 ,10,2,-1.
 DMIG,KAAX,10,2,,10,2,1.$ the last
 """
-TITLED = "TITLE   = PUNCH\n$TITLE\n" + LARGE.replace("       6       2", "       1       2").replace(
+TITLED = "TITLE   = PUNCH\n$TITLE\n" + LARGE.replace(
+    "       6       2", "       1       2"
+).replace(
     "*                     10               2 1.0",
-    "*                      3               1-1.000000000D+00\n*                     10               2 1.0",
+    "*                      3               1-1.000000000D+00\n*                     10            "
+    "   2 1.0",
 )
 SPRINGS = np.array([[2.5, -1.0], [-1.0, 1.0]])
 
 
-@pytest.mark.parametrize("text", [SMALL, LARGE, FREE, TITLED], ids=["small", "large", "free", "square"])
+@pytest.mark.parametrize(
+    "text", [SMALL, LARGE, FREE, TITLED], ids=["small", "large", "free", "square"]
+)
 def test_fields_of_all_widths(tmp_path, text):
     (tmp_path / "k.pch").write_text(text)
     (found,) = read_dmig(tmp_path / "k.pch")
@@ -82,12 +89,32 @@ def test_files_of_pyyeti_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("       6       2       0", "       6       4       0", r"k.pch:2: DMIG KAAX: type 4 \(complex"),
-        ("       6       2       0", "       9       2       0", r"k.pch:2: DMIG KAAX: form 9; expected 1"),
-        ("DMIG    KAAX           0", "DMIG    KAAY           0", r"k.pch:3: DMIG KAAX: a column, but no header"),
+        (
+            "       6       2       0",
+            "       6       4       0",
+            r"k.pch:2: DMIG KAAX: type 4 \(complex",
+        ),
+        (
+            "       6       2       0",
+            "       9       2       0",
+            r"k.pch:2: DMIG KAAX: form 9; expected 1",
+        ),
+        (
+            "DMIG    KAAX           0",
+            "DMIG    KAAY           0",
+            r"k.pch:3: DMIG KAAX: a column, but no header",
+        ),
         ("+A            10       2", "+B            10       2", "k.pch:4: contin"),
-        ("      10       2     1.0", "      10       7     1.0", r"k.pch:5: DMIG: component 7 of grid 10"),
-        ("      10       2     1.0", "      10       2     1.x", r"k.pch:5: DMIG: field 8 is '1.X'; expected a number"),
+        (
+            "      10       2     1.0",
+            "      10       7     1.0",
+            r"k.pch:5: DMIG: component 7 of grid 10",
+        ),
+        (
+            "      10       2     1.0",
+            "      10       2     1.x",
+            r"k.pch:5: DMIG: field 8 is '1.X'; expected a number",
+        ),
         (
             "              10       2     1.0",
             "               3       1    -2.0",
@@ -99,7 +126,11 @@ def test_files_of_pyyeti_are_read(tmp_path):
             r"entry \(3:X, 3:X\) stands twice",
         ),
         ("$ two springs", "GRID,1", "k.pch:1: GRID: expected DMIG cards only"),
-        ("$ two springs", "DMIG,KAAX,0,6,2", "k.pch:2: DMIG KAAX: a second header; the first is on line 1"),
+        (
+            "$ two springs",
+            "DMIG,KAAX,0,6,2",
+            "k.pch:2: DMIG KAAX: a second header; the first is on line 1",
+        ),
         ("$ two springs", "DMIG,1K,0,6,2", "k.pch:1: DMIG: field 2 is '1K'; expected a name"),
         ("$ two springs", "+,1", "k.pch:1: a continuation without a card before it"),
     ],

@@ -23,7 +23,9 @@ def test_round_trip_of_large_sparse_groups_is_exact(tmp_path):
     n, rng = 3000, np.random.default_rng(1)
     off = rng.normal(size=n - 1)
     tri = sp.diags_array([off, 10.0 + rng.uniform(size=n), off], offsets=[-1, 0, 1])
-    groups = {f"part {i}": Group(tri * (1.0 / (3 + i)), loss_factor=0.01 * i) for i in range(12, 0, -1)}
+    groups = {
+        f"part {i}": Group(tri * (1.0 / (3 + i)), loss_factor=0.01 * i) for i in range(12, 0, -1)
+    }
     expected = Model.from_groups(groups, [f"{i}:Z" for i in range(1, n + 1)])
     write_model(expected, tmp_path / "m.h5")
     assert_same_model(read_model(tmp_path / "m.h5"), expected)
@@ -37,7 +39,11 @@ def test_layout_can_be_read_without_updyn(tmp_path):
         assert file.attrs["updyn_format"] == 1
         assert file["dofs/node"][()].tolist() == [7, 1, 1]
         assert file["dofs/direction"][()].tolist() == [b"RZ", b"X", b"Y"]
-        assert [file[f"groups/{i:04d}"].attrs["name"].decode() for i in range(3)] == ["shaft", "gear 1/é", "a_first"]
+        assert [file[f"groups/{i:04d}"].attrs["name"].decode() for i in range(3)] == [
+            "shaft",
+            "gear 1/é",
+            "a_first",
+        ]
         place = file["groups/0000/stiffness"]
         parts = tuple(place[name][()] for name in ("data", "indices", "indptr"))
         upper = sp.csr_array(parts, shape=(3, 3)).toarray()
@@ -84,18 +90,42 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         (lambda f: f.attrs.__setitem__("updyn_kind", "result"), "read it with updyn.read_result"),
         (lambda f: f.attrs.__setitem__("updyn_kind", "modle"), "did you mean 'model'"),
         (lambda f: f.attrs.__setitem__("updyn_format", 3), "format version 3"),
-        (lambda f: f.attrs.__delitem__("updyn_kind"), "without the attribute 'updyn_kind'.*dofs, geometry, groups"),
+        (
+            lambda f: f.attrs.__delitem__("updyn_kind"),
+            "without the attribute 'updyn_kind'.*dofs, geometry, groups",
+        ),
         (lambda f: f.__delitem__("dofs"), "no group 'dofs'; found: geometry, groups"),
         (lambda f: f.create_group("grups"), "unknown name 'grups'; did you mean 'groups'"),
-        (lambda f: f["groups/0000"].create_group("stifness"), "unknown name 'stifness'; did you mean 'stiffness'"),
-        (lambda f: f["groups/0000"].attrs.__setitem__("name", "a_first"), "group name 'a_first' stands twice"),
+        (
+            lambda f: f["groups/0000"].create_group("stifness"),
+            "unknown name 'stifness'; did you mean 'stiffness'",
+        ),
+        (
+            lambda f: f["groups/0000"].attrs.__setitem__("name", "a_first"),
+            "group name 'a_first' stands twice",
+        ),
         (lambda f: f["groups/0000"].attrs.__delitem__("loss_factor"), "no attribute 'loss_factor'"),
-        (lambda f: f["groups/0000"].attrs.__setitem__("loss_factor", -0.1), "group 'shaft': loss factor -0.1"),
+        (
+            lambda f: f["groups/0000"].attrs.__setitem__("loss_factor", -0.1),
+            "group 'shaft': loss factor -0.1",
+        ),
         (lambda f: f["dofs/direction"].__setitem__(1, b"RQ"), "direction 2 is 'RQ'"),
-        (lambda f: f["dofs/node"].__setitem__(2, 1) or f["dofs/direction"].__setitem__(2, b"X"), "1:X stands twice"),
-        (lambda f: f["groups/0000/stiffness/indices"].__setitem__(0, 9), "not a sparse matrix of shape"),
-        (lambda f: f["groups/0000/stiffness/indices"].__setitem__(slice(0, 2), [1, 1]), "an entry stands twice"),
-        (lambda f: f["groups/0001/viscous/indices"].__setitem__(0, 0), r"entry \(2, 1\) lies below the diagonal"),
+        (
+            lambda f: f["dofs/node"].__setitem__(2, 1) or f["dofs/direction"].__setitem__(2, b"X"),
+            "1:X stands twice",
+        ),
+        (
+            lambda f: f["groups/0000/stiffness/indices"].__setitem__(0, 9),
+            "not a sparse matrix of shape",
+        ),
+        (
+            lambda f: f["groups/0000/stiffness/indices"].__setitem__(slice(0, 2), [1, 1]),
+            "an entry stands twice",
+        ),
+        (
+            lambda f: f["groups/0001/viscous/indices"].__setitem__(0, 0),
+            r"entry \(2, 1\) lies below the diagonal",
+        ),
         (lambda f: f["groups/0000/mass/data"].__setitem__(0, np.nan), "group 'shaft': mass: row 1"),
         (lambda f: f["groups/0000/mass"].__delitem__("indptr"), "no dataset 'indptr'"),
     ],

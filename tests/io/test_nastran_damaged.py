@@ -35,7 +35,10 @@ def op4(path, text, layout):
 
 SEEDS = {
     **{
-        f"{layout}-{'text' if text else 'binary'}": (read_op4, lambda p, t=text, y=layout: op4(p, t, y))
+        f"{layout}-{'text' if text else 'binary'}": (
+            read_op4,
+            lambda p, t=text, y=layout: op4(p, t, y),
+        )
         for layout in ("dense", "strings", "bigmat")
         for text in (True, False)
     },

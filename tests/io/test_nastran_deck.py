@@ -99,9 +99,13 @@ def test_coordinate_systems(deck):
     np.testing.assert_allclose(geometry.xyz, [expected[n] for n in geometry.nodes], atol=1e-12)
     turned = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
     axes = dict(zip(geometry.nodes.tolist(), geometry.axes, strict=True))
-    np.testing.assert_allclose(axes[1], np.eye(3), atol=1e-12)  # a zero is no empty field: no default of GRDSET
+    np.testing.assert_allclose(
+        axes[1], np.eye(3), atol=1e-12
+    )  # a zero is no empty field: no default of GRDSET
     np.testing.assert_allclose(axes[4], turned, atol=1e-12)
-    np.testing.assert_allclose(axes[2], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)  # radial Y, tangential -X
+    np.testing.assert_allclose(
+        axes[2], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12
+    )  # radial Y, tangential -X
     np.testing.assert_allclose(axes[3], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-12)
     # system 5: z from 10 to 12 is Y, x towards 11 is Z
     np.testing.assert_allclose(axes[5], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-12)
@@ -113,10 +117,14 @@ def test_included_files(deck, tmp_path):
     (tmp_path / "parts" / "more.bdf").write_text("GRID,2,,1.,0.,0.\n")
     assert sorted(deck('INCLUDE "parts/\n   grids.bdf"\nGRID,3,,1.,1.,1.\n').grids) == [1, 2, 3]
     (tmp_path / "parts" / "more.bdf").write_text("$\nINCLUDE 'grid.bdf'\n")
-    with pytest.raises(FormatError, match=r"more.bdf:2: INCLUDE: no such file 'grid.bdf'; did you mean 'grids.bdf'"):
+    with pytest.raises(
+        FormatError, match=r"more.bdf:2: INCLUDE: no such file 'grid.bdf'; did you mean 'grids.bdf'"
+    ):
         deck("INCLUDE parts\\grids.bdf\n")
     (tmp_path / "parts" / "more.bdf").write_text("INCLUDE 'grids.bdf'\n")
-    with pytest.raises(FormatError, match=r"more.bdf:1: INCLUDE 'grids.bdf': the file includes itself"):
+    with pytest.raises(
+        FormatError, match=r"more.bdf:1: INCLUDE 'grids.bdf': the file includes itself"
+    ):
         deck("INCLUDE 'parts/grids.bdf'\n")
 
 
@@ -124,22 +132,54 @@ def test_included_files(deck, tmp_path):
     ("old", "new", "message"),
     [
         ("CQUAD4,13", "CQUAD5,13", r"d.bdf:16: card CQUAD5 is not known.*did you mean 'CQUAD"),
-        ("CQUAD4,13,2,1,2,3,4", "CQUAD4,13,2,1,2,3,7", r"d.bdf:16: CQUAD4 13: no grid 7; nearest: 2, 3, 4"),
-        ("CBAR,12,1,", "CBAR,12,2,", r"d.bdf:15: CBAR 12: property 2 is a PSHELL; expected PBAR or PBARL"),
-        ("CBAR,12,1,", "CBAR,12,5,", r"d.bdf:15: CBAR 12: no property 5; nearest: 3, 4, 2|nearest: 2, 3, 4"),
+        (
+            "CQUAD4,13,2,1,2,3,4",
+            "CQUAD4,13,2,1,2,3,7",
+            r"d.bdf:16: CQUAD4 13: no grid 7; nearest: 2, 3, 4",
+        ),
+        (
+            "CBAR,12,1,",
+            "CBAR,12,2,",
+            r"d.bdf:15: CBAR 12: property 2 is a PSHELL; expected PBAR or PBARL",
+        ),
+        (
+            "CBAR,12,1,",
+            "CBAR,12,5,",
+            r"d.bdf:15: CBAR 12: no property 5; nearest: 3, 4, 2|nearest: 2, 3, 4",
+        ),
         ("PBAR,1,1,", "PBAR,1,9,", r"d.bdf:19: PBAR 1: no material 9 among MAT1, MAT2.*nearest: 1"),
         ("GRID,1,,0.", "GRID,2,,0.", r"d.bdf:10: grid|d.bdf:10: GRID 2 stands twice: also d.bdf:9"),
-        ("1.0     0.0     0.0", "1.x     0.0     0.0", r"d.bdf:10: GRID: field 4 is '1.X'; expected a number"),
+        (
+            "1.0     0.0     0.0",
+            "1.x     0.0     0.0",
+            r"d.bdf:10: GRID: field 4 is '1.X'; expected a number",
+        ),
         ("GRID,1,,0.", "GRID,1,8,0.", r"d.bdf:9: GRID 1: no coordinate system 8"),
-        ("SPC1,1,123456,1,4", "SPC1,1,123456,1,9", r"d.bdf:23: SPC1: field 5 names grid 9; nearest: 2, 3, 4"),
+        (
+            "SPC1,1,123456,1,4",
+            "SPC1,1,123456,1,9",
+            r"d.bdf:23: SPC1: field 5 names grid 9; nearest: 2, 3, 4",
+        ),
         (
             "MAT1,1,2.1+11,,0.3,7850.,,,0.01",
             "MAT1,1,2.1+11,,0.3,7850.,,,0.01,5.",
             r"d.bdf:22: '5.' in field 10; at most",
         ),
-        ("SPC1,1,", "MPC,5,1,1,1.,77,1,1.\nSPC1,1,", r"d.bdf:23: MPC: field 6 names grid 77; nearest"),
-        ("SPC1,1,", "RBE3,5,,1,123,1.,123,2,3,\n,66\nSPC1,1,", r"d.bdf:23: RBE3: field 10 names grid 66; nearest"),
-        ("SPC1,1,", "RBE2,5,1,123,2,3,55,.01\nSPC1,1,", r"d.bdf:23: RBE2: field 7 names grid 55; nearest"),
+        (
+            "SPC1,1,",
+            "MPC,5,1,1,1.,77,1,1.\nSPC1,1,",
+            r"d.bdf:23: MPC: field 6 names grid 77; nearest",
+        ),
+        (
+            "SPC1,1,",
+            "RBE3,5,,1,123,1.,123,2,3,\n,66\nSPC1,1,",
+            r"d.bdf:23: RBE3: field 10 names grid 66; nearest",
+        ),
+        (
+            "SPC1,1,",
+            "RBE2,5,1,123,2,3,55,.01\nSPC1,1,",
+            r"d.bdf:23: RBE2: field 7 names grid 55; nearest",
+        ),
     ],
 )
 def test_faults(deck, old, new, message):
@@ -149,11 +189,15 @@ def test_faults(deck, old, new, message):
 
 
 def test_sets_that_are_not_told(deck):
-    with pytest.raises(FormatError, match=r"SPC sets 1, but case control selects none; say which with spc="):
+    with pytest.raises(
+        FormatError, match=r"SPC sets 1, but case control selects none; say which with spc="
+    ):
         deck(DECK.replace("SPC = 1\n", "")).selected("SPC", None)
     with pytest.raises(FormatError, match=r"no SPC set 2; there are: 1"):
         deck().selected("SPC", 2)
-    with pytest.raises(FormatError, match=r"d.bdf:5: SPC sets 1, 3 in one deck; say which with spc="):
+    with pytest.raises(
+        FormatError, match=r"d.bdf:5: SPC sets 1, 3 in one deck; say which with spc="
+    ):
         deck(DECK.replace("METHOD = 1", "SPC = 3")).selected("SPC", None)
     assert deck().selected("SPC", 0) == 0
 
@@ -179,7 +223,9 @@ def test_fields_that_hold_stiffness_mass_and_damping(tmp_path, card, stiffness, 
 
     cells = card.replace("\n", "").split(",")
     rows = [cells[1:][i : i + 8] for i in range(0, len(cells) - 1, 8)]
-    (tmp_path / "c.bdf").write_text("\n".join(",".join([cells[0] if not i else "", *r]) for i, r in enumerate(rows)))
+    (tmp_path / "c.bdf").write_text(
+        "\n".join(",".join([cells[0] if not i else "", *r]) for i, r in enumerate(rows))
+    )
     (found,) = parse(lines_of(tmp_path / "c.bdf"))
     got = values(found)
     assert (got.stiffness, got.mass, got.loss) == (stiffness, mass, loss)

@@ -20,7 +20,10 @@ PBAR,1,1,1.,1.,1.
 MAT1,1,1.,,.3
 ENDDATA
 """
-TOML = 'deck = "wing.bdf"\n\n[[group]]\nname = "a"\nstiffness = "a.op4:KGG"\nmass = "a.op4:MGG"\nloss_factor = 0.02\n'
+TOML = (
+    'deck = "wing.bdf"\n\n[[group]]\nname = "a"\nstiffness = "a.op4:KGG"\nmass ='
+    ' "a.op4:MGG"\nloss_factor = 0.02\n'
+)
 
 
 @pytest.mark.parametrize("with_geometry", [True, False])
@@ -30,11 +33,17 @@ def test_round_trip_of_op4_is_exact(tmp_path, with_geometry, name):
     updyn.write_model(given, tmp_path / name, format="op4")
     for written in ("case.op4", "case.toml"):
         found = updyn.read_model(tmp_path / written)
-        assert (found.dofs, found.title, list(found.groups)) == (given.dofs, given.title, list(given.groups))
+        assert (found.dofs, found.title, list(found.groups)) == (
+            given.dofs,
+            given.title,
+            list(given.groups),
+        )
         assert (found.geometry is None) == (given.geometry is None)
         for group, other in zip(given.groups.values(), found.groups.values(), strict=True):
             assert group.loss_factor == other.loss_factor
-            for one, two in ((getattr(g, w) for g in (group, other)) for w in ("stiffness", "mass", "viscous")):
+            for one, two in (
+                (getattr(g, w) for g in (group, other)) for w in ("stiffness", "mass", "viscous")
+            ):
                 assert (one is None) == (two is None)
                 assert one is None or (one != two).nnz == 0
 
@@ -77,11 +86,14 @@ def folder(tmp_path):
 
 
 def test_order_of_the_g_set_from_the_deck(folder):
-    with pytest.warns(UpdynWarning, match=r"9 of 13 DOFs have no entry in any matrix .* the first of them 3:Y"):
+    with pytest.warns(
+        UpdynWarning, match=r"9 of 13 DOFs have no entry in any matrix .* the first of them 3:Y"
+    ):
         found = updyn.read_model(folder / "m.toml")
     assert found.dofs.labels == ["3:X", "5:X", "7:X", "7:RZ"]
     np.testing.assert_array_equal(
-        found.stiffness.toarray(), [[2e3, 0, -2e3, 0], [0, 5, 0, 0], [-2e3, 0, 2e3, 0], [0, 0, 0, 4e3]]
+        found.stiffness.toarray(),
+        [[2e3, 0, -2e3, 0], [0, 5, 0, 0], [-2e3, 0, 2e3, 0], [0, 0, 0, 4e3]],
     )
     np.testing.assert_array_equal(found.mass.diagonal(), [0.25, 0, 0.25, 0])
     assert found.groups["a"].loss_factor == 0.02
@@ -106,12 +118,16 @@ def test_op4_and_dmig_in_one_model(folder):
         found = updyn.read_model(folder / "m.toml")
     assert found.dofs.labels == ["3:X", "5:X", "7:X", "7:Y", "7:RZ"]
     at = [0, 3]
-    np.testing.assert_array_equal(found.groups["b"].stiffness.toarray()[np.ix_(at, at)], 10.0 * SPRING)
+    np.testing.assert_array_equal(
+        found.groups["b"].stiffness.toarray()[np.ix_(at, at)], 10.0 * SPRING
+    )
 
 
 def test_dmig_alone_brings_its_labels(tmp_path):
     write_dmig({"KAAX": SPRING, "MAAX": np.eye(2)}, DofSet(["3:X", "7:Y"]), tmp_path / "b.pch")
-    (tmp_path / "b.toml").write_text('[[group]]\nname = "b"\nstiffness = "b.pch:KAAX"\nmass = "b.pch:maax"\n')
+    (tmp_path / "b.toml").write_text(
+        '[[group]]\nname = "b"\nstiffness = "b.pch:KAAX"\nmass = "b.pch:maax"\n'
+    )
     assert updyn.read_model(tmp_path / "b.pch").dofs.labels == ["3:X", "7:Y"]
 
 
@@ -119,15 +135,35 @@ def test_dmig_alone_brings_its_labels(tmp_path):
     ("old", "new", "message"),
     [
         ('deck = "wing.bdf"', "", r"m.toml: OUTPUT4 matrices have no labels: say dofs ="),
-        ('deck = "wing.bdf"', 'dofs = ["3:X", "7:X"]', r"m.toml:5: matrix KGG is 13 x 13, but there are 2 DOFs"),
+        (
+            'deck = "wing.bdf"',
+            'dofs = ["3:X", "7:X"]',
+            r"m.toml:5: matrix KGG is 13 x 13, but there are 2 DOFs",
+        ),
         ("a.op4:KGG", "a.op4:KGH", r"a.op4: no matrix 'KGH'; did you mean 'KGG'"),
         ("a.op4:KGG", "a.op4", r"a.op4: holds 2 matrices \(KGG, MGG\); say which"),
-        ("a.op4:KGG", "b.op4:KGG", r"m.toml:5: stiffness: no such file 'b.op4'; did you mean 'a.op4'"),
-        ("a.op4:KGG", "wing.bdf", r"m.toml:5: stiffness: 'wing.bdf' beside OUTPUT4 or DMIG files; expected one of"),
-        ("loss_factor", "loss", r"m.toml:7: unknown key 'loss' in \[group\]; valid: .*'loss_factor'"),
+        (
+            "a.op4:KGG",
+            "b.op4:KGG",
+            r"m.toml:5: stiffness: no such file 'b.op4'; did you mean 'a.op4'",
+        ),
+        (
+            "a.op4:KGG",
+            "wing.bdf",
+            r"m.toml:5: stiffness: 'wing.bdf' beside OUTPUT4 or DMIG files; expected one of",
+        ),
+        (
+            "loss_factor",
+            "loss",
+            r"m.toml:7: unknown key 'loss' in \[group\]; valid: .*'loss_factor'",
+        ),
         ("deck", "dek", r"m.toml:1: unknown key 'dek'; did you mean 'deck'"),
         ("0.02", "-0.02", r"m.toml:4: group 'a': loss factor -0.02"),
-        ("loss_factor = 0.02", '[[group]]\nname = "a"\nmass = "a.op4:MGG"', r"m.toml:8: group name 'a' stands twice"),
+        (
+            "loss_factor = 0.02",
+            '[[group]]\nname = "a"\nmass = "a.op4:MGG"',
+            r"m.toml:8: group name 'a' stands twice",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*no entry in any matrix")
@@ -139,7 +175,10 @@ def test_faults(folder, old, new, message):
 
 
 def test_matrices_alone(folder):
-    with pytest.raises(FormatError, match=r'\(KGG, MGG\) are not a model: write \'a.toml\'.*stiffness = "a.op4:KGG"'):
+    with pytest.raises(
+        FormatError,
+        match=r'\(KGG, MGG\) are not a model: write \'a.toml\'.*stiffness = "a.op4:KGG"',
+    ):
         updyn.read_model(folder / "a.op4")
     with pytest.raises(FormatError, match=r"suffix '.mtx'; expected .op4, or .toml"):
         updyn.write_model(model(), folder / "x.mtx", format="op4")

@@ -36,7 +36,11 @@ def foreign(path, drop=(), **changes):
         "frf_real": (("freq", "response", "reference"), data.values.real),
         "frf_imag": (("freq", "response", "reference"), data.values.imag),
     } | changes
-    coords = {"freq": data.freq, "response": data.responses.labels, "reference": data.references.labels}
+    coords = {
+        "freq": data.freq,
+        "response": data.responses.labels,
+        "reference": data.references.labels,
+    }
     out = xr.Dataset(parts, coords).drop_vars(list(drop))
     out.to_netcdf(path, engine="h5netcdf")
     return data
@@ -53,10 +57,25 @@ def test_real_and_imaginary_parts_of_another_program(tmp_path):
     ("changes", "drop", "options", "message"),
     [
         ({}, (), {}, "does not say what it measured"),
-        ({}, ("frf_imag",), {"quantity": "mobility"}, "expected 'frf', or both 'frf_real' and 'frf_imag'"),
+        (
+            {},
+            ("frf_imag",),
+            {"quantity": "mobility"},
+            "expected 'frf', or both 'frf_real' and 'frf_imag'",
+        ),
         ({}, ("response",), {"quantity": "mobility"}, "no variable 'response'"),
-        ({"frf_imag": (("freq",), np.zeros(5))}, (), {"quantity": "mobility"}, "differ in their dimensions"),
-        ({"xyz": (("node", "axis"), np.zeros((2, 3)))}, (), {"quantity": "mobility"}, "'xyz' without 'node'"),
+        (
+            {"frf_imag": (("freq",), np.zeros(5))},
+            (),
+            {"quantity": "mobility"},
+            "differ in their dimensions",
+        ),
+        (
+            {"xyz": (("node", "axis"), np.zeros((2, 3)))},
+            (),
+            {"quantity": "mobility"},
+            "'xyz' without 'node'",
+        ),
         (
             {"xyz": (("node",), np.zeros(2)), "node": (("node",), [1, 2])},
             (),

@@ -45,13 +45,20 @@ def test_dofs_as_a_table_of_node_and_direction(path):
 def test_dense_groups_keep_the_order_of_the_list_of_names(path):
     arrays = {"b.K": K, "a.M": M, "a.K": 2 * K, "b.loss_factor": 0.5, "dofs": LABELS}
     np.savez(path, groups=np.array(["a", "b"]), **arrays)
-    expected = Model.from_groups({"a": Group(2 * K, M), "b": Group(K, loss_factor=0.5)}, ["1:X", "2:X"])
+    expected = Model.from_groups(
+        {"a": Group(2 * K, M), "b": Group(K, loss_factor=0.5)}, ["1:X", "2:X"]
+    )
     assert_same_model(read_model(path), expected)
 
 
 def frf_arrays(**changes):
     values = np.arange(12.0).reshape(3, 2, 2) + 1j
-    arrays = {"freq": [1.0, 2.0, 3.0], "H": values, "responses": ["1:X", "2:X"], "references": ["1:X", "2:X"]}
+    arrays = {
+        "freq": [1.0, 2.0, 3.0],
+        "H": values,
+        "responses": ["1:X", "2:X"],
+        "references": ["1:X", "2:X"],
+    }
     arrays |= {"quantity": "receptance"} | changes
     return {name: np.asarray(a) for name, a in arrays.items() if a is not None}
 
@@ -59,7 +66,9 @@ def frf_arrays(**changes):
 def test_values_is_another_name_of_H_and_options_complete_a_file(path):
     arrays = frf_arrays(quantity=None, responses=None, references=None)
     np.savez(path, values=arrays.pop("H"), **arrays)
-    found = read_frf(path, quantity="mobility", response_labels=["4:X", "5:-Y"], reference_labels=["4:X", "9:Z"])
+    found = read_frf(
+        path, quantity="mobility", response_labels=["4:X", "5:-Y"], reference_labels=["4:X", "9:Z"]
+    )
     assert (found.quantity, found.responses.labels) == ("mobility", ["4:X", "5:-Y"])
     np.testing.assert_array_equal(found.values, np.arange(12.0).reshape(3, 2, 2) + 1j)
 
@@ -67,7 +76,9 @@ def test_values_is_another_name_of_H_and_options_complete_a_file(path):
 def test_order_of_axes_is_taken_as_told(path):
     truth = frf_arrays()["H"][:, :, :1]
     np.savez(path, **frf_arrays(H=truth.transpose(2, 1, 0), references=["1:X"]))
-    with pytest.raises(FormatError, match=r"found shape \(1, 2, 3\).*order=\('reference', 'response', 'freq'\)"):
+    with pytest.raises(
+        FormatError, match=r"found shape \(1, 2, 3\).*order=\('reference', 'response', 'freq'\)"
+    ):
         read_frf(path)
     found = read_frf(path, order=("reference", "response", "freq"))
     np.testing.assert_array_equal(found.values, truth)
@@ -77,18 +88,36 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
     np.savez(path, **frf_arrays(H=np.ones((2, 2, 3)) * 1j))
     with pytest.raises(FormatError, match="more than one order of its axes would fit"):
         read_frf(path)
-    with pytest.raises(FormatError, match=r"found shape \(2, 2, 3\), expected .* in the order \('freq', "):
+    with pytest.raises(
+        FormatError, match=r"found shape \(2, 2, 3\), expected .* in the order \('freq', "
+    ):
         read_frf(path, order=("freq", "reference", "response"))
 
 
 @pytest.mark.parametrize(
     ("changes", "options", "message"),
     [
-        ({}, {"quantity": "mobility"}, "quantity 'mobility' contradicts the file, which says 'receptance'"),
-        ({}, {"response_labels": ["2:X", "1:X"]}, "responses: the argument .* contradicts the file"),
-        ({"references": None}, {}, r"no 'references': .*; can also be given when reading: reference_labels=\.\.\.$"),
+        (
+            {},
+            {"quantity": "mobility"},
+            "quantity 'mobility' contradicts the file, which says 'receptance'",
+        ),
+        (
+            {},
+            {"response_labels": ["2:X", "1:X"]},
+            "responses: the argument .* contradicts the file",
+        ),
+        (
+            {"references": None},
+            {},
+            r"no 'references': .*; can also be given when reading: reference_labels=\.\.\.$",
+        ),
         ({"quantity": None}, {}, "no 'quantity': found H, freq, references, responses"),
-        ({"freq": None, "frequency": [1.0, 2, 3]}, {}, "unknown name 'frequency'; did you mean 'freq'"),
+        (
+            {"freq": None, "frequency": [1.0, 2, 3]},
+            {},
+            "unknown name 'frequency'; did you mean 'freq'",
+        ),
         ({"freq": None}, {}, "no 'freq'"),
         ({"values": np.ones(3)}, {}, "both 'H' and 'values'"),
         ({"H": None}, {}, "no 'H' .*found: freq, quantity"),
@@ -127,13 +156,22 @@ def test_options_are_checked(path, options, message):
     [
         ({"K": K, "M": M}, "no 'dofs': the 2 DOFs need labels.*found: K, M"),
         ({"dofs": LABELS}, "no matrix: expected K, M or C"),
-        ({"K": K, "dofs": LABELS, "lossfactor": 0.1}, "unknown name 'lossfactor'; did you mean 'loss_factor'"),
+        (
+            {"K": K, "dofs": LABELS, "lossfactor": 0.1},
+            "unknown name 'lossfactor'; did you mean 'loss_factor'",
+        ),
         ({"K": K, "a.K": K, "dofs": LABELS}, "both 'groups' and 'K'"),
         ({"a.k": K, "dofs": LABELS}, "group 'a': unknown name 'k'; did you mean 'K'"),
-        ({"a.K": K, "dofs": LABELS, "groups": np.array(["a", "b"])}, "names 'b', of which there is no array"),
+        (
+            {"a.K": K, "dofs": LABELS, "groups": np.array(["a", "b"])},
+            "names 'b', of which there is no array",
+        ),
         ({"a.K": K, "dofs": LABELS, "groups": np.array(["a", "a"])}, "'a' stands twice"),
         ({"a.K": K, "b.K": K, "dofs": LABELS, "groups": np.array(["a"])}, "lacks 'b'"),
-        ({"a.K.data": np.ones(1), "a.K.indices": np.zeros(1, int), "dofs": LABELS}, r"no 'a.K.indptr'"),
+        (
+            {"a.K.data": np.ones(1), "a.K.indices": np.zeros(1, int), "dofs": LABELS},
+            r"no 'a.K.indptr'",
+        ),
         ({"K": K * 1j, "dofs": LABELS}, "complex numbers; damping goes into"),
         ({"K": K[:1], "dofs": LABELS}, "expected a square matrix"),
         ({"K": K, "dofs": LABELS[:1]}, "has 2 DOFs, the model has 1 labels"),

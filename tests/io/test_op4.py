@@ -20,7 +20,11 @@ def matrices():
     A = RNG.standard_normal((9, 9)) * 10.0 ** RNG.integers(-12, 12, (9, 9))
     A[np.abs(A) < 1e-6] = 0.0
     A[:, 4] = A[4] = 0.0
-    return {"KGG": A + A.T, "FULL": RNG.standard_normal((4, 4)), "TALL": np.array([[0.0, 1.5], [0, 0], [-2e-300, 0]])}
+    return {
+        "KGG": A + A.T,
+        "FULL": RNG.standard_normal((4, 4)),
+        "TALL": np.array([[0.0, 1.5], [0, 0], [-2e-300, 0]]),
+    }
 
 
 def assert_same(found, expected, rtol=0.0):
@@ -32,7 +36,11 @@ def assert_same(found, expected, rtol=0.0):
 
 @pytest.mark.parametrize(
     ("text", "layout", "big_endian"),
-    [(t, layout, e) for t, layout, e in itertools.product((True, False), LAYOUTS, (True, False)) if not (t and e)],
+    [
+        (t, layout, e)
+        for t, layout, e in itertools.product((True, False), LAYOUTS, (True, False))
+        if not (t and e)
+    ],
 )
 def test_round_trip_is_exact(tmp_path, text, layout, big_endian):
     given = matrices()
@@ -66,14 +74,24 @@ def test_files_of_pyyeti_are_read(tmp_path, binary, layout, endian):
     assert_same(read_op4(tmp_path / "p.op4"), given, 0.0 if binary else 1e-15)
 
 
-@pytest.mark.parametrize(("single", "text", "layout"), [*itertools.product((True, False), (True, False), LAYOUTS)])
+@pytest.mark.parametrize(
+    ("single", "text", "layout"), [*itertools.product((True, False), (True, False), LAYOUTS)]
+)
 def test_pyyeti_reads_ours(tmp_path, single, text, layout):
     op4 = pytest.importorskip("pyyeti.nastran.op4")
-    given = {k: v.astype(np.float32).astype(float) if single else v for k, v in matrices().items() if k != "TALL"}
-    write_op4(given, tmp_path / "a.op4", text=text, layout=layout, single=single, big_endian=not text)
+    given = {
+        k: v.astype(np.float32).astype(float) if single else v
+        for k, v in matrices().items()
+        if k != "TALL"
+    }
+    write_op4(
+        given, tmp_path / "a.op4", text=text, layout=layout, single=single, big_endian=not text
+    )
     found = op4.read(tmp_path / "a.op4", into="dct", justmatrix=True)
     for name, matrix in given.items():
-        np.testing.assert_allclose(found[name.lower()], matrix, rtol=1e-8 if single and text else 0.0)
+        np.testing.assert_allclose(
+            found[name.lower()], matrix, rtol=1e-8 if single and text else 0.0
+        )
 
 
 def test_more_rows_than_one_word_counts(tmp_path):
@@ -86,7 +104,9 @@ def test_more_rows_than_one_word_counts(tmp_path):
 
 
 def words8(order, *records):
-    return b"".join(struct.pack(order + "i", len(r)) + r + struct.pack(order + "i", len(r)) for r in records)
+    return b"".join(
+        struct.pack(order + "i", len(r)) + r + struct.pack(order + "i", len(r)) for r in records
+    )
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -117,16 +137,36 @@ def test_text_with_one_triangle_and_fortran_exponents(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("       6       2KLL", "       6       4KLL", r"t.op4:1: matrix 'KLL' is complex \(type 4\)"),
-        ("       6       2KLL", "       6       7KLL", r"t.op4:1: matrix 'KLL': type 7; expected 1"),
+        (
+            "       6       2KLL",
+            "       6       4KLL",
+            r"t.op4:1: matrix 'KLL' is complex \(type 4\)",
+        ),
+        (
+            "       6       2KLL",
+            "       6       7KLL",
+            r"t.op4:1: matrix 'KLL': type 7; expected 1",
+        ),
         (
             "       2       2       6",
             "       x       2       6",
             r"t.op4:1: .*expected the header of an OUTPUT4 matrix",
         ),
-        ("-1.000000000D+00", "-1.00000x000D+00", r"t.op4:3: '-1.00000x000D\+00' is not a number; expected 2 values"),
-        ("       2       2       1\n", "       2       3       1\n", r"t.op4:5: .*rows 3 to 3 of column 2; expected 2"),
-        ("-1.000000000D+00", "-1.000000000D+000", r"t.op4:3: more than 2 value\(s\) of 16 characters"),
+        (
+            "-1.000000000D+00",
+            "-1.00000x000D+00",
+            r"t.op4:3: '-1.00000x000D\+00' is not a number; expected 2 values",
+        ),
+        (
+            "       2       2       1\n",
+            "       2       3       1\n",
+            r"t.op4:5: .*rows 3 to 3 of column 2; expected 2",
+        ),
+        (
+            "-1.000000000D+00",
+            "-1.000000000D+000",
+            r"t.op4:3: more than 2 value\(s\) of 16 characters",
+        ),
         ("       2       2       6", "999999999       2      6", r"t.op4:1: .*expected"),
         ("1P,5E16.9", "", r"t.op4:1: matrix 'KLL': no format"),
         (
@@ -134,8 +174,16 @@ def test_text_with_one_triangle_and_fortran_exponents(tmp_path):
             "       1       a       2",
             r"t.op4:2: .*expected column, row and number of words",
         ),
-        ("       3       1       1\n 1.414213562E+00\n", "", r"t.op4:5: the file ends where a column of matrix 'KLL'"),
-        ("2       1\n 1.000000000-100", "1       2\n -4.00000000E+00 1.000000000-100", r"\(1, 2\).*differ by 3"),
+        (
+            "       3       1       1\n 1.414213562E+00\n",
+            "",
+            r"t.op4:5: the file ends where a column of matrix 'KLL'",
+        ),
+        (
+            "2       1\n 1.000000000-100",
+            "1       2\n -4.00000000E+00 1.000000000-100",
+            r"\(1, 2\).*differ by 3",
+        ),
     ],
 )
 def test_faults_in_text(tmp_path, old, new, message):
@@ -171,7 +219,9 @@ def test_selection_and_names(tmp_path):
     assert select(found, "full", "a.op4").name == "FULL"
     with pytest.raises(FormatError, match=r"a.op4: no matrix 'KGH'; did you mean 'KGG'"):
         select(found, "KGH", "a.op4")
-    with pytest.raises(FormatError, match=r"holds 3 matrices \(KGG, FULL, TALL\); say which: FILE:NAME"):
+    with pytest.raises(
+        FormatError, match=r"holds 3 matrices \(KGG, FULL, TALL\); say which: FILE:NAME"
+    ):
         select(found, None, "a.op4")
     with pytest.raises(FormatError, match="matrix name 'K-1'; expected a letter"):
         write_op4({"K-1": np.eye(2)}, tmp_path / "a.op4")
@@ -183,7 +233,15 @@ def test_selection_and_names(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1.5-3", 1.5e-3), ("1.5+3", 1500.0), ("2.D5", 2e5), (".5", 0.5), ("7.", 7.0), ("-1.E-2", -0.01), ("1e3", 1e3)],
+    [
+        ("1.5-3", 1.5e-3),
+        ("1.5+3", 1500.0),
+        ("2.D5", 2e5),
+        (".5", 0.5),
+        ("7.", 7.0),
+        ("-1.E-2", -0.01),
+        ("1e3", 1e3),
+    ],
 )
 def test_numbers_of_a_deck(text, value):
     assert real(text) == value
@@ -194,7 +252,13 @@ def test_numbers_that_are_written_come_back():
         assert len(text_of(value, 16)) <= 16
         assert real(text_of(value, 16)) == pytest.approx(value, rel=1e-10)
         assert real(text_of(value, 8)) == pytest.approx(value, rel=0.05)
-    assert [text_of(x, 8) for x in (2.1e11, 0.0, 1.0, -7850.0, 1e-3)] == ["2.1+11", "0.0", "1.0", "-7850.0", "0.001"]
+    assert [text_of(x, 8) for x in (2.1e11, 0.0, 1.0, -7850.0, 1e-3)] == [
+        "2.1+11",
+        "0.0",
+        "1.0",
+        "-7850.0",
+        "0.001",
+    ]
     for text in ("abc", "1.5e", "", "1.5.2"):
         with pytest.raises(ValueError, match="is not a number"):
             real(text)

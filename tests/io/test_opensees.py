@@ -12,8 +12,11 @@ import updyn
 from updyn.errors import ModelError, OptionError
 from updyn.io.opensees import from_opensees
 
-# The wheel is bound to one version of Python and one system; where it does not load there is nothing to test.
-ops = pytest.importorskip("openseespy.opensees", reason="needs openseespy", exc_type=(ImportError, RuntimeError))
+# The wheel is bound to one version of Python and one system; where it does not load there is
+# nothing to test.
+ops = pytest.importorskip(
+    "openseespy.opensees", reason="needs openseespy", exc_type=(ImportError, RuntimeError)
+)
 
 
 @atexit.register  # runs before OpenSees's own, which writes a line after the last one of the test run
@@ -39,7 +42,9 @@ def cantilever(n: int = 4, consistent: bool = False) -> None:
     ops.geomTransf("Linear", 1)
     for i in range(n):
         extra = ("-cMass",) if consistent else ()
-        ops.element("elasticBeamColumn", i + 1, i + 1, i + 2, A, E, I, 1, "-mass", LINE_MASS, *extra)
+        ops.element(
+            "elasticBeamColumn", i + 1, i + 1, i + 2, A, E, I, 1, "-mass", LINE_MASS, *extra
+        )
 
 
 def eigen(n: int) -> np.ndarray:
@@ -50,7 +55,11 @@ def eigen(n: int) -> np.ndarray:
 
 
 def frequencies(model: updyn.Model, n: int) -> np.ndarray:
-    undamped = {name: updyn.Group(g.stiffness, g.mass) for name, g in model.groups.items() if name != "damping"}
+    undamped = {
+        name: updyn.Group(g.stiffness, g.mass)
+        for name, g in model.groups.items()
+        if name != "damping"
+    }
     return updyn.modes(updyn.Model(undamped, model.dofs), n).frequency
 
 
@@ -68,11 +77,21 @@ def test_a_cantilever_by_hand():
     ops.mass(2, 50.0, 50.0, 0.0)
     model = from_opensees(ops, {"beam": [1]})
     L = 0.8
-    K = np.array([[E * A / L, 0, 0], [0, 12 * E * I / L**3, -6 * E * I / L**2], [0, -6 * E * I / L**2, 4 * E * I / L]])
+    K = np.array(
+        [
+            [E * A / L, 0, 0],
+            [0, 12 * E * I / L**3, -6 * E * I / L**2],
+            [0, -6 * E * I / L**2, 4 * E * I / L],
+        ]
+    )
     np.testing.assert_allclose(model.group("beam").stiffness.toarray(), K, rtol=1e-12)
-    np.testing.assert_array_equal(model.group("nodal mass").mass.toarray(), np.diag([50.0, 50.0, 0.0]))
+    np.testing.assert_array_equal(
+        model.group("nodal mass").mass.toarray(), np.diag([50.0, 50.0, 0.0])
+    )
     alone = updyn.Model({"beam": updyn.Group(K), "mass": model.group("nodal mass")}, model.dofs)
-    assert updyn.modes(alone, 1).frequency[0] == pytest.approx(np.sqrt(3 * E * I / L**3 / 50.0) / (2 * np.pi), rel=1e-9)
+    assert updyn.modes(alone, 1).frequency[0] == pytest.approx(
+        np.sqrt(3 * E * I / L**3 / 50.0) / (2 * np.pi), rel=1e-9
+    )
 
 
 def test_groups_are_exact():
@@ -97,7 +116,9 @@ def test_a_changed_group_has_the_frequencies_of_a_changed_model():
     changed = model.scaled({"tip": {"stiffness": 1.44, "mass": 0.8}})
     for tag in (3, 4):
         ops.remove("element", tag)
-        ops.element("elasticBeamColumn", tag, tag, tag + 1, A, 1.44 * E, I, 1, "-mass", 0.8 * LINE_MASS)
+        ops.element(
+            "elasticBeamColumn", tag, tag, tag + 1, A, 1.44 * E, I, 1, "-mass", 0.8 * LINE_MASS
+        )
     np.testing.assert_allclose(frequencies(changed, 4), eigen(4), rtol=1e-9)
 
 
@@ -107,8 +128,12 @@ def test_elements_left_over_and_masses_by_name():
         ops.mass(node, m, m, 0.1)
     model = from_opensees(ops, {"root": [1]}, masses={"first": [2]})
     assert list(model.groups) == ["root", "remaining", "first", "nodal mass"]
-    np.testing.assert_array_equal(model.group("first").mass.diagonal(), [3, 3, 0.1, 0, 0, 0, 0, 0, 0])
-    np.testing.assert_allclose(model.group("nodal mass").mass.diagonal(), [0, 0, 0, 4, 4, 0.1, 5, 5, 0.1], rtol=1e-12)
+    np.testing.assert_array_equal(
+        model.group("first").mass.diagonal(), [3, 3, 0.1, 0, 0, 0, 0, 0, 0]
+    )
+    np.testing.assert_allclose(
+        model.group("nodal mass").mass.diagonal(), [0, 0, 0, 4, 4, 0.1, 5, 5, 0.1], rtol=1e-12
+    )
     np.testing.assert_allclose(frequencies(model, 4), eigen(4), rtol=1e-9)
 
 
@@ -118,7 +143,17 @@ def springs(rayleigh: bool) -> None:
     for node, tag in ((3, 31), (4, 41)):
         ops.node(tag, 0.8 * (node - 1), 0.0)
         ops.fix(tag, 1, 1, 1)
-        ops.element("zeroLength", tag, tag, node, "-mat", 1, "-dir", 2, *(("-doRayleigh", 1) if rayleigh else ()))
+        ops.element(
+            "zeroLength",
+            tag,
+            tag,
+            node,
+            "-mat",
+            1,
+            "-dir",
+            2,
+            *(("-doRayleigh", 1) if rayleigh else ()),
+        )
 
 
 def test_springs():
@@ -139,14 +174,17 @@ def test_springs_without_rayleigh_damping_in_one_group():
     at = model.dofs.match(["3:Y", "4:Y"]).index
     expected = np.zeros(model.n_dofs)
     expected[at] = 4.0e6
-    np.testing.assert_allclose(model.group("springs").stiffness.toarray(), np.diag(expected), rtol=1e-12)
+    np.testing.assert_allclose(
+        model.group("springs").stiffness.toarray(), np.diag(expected), rtol=1e-12
+    )
     np.testing.assert_allclose(frequencies(model, 4), eigen(4), rtol=1e-9)
 
 
 def test_springs_without_rayleigh_damping_in_two_groups():
     springs(rayleigh=False)
     with pytest.raises(
-        ModelError, match=r"4e\+06 is left at [34]:Y, [34]:Y.*'first': ZeroLength 31; 'second': ZeroL.*'-doRa"
+        ModelError,
+        match=r"4e\+06 is left at [34]:Y, [34]:Y.*'first': ZeroLength 31; 'second': ZeroL.*'-doRa",
     ):
         from_opensees(ops, {"first": [31], "second": [41]})
 
@@ -214,7 +252,9 @@ def test_rayleigh_factors_at_the_end():
     ops.rayleigh(0.5, 0.0, 0.0, 0.0)
     from_opensees(ops, rayleigh=(0.25, 0.0, 0.0, 0.0))
     again = from_opensees(ops)
-    np.testing.assert_allclose(again.group("damping").viscous.toarray(), 0.25 * again.mass.toarray(), rtol=1e-12)
+    np.testing.assert_allclose(
+        again.group("damping").viscous.toarray(), 0.25 * again.mass.toarray(), rtol=1e-12
+    )
     assert "damping" not in from_opensees(ops).groups
 
 
@@ -246,7 +286,22 @@ def test_free_in_space():
         ops.node(i + 1, 0.0, 0.0, 0.5 * i)
     ops.geomTransf("Linear", 1, 1.0, 0.0, 0.0)
     for i in (1, 2):
-        ops.element("elasticBeamColumn", i, i, i + 1, A, E, 8e10, 2e-5, I, 3e-5, 1, "-mass", LINE_MASS, "-cMass")
+        ops.element(
+            "elasticBeamColumn",
+            i,
+            i,
+            i + 1,
+            A,
+            E,
+            8e10,
+            2e-5,
+            I,
+            3e-5,
+            1,
+            "-mass",
+            LINE_MASS,
+            "-cMass",
+        )
     model = from_opensees(ops)
     assert model.dofs.labels[:6] == ["1:X", "1:Y", "1:Z", "1:RX", "1:RY", "1:RZ"]
     moved = np.tile([1.0, 0, 0, 0, 0, 0], 3)
@@ -265,7 +320,18 @@ def test_units():
     ops.fix(1, 1, 1, 1)
     ops.geomTransf("Linear", 1)
     for i in range(2):
-        ops.element("elasticBeamColumn", i + 1, i + 1, i + 2, A * 1e6, E / 1e6, I * 1e12, 1, "-mass", LINE_MASS * 1e-6)
+        ops.element(
+            "elasticBeamColumn",
+            i + 1,
+            i + 1,
+            i + 2,
+            A * 1e6,
+            E / 1e6,
+            I * 1e12,
+            1,
+            "-mass",
+            LINE_MASS * 1e-6,
+        )
     mm = from_opensees(ops, unit="mm")
     np.testing.assert_allclose(mm.stiffness.toarray(), si.stiffness.toarray(), rtol=1e-9)
     np.testing.assert_allclose(mm.mass.toarray(), si.mass.toarray(), rtol=1e-12)
@@ -275,7 +341,9 @@ def test_units():
 def test_recovery():
     """Two spans and a joint, changed and found again."""
     springs(rayleigh=True)
-    start = from_opensees(ops, {"root": [1], "rest": [2, 3], "joint": [31], "tip spring": [41]}, loss_factor=0.02)
+    start = from_opensees(
+        ops, {"root": [1], "rest": [2, 3], "joint": [31], "tip spring": [41]}, loss_factor=0.02
+    )
     truth = {"root": 0.9, "rest": 1.08, "joint": 1.3}
     frf = updyn.response(
         start.scaled({n: {"stiffness": v} for n, v in truth.items()}),
@@ -283,7 +351,9 @@ def test_recovery():
         ["3:Y", "4:Y", "2:Y"],
         ["4:Y"],
     )
-    result = updyn.update(start, frf, updyn.parameters(start, stiffness=list(truth)), noise={"relative": 1e-6})
+    result = updyn.update(
+        start, frf, updyn.parameters(start, stiffness=list(truth)), noise={"relative": 1e-6}
+    )
     assert result.status == "converged"
     for name, value in truth.items():
         assert result.values[f"{name}.stiffness"] == pytest.approx(value, rel=1e-6)

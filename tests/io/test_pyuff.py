@@ -1,8 +1,8 @@
 """Why universal files are not read with pyuff: what the version installed makes of deviations that real files have.
 
-These tests document pyuff, not updyn: one that is skipped says that the pyuff installed reads that file right, and that
-the note at the top of `updyn.io.uff` is due for a second look. In every case updyn reads the numbers as they were.
-"""
+These tests document pyuff, not updyn: one that is skipped says that the pyuff installed reads that
+file right, and that the note at the top of `updyn.io.uff` is due for a second look. In every case
+updyn reads the numbers as they were."""
 
 import contextlib
 
@@ -27,7 +27,9 @@ def by_pyuff(path):
     found = None
     with contextlib.suppress(Exception):  # pyuff raises plain Exception
         sets = pyuff.UFF(str(path)).read_sets()
-        found = [s["data"] for s in (sets if isinstance(sets, list) else [sets]) if s.get("type") == 58]
+        found = [
+            s["data"] for s in (sets if isinstance(sets, list) else [sets]) if s.get("type") == 58
+        ]
     return found
 
 
@@ -39,7 +41,12 @@ def put(tmp_path, data, y=Y):
 
 
 def is_right(found, y=Y):
-    return found is not None and len(found) == 1 and found[0].shape == y.shape and np.allclose(found[0], y, rtol=5e-6)
+    return (
+        found is not None
+        and len(found) == 1
+        and found[0].shape == y.shape
+        and np.allclose(found[0], y, rtol=5e-6)
+    )
 
 
 def test_a_file_as_the_format_says_is_read_alike(tmp_path):

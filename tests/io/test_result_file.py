@@ -75,7 +75,13 @@ def sample(**changes: object) -> UpdateResult:
         "message": "The data determine 2 of 3 unknowns.",
         "remedy": "",
         "method": "maximum-likelihood",
-        "options": {"tolerance": 1e-9, "noise": None, "stages": ("log", "fine"), "x": np.array([1.0, NAN]), "n": 3},
+        "options": {
+            "tolerance": 1e-9,
+            "noise": None,
+            "stages": ("log", "fine"),
+            "x": np.array([1.0, NAN]),
+            "n": 3,
+        },
         "start": start,
         "model": start.scaled({"arm": {"stiffness": 1.0 / 3.0}}),
         "frf": measured,
@@ -86,7 +92,15 @@ def sample(**changes: object) -> UpdateResult:
         "parameters": ParameterSet(
             (
                 Parameter(
-                    "arm", "stiffness", 1.0, 0.1, 10.0, 0.3, (Drive("arm", "stiffness", 3.0),), nominal=2e-3, unit="m"
+                    "arm",
+                    "stiffness",
+                    1.0,
+                    0.1,
+                    10.0,
+                    0.3,
+                    (Drive("arm", "stiffness", 3.0),),
+                    nominal=2e-3,
+                    unit="m",
                 ),
                 Parameter("foot", "stiffness", 1.0, 0.01, 100.0),
                 Parameter("foot", "loss_factor", 0.02, 0.0, 0.05),
@@ -97,14 +111,29 @@ def sample(**changes: object) -> UpdateResult:
         "covariance": np.array([[1e-6, INF, 1e-9], [INF, INF, INF], [1e-9, INF, 0.01 / 9]]),
         "at_bound": {"foot.loss_factor": "upper"},
         "identifiability": Identifiability(
-            2, 3, INF, (1.2, 0.1, 0.0), [{"foot.stiffness": 1.0}], [{"arm.stiffness": -0.5}], INF, "Measure 2:Z."
+            2,
+            3,
+            INF,
+            (1.2, 0.1, 0.0),
+            [{"foot.stiffness": 1.0}],
+            [{"arm.stiffness": -0.5}],
+            INF,
+            "Measure 2:Z.",
         ),
         "history": (
-            Iteration("log", 0, 12.5, 0.0, 3.0, True, dict(zip(NAMES, [1.0, 1.0, 0.02], strict=True))),
+            Iteration(
+                "log", 0, 12.5, 0.0, 3.0, True, dict(zip(NAMES, [1.0, 1.0, 0.02], strict=True))
+            ),
             Iteration("log", 1, INF, 0.5, NAN, False, {"arm.stiffness": NAN}),
             Iteration("maximum-likelihood", 2, 1e-30, 1e-12, INF, True, estimate),
         ),
-        "noise": {"kind": "coherence", "relative": None, "floor": 1e-9, "chi_square": INF, "inflation": 1.0},
+        "noise": {
+            "kind": "coherence",
+            "relative": None,
+            "floor": 1e-9,
+            "chi_square": INF,
+            "inflation": 1.0,
+        },
         "correlation": {
             "before": {"frac_median": 0.5, "db_error_median": NAN},
             "after": {"frac_median": 1.0 - 2**-53},
@@ -137,7 +166,9 @@ def assert_same(found: object, expected: object, where: str) -> None:
         assert_same_frf(found, expected)
     elif dataclasses.is_dataclass(expected):
         for item in dataclasses.fields(expected):
-            assert_same(getattr(found, item.name), getattr(expected, item.name), f"{where}.{item.name}")
+            assert_same(
+                getattr(found, item.name), getattr(expected, item.name), f"{where}.{item.name}"
+            )
     else:
         assert type(found) is type(expected), where
         assert found == expected or (found != found and expected != expected), where
@@ -147,9 +178,28 @@ def assert_same(found: object, expected: object, where: str) -> None:
     "changes",
     [
         {},
-        {"history": (), "lines": np.empty(0), "validation_responses": (), "validation_band": None, "title": ""},
-        {"options": {}, "noise": {}, "correlation": {}, "timing_s": {}, "versions": {}, "at_bound": {}, "message": ""},
-        {"status": "failed", "values": {}, "std": dict.fromkeys(NAMES, NAN), "covariance": np.full((3, 3), NAN)},
+        {
+            "history": (),
+            "lines": np.empty(0),
+            "validation_responses": (),
+            "validation_band": None,
+            "title": "",
+        },
+        {
+            "options": {},
+            "noise": {},
+            "correlation": {},
+            "timing_s": {},
+            "versions": {},
+            "at_bound": {},
+            "message": "",
+        },
+        {
+            "status": "failed",
+            "values": {},
+            "std": dict.fromkeys(NAMES, NAN),
+            "covariance": np.full((3, 3), NAN),
+        },
         {"adequacy": None},
     ],
     ids=["full", "no history", "no figures", "failed", "residual not tested"],
@@ -163,11 +213,15 @@ def test_every_field_comes_back(tmp_path, changes):
 def test_no_field_is_forgotten():
     """A field that UpdateResult or a part of it gains has to be stored too; this list says what is."""
     stored = {
-        UpdateResult: "status message remedy method options start model frf lines fitted_responses "
-        "validation_responses validation_band parameters values std covariance at_bound identifiability history noise "
-        "correlation timing_s versions title adequacy",
-        Adequacy: "outcome verdict absolute chi_square p_value level responses references bands misfit alike "
-        "chi_square_p whiteness_p worst explained_by",
+        UpdateResult: (
+            "status message remedy method options start model frf lines fitted_responses"
+            " validation_responses validation_band parameters values std covariance at_bound"
+            " identifiability history noise correlation timing_s versions title adequacy"
+        ),
+        Adequacy: (
+            "outcome verdict absolute chi_square p_value level responses references bands misfit"
+            " alike chi_square_p whiteness_p worst explained_by"
+        ),
         Misfit: "response reference low high near misfit alike chi_square_p whiteness_p kind",
         Suspect: "group quantity explains change energy",
         Iteration: "stage number cost step condition accepted values",
@@ -184,7 +238,9 @@ def test_xarray_opens_the_main_data(tmp_path):
     with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as data:
         assert data.attrs["updyn_kind"] == "result"
         assert data.attrs["status"] == "not-identifiable"
-        np.testing.assert_array_equal(data["frf"].sel(response="2:-Z", reference="1:Z"), result.frf.values[:, 1, 0])
+        np.testing.assert_array_equal(
+            data["frf"].sel(response="2:-Z", reference="1:Z"), result.frf.values[:, 1, 0]
+        )
         assert float(data["value"].sel(parameter="arm.stiffness")) == 1.0 / 3.0
         assert np.isinf(data["std"].sel(parameter="foot.stiffness"))
         assert data["covariance"].dims == ("parameter", "parameter_other")
@@ -201,7 +257,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     write_result(sample(), path)
     before = path.read_bytes()
     for changes in ({"values": {"arm.stifness": 1.0}}, {"at_bound": {"arm.stifness": "lower"}}):
-        with pytest.raises(InputError, match=r"names 'arm.stifness', .* did you mean 'arm.stiffness'"):
+        with pytest.raises(
+            InputError, match=r"names 'arm.stifness', .* did you mean 'arm.stiffness'"
+        ):
             write_result(sample(**changes), path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
@@ -319,7 +377,9 @@ def test_json_has_the_agreed_structure(tmp_path):
         },
     ]
     ident = found["identifiability"]
-    assert {k: ident[k] for k in ("rank", "n_parameters", "condition", "null_directions", "advice")} == {
+    assert {
+        k: ident[k] for k in ("rank", "n_parameters", "condition", "null_directions", "advice")
+    } == {
         "rank": 2,
         "n_parameters": 3,
         "condition": None,
@@ -328,7 +388,11 @@ def test_json_has_the_agreed_structure(tmp_path):
     }
     assert found["correlation"]["before"] == {"frac_median": 0.5, "db_error_median": None}
     assert found["correlation"]["validation"]["after"] == {"frac_median": 0.9}
-    assert (found["status"], found["method"], found["iterations"]) == ("not-identifiable", "maximum-likelihood", 1)
+    assert (found["status"], found["method"], found["iterations"]) == (
+        "not-identifiable",
+        "maximum-likelihood",
+        1,
+    )
     assert found["history"][1]["cost"] is None
     assert found["timing_s"] == {"fit": 0.1, "total": 0.3}
     assert found["versions"] == {"updyn": "0.1.0", "Python": "3.11"}
@@ -336,7 +400,10 @@ def test_json_has_the_agreed_structure(tmp_path):
 
 def test_json_says_what_is_left():
     found = result_to_json(sample())["adequacy"]
-    told = {k: found[k] for k in ("outcome", "absolute", "chi_square", "p_value", "level", "bands", "misfit")}
+    told = {
+        k: found[k]
+        for k in ("outcome", "absolute", "chi_square", "p_value", "level", "bands", "misfit")
+    }
     assert told == {
         "outcome": "structure",
         "absolute": True,
@@ -347,7 +414,9 @@ def test_json_says_what_is_left():
         "misfit": [[[2.0, None]]],
     }
     assert found["verdict"].startswith("The model cannot explain")
-    assert [(p["response"], p["near"], p["kind"]) for p in found["worst"]] == [("1:Z", 12.0, "structure")]
+    assert [(p["response"], p["near"], p["kind"]) for p in found["worst"]] == [
+        ("1:Z", 12.0, "structure")
+    ]
     assert found["explained_by"][0] == {
         "group": "foot",
         "quantity": "mass",
@@ -368,7 +437,9 @@ def test_json_of_several_tests_says_it_of_each():
 def test_json_of_a_failed_run_without_figures():
     found = result_to_json(sample(status="failed", values={}, std={}, correlation={}))
     assert found["correlation"] == {"before": {}, "after": {}, "validation": {}}
-    assert [(p["value"], p["std"], p["identifiable"]) for p in found["parameters"]] == [(None, None, False)] * 3
+    assert [(p["value"], p["std"], p["identifiable"]) for p in found["parameters"]] == [
+        (None, None, False)
+    ] * 3
 
 
 # -- mixed values as text ----------------------------------------------------------------------------------
@@ -394,4 +465,8 @@ def test_mixed_values_come_back(value):
 
 
 def test_numpy_numbers_become_numbers():
-    assert_same(from_text(to_text({"a": np.float64(0.1), "b": np.int8(3)}, "o"), "o", "f"), {"a": 0.1, "b": 3}, "value")
+    assert_same(
+        from_text(to_text({"a": np.float64(0.1), "b": np.int8(3)}, "o"), "o", "f"),
+        {"a": 0.1, "b": 3},
+        "value",
+    )

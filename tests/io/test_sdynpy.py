@@ -1,7 +1,7 @@
 """Systems of SDynPy, written here by the field names of its ``System.save`` (the program is not installed).
 
-Two files of SDynPy 0.23.0 itself were read and gave its own ``frequency_response`` to rounding when this was written.
-"""
+Two files of SDynPy 0.23.0 itself were read and gave its own ``frequency_response`` to rounding when
+this was written."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ def direct(freq, rows, columns, T=None):
     out = []
     for f in freq:
         w = 2 * np.pi * f
-        out.append((T @ np.linalg.solve(K * (1 + 0.001j * w) - w**2 * M, T.T))[np.ix_(rows, columns)])
+        out.append(
+            (T @ np.linalg.solve(K * (1 + 0.001j * w) - w**2 * M, T.T))[np.ix_(rows, columns)]
+        )
     return np.array(out)
 
 
@@ -53,7 +55,9 @@ def test_a_system(tmp_path):
     # The third coordinate points the other way: 103:-Z is what SDynPy calls its row.
     ours = receptance(model, ["101:X", "102:Y", "103:-Z", "104:RX"], ["103:-Z", "101:X"], freq)
     np.testing.assert_allclose(ours, direct(freq, range(4), [2, 0]), rtol=1e-12)
-    assert receptance(model, ["101:X"], ["103:Z"], freq)[0, 0, 0] == pytest.approx(-ours[0, 0, 0], rel=1e-12)
+    assert receptance(model, ["101:X"], ["103:Z"], freq)[0, 0, 0] == pytest.approx(
+        -ours[0, 0, 0], rel=1e-12
+    )
 
 
 def test_without_damping(tmp_path):
@@ -74,25 +78,39 @@ def test_a_reduction_that_keeps_coordinates(tmp_path):
     """Guyan's: three states are coordinates, the fourth coordinate follows from them and is left out, said so."""
     T = np.vstack([np.eye(3), -np.linalg.solve(K[3:, 3:] * 2.0, K[3:, :3])])
     file = saved(
-        tmp_path / "guyan.npz", stiffness=K[:3, :3], mass=M[:3, :3], damping=np.zeros((3, 3)), transformation=T
+        tmp_path / "guyan.npz",
+        stiffness=K[:3, :3],
+        mass=M[:3, :3],
+        damping=np.zeros((3, 3)),
+        transformation=T,
     )
-    with pytest.warns(UpdynWarning, match=r"1 coordinates that follow from the 3 states are left out, .* 104:RX"):
+    with pytest.warns(
+        UpdynWarning, match=r"1 coordinates that follow from the 3 states are left out, .* 104:RX"
+    ):
         model = updyn.read_model(file)
     assert model.dofs.labels == ["101:X", "102:Y", "103:Z"]
-    np.testing.assert_array_equal(model.stiffness.toarray(), K[:3, :3] * np.outer([1, 1, -1], [1, 1, -1]))
+    np.testing.assert_array_equal(
+        model.stiffness.toarray(), K[:3, :3] * np.outer([1, 1, -1], [1, 1, -1])
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"transformation": np.linalg.qr(K)[0]}, "state 1 of 4 is no coordinate but part of several"),
+        (
+            {"transformation": np.linalg.qr(K)[0]},
+            "state 1 of 4 is no coordinate but part of several",
+        ),
         ({"mass": None}, "no 'mass'; expected mass, stiffness"),
         ({"mass": M[:3, :3]}, r"mass of shape \(3, 3\), expected \(4, 4\)"),
         ({"transformation": np.eye(3)}, r"transformation of shape \(3, 3\), expected \(4, 4\)"),
         ({"transformation": None, "damping": None}, "no 'damping'"),
         ({"stiffness": K + np.triu(K, 1)}, "stiffness: is not symmetric|stiffness"),
         ({"stiffnes": K}, "unknown name 'stiffnes'; did you mean 'stiffness'"),
-        ({"coordinate": np.array([(1, 0)] * 4, dtype=COORDINATE)}, "node 1 has direction 0; expected 1..6"),
+        (
+            {"coordinate": np.array([(1, 0)] * 4, dtype=COORDINATE)},
+            "node 1 has direction 0; expected 1..6",
+        ),
         ({"coordinate": np.array([(1, 2)] * 4, dtype=COORDINATE)}, "DOF 1:Y stands twice"),
         ({"coordinate": np.arange(4)}, "expected one row of pairs of node and direction"),
         ({"stiffness": K * (1 + 0.1j)}, "stiffness: found complex numbers"),

@@ -70,12 +70,16 @@ def test_labels_name_a_bare_array_and_a_part_of_it_is_chosen_by_them(tmp_path, s
     labels = {"response_labels": ["4:X", "5:-Y"], "reference_labels": ["4:X", "9:Z"]}
     found = updyn.read_frf(path, **labels, responses=["5:Y"], references=["9:Z", "4:X"])
     np.testing.assert_array_equal(found.values[:, 0], -values[:, 1, ::-1])
-    with pytest.raises(FormatError, match=r"given when reading: response_labels=\.\.\., reference_labels="):
+    with pytest.raises(
+        FormatError, match=r"given when reading: response_labels=\.\.\., reference_labels="
+    ):
         updyn.read_frf(path, responses=["5:Y"])
 
 
 @pytest.mark.parametrize("suffix", ["uff", "nc", "csv"])
 def test_files_that_name_their_dofs_take_no_labels(tmp_path, suffix):
     path, _ = stored(tmp_path, suffix)
-    with pytest.raises(OptionError, match="has no option 'response_labels'; did you mean 'responses'"):
+    with pytest.raises(
+        OptionError, match="has no option 'response_labels'; did you mean 'responses'"
+    ):
         updyn.read_frf(path, response_labels=["1:X", "2:Y", "3:RZ"])

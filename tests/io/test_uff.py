@@ -28,7 +28,11 @@ def test_text(path, ordinate, rtol, x):
     found = read(path, uff.ascii58(Y, ordinate=ordinate, x=x))
     np.testing.assert_allclose(found.values[:, 0, 0], Y, rtol=rtol)
     np.testing.assert_array_equal(found.freq, [1.0, 1.5, 2.0, 2.5] if x is None else X)
-    assert (found.quantity, found.responses.labels, found.references.labels) == ("accelerance", ["1:Z"], ["1:Z"])
+    assert (found.quantity, found.responses.labels, found.references.labels) == (
+        "accelerance",
+        ["1:Z"],
+        ["1:Z"],
+    )
 
 
 @pytest.mark.parametrize("x", [None, X])
@@ -66,8 +70,11 @@ GOOD = uff.ascii58(Y)
         GOOD.rstrip(b"\n"),
         b"\n\n" + GOOD + b"\n  \n\x1a",
         GOOD.replace(b"E+", b"D+").replace(b"E-", b"d-"),
-        uff.text(9999, f"{1:10d}{-1:10d}", "text") + GOOD,  # a line that ends in what looks like a delimiter
-        uff.text(58, *uff.records(), *(f"{v:14.5E}" for v in uff.flat(Y))),  # wider fields, one a line
+        uff.text(9999, f"{1:10d}{-1:10d}", "text")
+        + GOOD,  # a line that ends in what looks like a delimiter
+        uff.text(
+            58, *uff.records(), *(f"{v:14.5E}" for v in uff.flat(Y))
+        ),  # wider fields, one a line
         uff.text(58, *uff.records(), " ".join(f"{v:.6e}" for v in uff.flat(Y))),
     ],
 )
@@ -83,7 +90,13 @@ def test_numbers_that_touch(path):
 
 
 def test_forms_of_binary(path):
-    for end in (b"    -1\n", b"\n    -1\n", b"\r\n    -1\r\n", b"    -1", b"    -1" + b" " * 74 + b"\n"):
+    for end in (
+        b"    -1\n",
+        b"\n    -1\n",
+        b"\r\n    -1\r\n",
+        b"    -1",
+        b"    -1" + b" " * 74 + b"\n",
+    ):
         np.testing.assert_array_equal(read(path, uff.binary58(Y, end=end)).values[:, 0, 0], Y)
     points_only = uff.binary58(Y, n_bytes=8 * len(Y))  # as pyuff counts
     np.testing.assert_array_equal(read(path, points_only).values[:, 0, 0], Y)
@@ -102,11 +115,17 @@ def test_bytes_that_look_like_a_delimiter(path):
 def test_names_that_are_not_ascii(path, encoding, name, padded):
     lines = uff.records((12, -3), (7, 1), title="Prüfstand", units=("Hz", "m/s²", "NONE"))
     raw = [line.encode(encoding) for line in lines]
-    field = name.ljust(10)[:10].encode(encoding) if padded == "characters" else name.encode(encoding)[:10].ljust(10)
+    field = (
+        name.ljust(10)[:10].encode(encoding)
+        if padded == "characters"
+        else name.encode(encoding)[:10].ljust(10)
+    )
     if padded == "bytes" and encoding == "utf-8":
         field = name.encode(encoding).decode(encoding)[:6].encode(encoding).ljust(10)
     raw[5] = raw[5].replace(b" NONE      ", b" " + field, 1)
-    data = b"\n".join([b"    -1", b"    58", *raw, *(s.encode() for s in uff.numbers(uff.flat(Y), 5, 1)), uff.END])
+    data = b"\n".join(
+        [b"    -1", b"    58", *raw, *(s.encode() for s in uff.numbers(uff.flat(Y), 5, 1)), uff.END]
+    )
     found = read(path, data)
     assert (found.responses.labels, found.references.labels) == (["12:-Z"], ["7:X"])
     assert "Prüfstand" in found.source
@@ -114,7 +133,9 @@ def test_names_that_are_not_ascii(path, encoding, name, padded):
 
 # -- what they are -------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("below", [9, 13])
-@pytest.mark.parametrize(("above", "quantity"), [(8, "receptance"), (11, "mobility"), (12, "accelerance")])
+@pytest.mark.parametrize(
+    ("above", "quantity"), [(8, "receptance"), (11, "mobility"), (12, "accelerance")]
+)
 def test_quantity_follows_from_the_data_types(path, above, below, quantity):
     data = uff.ascii58(Y, types=(18, above, below))
     assert read(path, data).quantity == quantity
@@ -126,7 +147,9 @@ def test_quantity_follows_from_the_data_types(path, above, below, quantity):
 @pytest.mark.parametrize("types", [(18, 0, 0), (18, 1, 13), (18, 12, 0), (0, 0, 13)])
 def test_quantity_that_the_file_does_not_say_has_to_be_given(path, types):
     data = uff.ascii58(Y, types=types)
-    with pytest.raises(FormatError, match=r"case.uff:11: records 9 and 10 do not say .* give quantity="):
+    with pytest.raises(
+        FormatError, match=r"case.uff:11: records 9 and 10 do not say .* give quantity="
+    ):
         read(path, data)
     assert read(path, data, quantity="accelerance").quantity == "accelerance"
 
@@ -155,20 +178,30 @@ def test_scalars_take_the_direction_given(path, direction):
     assert found.references.labels == ["8:Y"]
 
 
-@pytest.mark.parametrize("option", [{"scalar_direction": "W"}, {"duplicates": "first"}, {"scale": 0.0}, {"scale": "g"}])
+@pytest.mark.parametrize(
+    "option", [{"scalar_direction": "W"}, {"duplicates": "first"}, {"scale": 0.0}, {"scale": "g"}]
+)
 def test_options_are_checked(path, option):
     with pytest.raises(OptionError, match=next(iter(option))):
         read(path, GOOD, **option)
 
 
 def test_an_unknown_option_names_the_nearest(path):
-    with pytest.raises(OptionError, match="no option 'scalar_directions'; did you mean 'scalar_direction'"):
+    with pytest.raises(
+        OptionError, match="no option 'scalar_directions'; did you mean 'scalar_direction'"
+    ):
         read(path, GOOD, scalar_directions="Z")
 
 
 def test_other_functions_are_left_out_with_a_warning_that_counts_them(path):
-    extra = [uff.ascii58(Y.real, kind=1, types=(17, 12, 0)), uff.ascii58(Y.real, kind=2), uff.ascii58(Y.real, kind=2)]
-    with pytest.warns(UpdynWarning, match=r"left out: 1 time response, 2 auto spectrum \(first: line 2\)"):
+    extra = [
+        uff.ascii58(Y.real, kind=1, types=(17, 12, 0)),
+        uff.ascii58(Y.real, kind=2),
+        uff.ascii58(Y.real, kind=2),
+    ]
+    with pytest.warns(
+        UpdynWarning, match=r"left out: 1 time response, 2 auto spectrum \(first: line 2\)"
+    ):
         found = read(path, extra[0], GOOD, *extra[1:])
     assert found.values.shape == (4, 1, 1)
 
@@ -193,7 +226,9 @@ def test_a_matrix_in_the_order_of_the_file(path):
 
 def test_a_part_can_be_read_alone_with_the_sense_asked_for(path):
     parts = grid()[:3]
-    with pytest.raises(FormatError, match=r"1 of 4 pairs .* missing: 2:X / 4:-Y. Read a complete part"):
+    with pytest.raises(
+        FormatError, match=r"1 of 4 pairs .* missing: 2:X / 4:-Y. Read a complete part"
+    ):
         read(path, *parts)
     found = read(path, *parts, references=["1:-Z"])
     np.testing.assert_array_equal(found.values[:, :, 0], -np.array([1, 2]) * Y[:, None])
@@ -212,7 +247,10 @@ def test_opposite_senses_of_one_dof_are_brought_to_the_first(path):
 def test_coherence_goes_to_its_pair(path):
     gamma = [np.array([0.1, 0.2, 0.3, 0.4]) + k / 10 for k in range(4)]
     dofs = [((1, 3), (1, 3)), ((2, 1), (1, 3)), ((1, 3), (4, -2)), ((2, 1), (4, -2))]
-    cohs = [uff.binary58(g, *pair, kind=6, types=(18, 0, 0)) for g, pair in zip(gamma, dofs, strict=True)]
+    cohs = [
+        uff.binary58(g, *pair, kind=6, types=(18, 0, 0))
+        for g, pair in zip(gamma, dofs, strict=True)
+    ]
     found = read(path, *reversed(cohs), *grid())
     np.testing.assert_array_equal(found.coherence[:, 1, 0], gamma[1])
     np.testing.assert_array_equal(found.coherence[:, 0, 1], gamma[2])
@@ -222,16 +260,23 @@ def test_coherence_goes_to_its_pair(path):
 
 def test_duplicates_are_averaged_when_told(path):
     pair = [uff.binary58(Y), uff.binary58(4 * Y)]
-    with pytest.raises(FormatError, match=r"frequency response function at response 1:Z, reference 1:Z stands twice"):
+    with pytest.raises(
+        FormatError,
+        match=r"frequency response function at response 1:Z, reference 1:Z stands twice",
+    ):
         read(path, *pair)
-    np.testing.assert_allclose(read(path, *pair, duplicates="average").values[:, 0, 0], 2.5 * Y, rtol=1e-15)
+    np.testing.assert_allclose(
+        read(path, *pair, duplicates="average").values[:, 0, 0], 2.5 * Y, rtol=1e-15
+    )
 
 
 def test_the_average_is_weighted_with_coherence(path):
     first, second = np.array([1.0, 0.5, 0.0, 0.0]), np.array([1.0, 0.25, 0.5, 0.0])
     cohs = [uff.binary58(g, kind=6, types=(18, 0, 0)) for g in (first, second)]
     found = read(path, uff.binary58(Y), uff.binary58(4 * Y), *cohs, duplicates="average")
-    np.testing.assert_allclose(found.values[:, 0, 0], np.array([2.5, 2.0, 4.0, 2.5]) * Y, rtol=1e-15)
+    np.testing.assert_allclose(
+        found.values[:, 0, 0], np.array([2.5, 2.0, 4.0, 2.5]) * Y, rtol=1e-15
+    )
     np.testing.assert_array_equal(found.coherence[:, 0, 0], [1.0, 0.375, 0.25, 0.0])
 
 
@@ -254,15 +299,21 @@ def test_units_are_converted_to_si(path, response, reference, factor):
     np.testing.assert_allclose(found.values[:, 0, 0], factor * Y, rtol=1e-7)
 
 
-@pytest.mark.parametrize(("above", "below"), [("g", "N"), ("(g)/N", "NONE"), ("mm/s^2", "N"), ("m/s^2", "lbf")])
+@pytest.mark.parametrize(
+    ("above", "below"), [("g", "N"), ("(g)/N", "NONE"), ("mm/s^2", "N"), ("m/s^2", "lbf")]
+)
 def test_a_unit_label_that_is_not_si_is_refused_unless_scaled(path, above, below):
     data = uff.binary58(Y, units=("Hz", above, below))
     with pytest.raises(FormatError, match="which is not SI: give scale="):
         read(path, data)
-    np.testing.assert_allclose(read(path, data, scale=9.80665).values[:, 0, 0], 9.80665 * Y, rtol=1e-15)
+    np.testing.assert_allclose(
+        read(path, data, scale=9.80665).values[:, 0, 0], 9.80665 * Y, rtol=1e-15
+    )
 
 
-@pytest.mark.parametrize(("above", "below"), [("m/s^2", "N"), ("(m/s²)/N", "NONE"), ("", ""), ("m/s2/N", "N")])
+@pytest.mark.parametrize(
+    ("above", "below"), [("m/s^2", "N"), ("(m/s²)/N", "NONE"), ("", ""), ("m/s2/N", "N")]
+)
 def test_labels_of_si_pass(path, above, below):
     data = uff.binary58(Y, units=("Hz", above.replace("²", "2"), below))
     np.testing.assert_array_equal(read(path, data).values[:, 0, 0], Y)

@@ -25,7 +25,9 @@ def geometry(path, *parts):
 
 @pytest.mark.parametrize("nodes", [uff.nodes15, uff.nodes2411])
 def test_nodes_and_lines(path, nodes):
-    found = geometry(path, nodes((7, 0, 0, 1.5, -2, 3e-3), (3, 1, 1, 0, 0, 1)), uff.trace82(7, 3, 0, 3, 7))
+    found = geometry(
+        path, nodes((7, 0, 0, 1.5, -2, 3e-3), (3, 1, 1, 0, 0, 1)), uff.trace82(7, 3, 0, 3, 7)
+    )
     assert found.nodes.tolist() == [7, 3]
     np.testing.assert_array_equal(found.xyz, [[1.5, -2, 3e-3], [0, 0, 1]])
     assert found.lines.tolist() == [[7, 3], [3, 7]]
@@ -39,8 +41,12 @@ def test_zeros_after_the_last_node_of_a_trace_line(path):
 
 
 def test_positions_of_dataset_15_are_in_the_definition_system(path):
-    systems = uff.systems2420((5, 0, QUARTER, (10, 20, 30)), (6, 1, QUARTER, (1, 0, 0)), (7, 2, np.eye(3), (0, 0, 1)))
-    nodes = uff.nodes15((1, 5, 0, 1, 2, 3), (2, 6, 0, 2, 30, 5), (3, 7, 0, 2, 60, 90), (4, 7, 0, 2, 60, 30))
+    systems = uff.systems2420(
+        (5, 0, QUARTER, (10, 20, 30)), (6, 1, QUARTER, (1, 0, 0)), (7, 2, np.eye(3), (0, 0, 1))
+    )
+    nodes = uff.nodes15(
+        (1, 5, 0, 1, 2, 3), (2, 6, 0, 2, 30, 5), (3, 7, 0, 2, 60, 90), (4, 7, 0, 2, 60, 30)
+    )
     found = geometry(path, nodes, systems)  # systems may stand later
     s, c = 0.5, np.sqrt(3) / 2
     expected = [
@@ -53,28 +59,48 @@ def test_positions_of_dataset_15_are_in_the_definition_system(path):
 
 
 def test_positions_of_dataset_2411_are_global_whatever_their_system(path):
-    found = geometry(path, uff.systems2420((5, 0, QUARTER, (1, 1, 1))), uff.nodes2411((1, 5, 0, 1, 2, 3)))
+    found = geometry(
+        path, uff.systems2420((5, 0, QUARTER, (1, 1, 1))), uff.nodes2411((1, 5, 0, 1, 2, 3))
+    )
     np.testing.assert_array_equal(found.xyz, [[1, 2, 3]])
 
 
 def test_displacement_systems_become_axes(path):
-    systems = uff.systems2420((5, 0, TILTED, (9, 9, 9)), (6, 1, np.eye(3), (1, 0, 0)), (7, 2, np.eye(3), (0, 0, 0)))
+    systems = uff.systems2420(
+        (5, 0, TILTED, (9, 9, 9)), (6, 1, np.eye(3), (1, 0, 0)), (7, 2, np.eye(3), (0, 0, 0))
+    )
     found = geometry(
-        path, systems, uff.nodes15((1, 0, 5, 1, 2, 3), (2, 0, 6, 1, 5, 0), (3, 0, 7, 0, 3, 0), (4, 0, 0, 1, 1, 1))
+        path,
+        systems,
+        uff.nodes15((1, 0, 5, 1, 2, 3), (2, 0, 6, 1, 5, 0), (3, 0, 7, 0, 3, 0), (4, 0, 0, 1, 1, 1)),
     )
     np.testing.assert_allclose(found.axes[0], TILTED)
-    np.testing.assert_allclose(found.axes[1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)  # r, azimuth, z
-    np.testing.assert_allclose(found.axes[2], [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-15)  # r, from z, azimuth
+    np.testing.assert_allclose(
+        found.axes[1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15
+    )  # r, azimuth, z
+    np.testing.assert_allclose(
+        found.axes[2], [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-15
+    )  # r, from z, azimuth
     np.testing.assert_array_equal(found.axes[3], np.eye(3))
 
 
 def test_systems_of_dataset_18_by_three_points(path):
-    points = [(1, 0, 0), (1, 2, 0), (1, 2, 3)]  # origin; +x along global y; xz plane upwards: y is -x x ...
+    points = [
+        (1, 0, 0),
+        (1, 2, 0),
+        (1, 2, 3),
+    ]  # origin; +x along global y; xz plane upwards: y is -x x ...
     rows = [f"{4:10d}{0:10d}{0:10d}{8:10d}{1:10d}", "SYS4"]
-    rows += ["".join(f"{v:13.5E}" for p in points[:2] for v in p), "".join(f"{v:13.5E}" for v in points[2])]
+    rows += [
+        "".join(f"{v:13.5E}" for p in points[:2] for v in p),
+        "".join(f"{v:13.5E}" for v in points[2]),
+    ]
     # a system that refers to the first: its origin 1 along its x, axes as there
     rows += [f"{5:10d}{0:10d}{4:10d}{8:10d}{1:10d}", "SYS5"]
-    rows += ["".join(f"{v:13.5E}" for v in (1, 0, 0, 2, 0, 0)), "".join(f"{v:13.5E}" for v in (2, 0, 1))]
+    rows += [
+        "".join(f"{v:13.5E}" for v in (1, 0, 0, 2, 0, 0)),
+        "".join(f"{v:13.5E}" for v in (2, 0, 1)),
+    ]
     found = geometry(path, uff.text(18, *rows), uff.nodes15((1, 4, 4, 1, 0, 0), (2, 5, 0, 1, 2, 3)))
     # x = global Y, z = global Z, so y = z x x = -global X
     np.testing.assert_allclose(found.axes[0], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
@@ -94,16 +120,30 @@ def read(path, *parts, **options):
 
 
 def test_the_geometry_comes_with_the_frf(path):
-    found = read(path, uff.binary58(Y, (2, 3), (1, 3)), uff.nodes15((1, 0, 0, 0, 0, 1), (2, 0, 0, 1, 0, 1)))
+    found = read(
+        path, uff.binary58(Y, (2, 3), (1, 3)), uff.nodes15((1, 0, 0, 0, 0, 1), (2, 0, 0, 1, 0, 1))
+    )
     np.testing.assert_array_equal(found.geometry.position([2]), [[1, 0, 1]])
 
 
 @pytest.mark.parametrize(
     ("code", "label"),
-    [(1, "2:Y"), (-1, "2:-Y"), (2, "2:-X"), (-2, "2:X"), (3, "2:Z"), (4, "2:RY"), (5, "2:-RX"), (-6, "2:-RZ")],
+    [
+        (1, "2:Y"),
+        (-1, "2:-Y"),
+        (2, "2:-X"),
+        (-2, "2:X"),
+        (3, "2:Z"),
+        (4, "2:RY"),
+        (5, "2:-RX"),
+        (-6, "2:-RZ"),
+    ],
 )
 def test_directions_of_a_turned_node_are_expressed_globally(path, code, label):
-    parts = [uff.systems2420((5, 0, QUARTER, (0, 0, 0))), uff.nodes15((1, 0, 0, 0, 0, 1), (2, 0, 5, 1, 0, 1))]
+    parts = [
+        uff.systems2420((5, 0, QUARTER, (0, 0, 0))),
+        uff.nodes15((1, 0, 0, 0, 0, 1), (2, 0, 5, 1, 0, 1)),
+    ]
     found = read(path, *parts, uff.binary58(Y, (2, code), (1, 1)))
     assert found.responses.labels == [label]
     assert found.references.labels == ["1:X"]
@@ -119,7 +159,9 @@ def test_a_direction_within_1e_6_of_an_axis_passes_and_one_beyond_does_not(path)
         if passes:
             assert read(path, *parts).responses.labels == ["1:X"]
         else:
-            with pytest.raises(FormatError, match=r"response 1:X is oblique: .*along none of the axes"):
+            with pytest.raises(
+                FormatError, match=r"response 1:X is oblique: .*along none of the axes"
+            ):
                 read(path, *parts)
 
 
@@ -157,7 +199,11 @@ def test_a_file_laid_out_as_measurement_systems_do(path):
     down = [f"{4:10d}{0:10d}{0:10d}{8:10d}{1:10d}", "SYS4"]
     down += ["".join(f" {v:.5e}".rjust(13) for v in (-2.4, 0, 0, -3.4, 0, -8.74228e-08))]
     down += ["".join(f" {v:.5e}".rjust(13) for v in (-3.4, 0, -1))]
-    trace = [f"{1:10d}{3:10d}{8:10d}", "Frame", "".join(f"{n:10d}" for n in (4, 9, 4, 0, 0, 0, 0, 0))]
+    trace = [
+        f"{1:10d}{3:10d}{8:10d}",
+        "Frame",
+        "".join(f"{n:10d}" for n in (4, 9, 4, 0, 0, 0, 0, 0)),
+    ]
     options = {"names": ("Frame", "Frame"), "units": ("Hz", "m/s^2", "N"), "step": 0.5}
     found = read(
         path,

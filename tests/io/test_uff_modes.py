@@ -61,7 +61,9 @@ def test_normal_modes(tmp_path: Path) -> None:
 
 def test_nodes_left_out_of_a_mode_are_zero_there(tmp_path: Path) -> None:
     """Note 9 of the format: a record of zeros need not appear."""
-    modes = updyn.read_modes(put(tmp_path, dataset(), dataset(head=(20.0, 0, 0, 0), nodes={2: [0.0, 1.0, 0.0]})))
+    modes = updyn.read_modes(
+        put(tmp_path, dataset(), dataset(head=(20.0, 0, 0, 0), nodes={2: [0.0, 1.0, 0.0]}))
+    )
     assert modes.dofs.labels == ["1:X", "1:Z", "2:X", "2:Y", "2:Z"]
     assert modes.shapes[:, 1].tolist() == [0.0, 0.0, 0.0, 1.0, 0.0]
 
@@ -71,7 +73,9 @@ def test_complex_modes(tmp_path: Path, analysis: int) -> None:
     s, a = complex(-0.3, 62.8), complex(0.1, 2.0)
     head = (s.real, s.imag, a.real, a.imag, 0.0, 0.0)
     rows = {5: [1.0, 0.1, 0.0, 0.0, -2.0, 0.3]}
-    modes = updyn.read_modes(put(tmp_path, dataset(analysis=analysis, kind=5, head=head, nodes=rows)))
+    modes = updyn.read_modes(
+        put(tmp_path, dataset(analysis=analysis, kind=5, head=head, nodes=rows))
+    )
     assert modes.frequency == pytest.approx([abs(s) / (2 * np.pi)], rel=1e-5)
     assert modes.loss_factor == pytest.approx([0.6 / abs(s)], rel=1e-5)
     # phi^T (2 s M + C) phi = a: with a = 2 i omega_d the shape has unit modal mass.
@@ -82,7 +86,12 @@ def test_complex_modes(tmp_path: Path, analysis: int) -> None:
 
 def test_of_conjugate_modes_the_upper_one_is_taken(tmp_path: Path) -> None:
     pair = [
-        dataset(analysis=3, kind=5, head=(-0.3, sign * 62.8, 0, 0, 0, 0), nodes={5: [1, sign * 0.1, 0, 0, 0, 0]})
+        dataset(
+            analysis=3,
+            kind=5,
+            head=(-0.3, sign * 62.8, 0, 0, 0, 0),
+            nodes={5: [1, sign * 0.1, 0, 0, 0, 0]},
+        )
         for sign in (1, -1)
     ]
     both = updyn.read_modes(put(tmp_path, *pair))
@@ -96,25 +105,37 @@ def test_of_conjugate_modes_the_upper_one_is_taken(tmp_path: Path) -> None:
 def test_units(tmp_path: Path) -> None:
     """In millimetres: the same mode as in metres, rotations as they are."""
     millimetres = uff.text(
-        164, f"{5:10d}{'mm':<20}{2:10d}", "".join(f"{v:25.17E}" for v in (1e3, 1e3, 1.0)), f"{0.0:25.17E}"
+        164,
+        f"{5:10d}{'mm':<20}{2:10d}",
+        "".join(f"{v:25.17E}" for v in (1e3, 1e3, 1.0)),
+        f"{0.0:25.17E}",
     )
-    # 2 kg m2 is 2e6 in N mm s2, as millinewton times millimetre is 1e-6 N m and the factor of force is 1000.
+    # 2 kg m2 is 2e6 in N mm s2, as millinewton times millimetre is 1e-6 N m and the factor of force
+    # is 1000.
     rows = {1: [1000.0, 0, 0, 0, 0, 0.25]}
     head = (10.0, 2e6, 0.0, 0.0)
-    got = updyn.read_modes(put(tmp_path, millimetres, dataset(characteristic=3, width=6, head=head, nodes=rows)))
+    got = updyn.read_modes(
+        put(tmp_path, millimetres, dataset(characteristic=3, width=6, head=head, nodes=rows))
+    )
     rows, head = {1: [1.0, 0, 0, 0, 0, 0.25]}, (10.0, 2.0, 0.0, 0.0)
-    same = updyn.read_modes(put(tmp_path, dataset(characteristic=3, width=6, head=head, nodes=rows)))
+    same = updyn.read_modes(
+        put(tmp_path, dataset(characteristic=3, width=6, head=head, nodes=rows))
+    )
     assert got.dofs.labels == same.dofs.labels == ["1:X", "1:RZ"]
     assert got.shapes == pytest.approx(same.shapes, rel=1e-6)
 
 
 def test_accelerations_are_unscaled(tmp_path: Path) -> None:
-    assert not updyn.read_modes(put(tmp_path, dataset(specific=12, head=(10.0, 4.0, 0, 0)))).scaled.any()
+    assert not updyn.read_modes(
+        put(tmp_path, dataset(specific=12, head=(10.0, 4.0, 0, 0)))
+    ).scaled.any()
 
 
 def test_other_analyses_are_left_out_with_a_warning(tmp_path: Path) -> None:
     other = dataset(analysis=5, kind=5, head=(10.0,), nodes={1: [1, 0, 0, 0, 0, 0]})
-    with pytest.warns(UpdynWarning, match="data at nodes that are no modes are left out: 1 frequency response"):
+    with pytest.warns(
+        UpdynWarning, match="data at nodes that are no modes are left out: 1 frequency response"
+    ):
         assert len(updyn.read_modes(put(tmp_path, dataset(), other))) == 1
 
 
@@ -139,7 +160,9 @@ def test_round_trip(tmp_path: Path, phase: float) -> None:
     assert again.loss_factor == pytest.approx(modes.loss_factor, rel=1e-5)
     assert again.scaled.tolist() == modes.scaled.tolist()
     assert again.quality == pytest.approx(modes.quality, rel=1e-5)
-    assert again.shapes[order.index] * order.sign[:, None] == pytest.approx(modes.shapes, rel=1e-5, abs=1e-5)
+    assert again.shapes[order.index] * order.sign[:, None] == pytest.approx(
+        modes.shapes, rel=1e-5, abs=1e-5
+    )
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -156,7 +179,14 @@ def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> 
     assert sets[1]["r3"].tolist() == [0.0, 2.0]
 
     about: dict[str, Any] = {f"id{i}": "NONE" for i in range(1, 6)}
-    about |= {"model_type": 1, "data_ch": 2, "spec_data_type": 8, "n_data_per_node": 3, "load_case": 1, "mode_n": 1}
+    about |= {
+        "model_type": 1,
+        "data_ch": 2,
+        "spec_data_type": 8,
+        "n_data_per_node": 3,
+        "load_case": 1,
+        "mode_n": 1,
+    }
     shape = np.array([1.0 + 0.5j, -2.0 + 0.25j])
     rest = {"r2": np.zeros(2, complex), "r3": np.zeros(2, complex), "node_nums": [7, 9]}
     normal = {
@@ -167,11 +197,20 @@ def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> 
         "modal_damp_vis": 0.02,
         "modal_damp_his": 0.0,
     }
-    complex_ = {"analysis_type": 3, "data_type": 5, "eig": -1.0 + 99.0j, "modal_a": 198.0j, "modal_b": 0j}
+    complex_ = {
+        "analysis_type": 3,
+        "data_type": 5,
+        "eig": -1.0 + 99.0j,
+        "modal_a": 198.0j,
+        "modal_b": 0j,
+    }
     theirs = tmp_path / "pyuff.unv"
     file = pyuff.UFF(str(theirs))
     file.write_sets(
-        pyuff.prepare_55(**about, **normal, r1=shape.real, **{k: np.real(v) for k, v in rest.items()}), "add"
+        pyuff.prepare_55(
+            **about, **normal, r1=shape.real, **{k: np.real(v) for k, v in rest.items()}
+        ),
+        "add",
     )
     file.write_sets(pyuff.prepare_55(**about, **complex_, r1=shape, **rest), "add")
     read = updyn.read_modes(theirs)
@@ -209,14 +248,20 @@ def test_bad_files_are_refused(tmp_path: Path, data: bytes, message: str) -> Non
 
 def test_a_note_about_quality_is_no_number(tmp_path: Path) -> None:
     for line in ("quality E", "quality -", "quality 0.5 or so", "high quality 3"):
-        modes = updyn.read_modes(put(tmp_path, dataset().replace(b"NONE\n" * 2, f"{line}\n".encode() * 2, 1)))
+        modes = updyn.read_modes(
+            put(tmp_path, dataset().replace(b"NONE\n" * 2, f"{line}\n".encode() * 2, 1))
+        )
         assert np.isnan(modes.quality).all()
 
 
 def test_touching_numbers_are_told_by_their_columns(tmp_path: Path) -> None:
     rows = {1: [-1.5e-100, -2.5e-100, -3.5e-100]}  # 13 columns, no blank between them
     touching = dataset(nodes=rows).replace(b" -1.50000E-100", b"-1.50000E-100")
-    assert updyn.read_modes(put(tmp_path, touching)).shapes[:, 0].tolist() == [-1.5e-100, -2.5e-100, -3.5e-100]
+    assert updyn.read_modes(put(tmp_path, touching)).shapes[:, 0].tolist() == [
+        -1.5e-100,
+        -2.5e-100,
+        -3.5e-100,
+    ]
 
 
 def test_modes_of_no_file_or_format(tmp_path: Path) -> None:

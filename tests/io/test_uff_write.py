@@ -20,7 +20,9 @@ def path(tmp_path):
 
 def plain(**changes) -> FRF:
     """What a universal file can hold."""
-    return replace(frf(with_geometry=False), **({"variance": None, "averages": None, "source": ""} | changes))
+    return replace(
+        frf(with_geometry=False), **({"variance": None, "averages": None, "source": ""} | changes)
+    )
 
 
 def round_trip(data, path):
@@ -51,7 +53,9 @@ def test_round_trip_is_exact(path, quantity, with_coherence):
 def test_lines_are_exact_to_rounding(path, freq, even):
     found = round_trip(plain(freq=freq), path)
     np.testing.assert_allclose(found.freq, freq, rtol=1e-15, atol=0)
-    assert all(s["abscissa_spacing"] == even for s in pyuff.UFF(str(path)).read_sets() if s["type"] == 58)
+    assert all(
+        s["abscissa_spacing"] == even for s in pyuff.UFF(str(path)).read_sets() if s["type"] == 58
+    )
 
 
 def test_one_line(path):
@@ -70,7 +74,9 @@ def test_geometry_goes_along(path):
 
 
 def test_directions_of_nodes_are_written_as_systems(path):
-    axes = np.array([np.eye(3), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]])
+    axes = np.array(
+        [np.eye(3), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]]
+    )
     place = Geometry([1, 2, 7], np.eye(3), axes=axes)
     data = plain(geometry=place, responses=["1:X", "2:-Y", "7:Z"], references=["1:X", "2:X"])
     found = round_trip(data, path)
@@ -89,8 +95,14 @@ def test_what_has_no_place_is_said(path):
     ("changes", "message"),
     [
         ({"responses": ["1:X", "2:X", "123456789012:X"]}, "node 123456789012 does not fit"),
-        ({"geometry": Geometry([1, 7], np.eye(3)[:2])}, r"DOF 2:-Y stands at a node that the geometry does not have"),
-        ({"geometry": Geometry([1, 2, 3, 7, 0], np.ones((5, 3)), [[0, 1]])}, "node 0, which in a universal file lifts"),
+        (
+            {"geometry": Geometry([1, 7], np.eye(3)[:2])},
+            r"DOF 2:-Y stands at a node that the geometry does not have",
+        ),
+        (
+            {"geometry": Geometry([1, 2, 3, 7, 0], np.ones((5, 3)), [[0, 1]])},
+            "node 0, which in a universal file lifts",
+        ),
     ],
 )
 def test_what_cannot_be_written_leaves_the_old_file(path, changes, message):
@@ -122,7 +134,9 @@ def test_pyuff_reads_what_is_written(path, freq):
     assert sorted(s["func_type"] for s in sets) == [4] * 6 + [6] * 6
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves files open
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # pyuff leaves files open
 @pytest.mark.parametrize("even", [0, 1])
 @pytest.mark.parametrize(("binary", "double"), [(0, True), (0, False), (1, True)])
 def test_files_that_pyuff_writes(path, binary, even, double):
@@ -141,5 +155,7 @@ def test_files_that_pyuff_writes(path, binary, even, double):
         file.write_sets(made, "add", force_double=double)
     found = updyn.read_frf(path)
     assert (found.responses.labels, found.references.labels) == (["1:Z", "2:Z", "3:Z"], ["1:-X"])
-    np.testing.assert_allclose(found.values[:, :, 0], values, rtol=0 if binary else 1e-11 if double else 1e-5)
+    np.testing.assert_allclose(
+        found.values[:, :, 0], values, rtol=0 if binary else 1e-11 if double else 1e-5
+    )
     np.testing.assert_array_equal(found.freq, x)

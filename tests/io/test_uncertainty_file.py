@@ -53,9 +53,18 @@ def test_profiles_come_back(tmp_path: Path) -> None:
     updyn.write_uncertainty(written, tmp_path / "u.nc")
     read = updyn.read_uncertainty(tmp_path / "u.nc")
     assert isinstance(read, Profiles)
-    assert (read.level, read.threshold, read.missing, read.better) == (0.95, 1.92, ("c.mass",), {"a.stiffness": 0.6})
+    assert (read.level, read.threshold, read.missing, read.better) == (
+        0.95,
+        1.92,
+        ("c.mass",),
+        {"a.stiffness": 0.6},
+    )
     for name, one in written.items():
-        assert (read[name].humps, read[name].note, read[name].estimate) == (one.humps, one.note, one.estimate)
+        assert (read[name].humps, read[name].note, read[name].estimate) == (
+            one.humps,
+            one.note,
+            one.estimate,
+        )
         for what in ("values", "drop", "others"):
             np.testing.assert_array_equal(getattr(read[name], what), getattr(one, what))
     assert read.summary() == written.summary()

@@ -29,9 +29,13 @@ def test_stiffness_and_mass_of_every_group_are_found(known: Format, tmp_path: Pa
         for what in ("stiffness", "mass"):
             a, b = (getattr(g, what).toarray() for g in (model.group(name), group))
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
-    changes = {name: {"stiffness": k, "mass": 2.0 - k, "loss_factor": 0.02} for name, k in FACTORS.items()}
+    changes = {
+        name: {"stiffness": k, "mass": 2.0 - k, "loss_factor": 0.02} for name, k in FACTORS.items()
+    }
     truth = model.scaled(changes)
-    frf = updyn.response(truth, np.linspace(0.7, 22.0, 50), ["2:X", "5:X", "10:X", "12:X"], ["2:X", "12:X"])
+    frf = updyn.response(
+        truth, np.linspace(0.7, 22.0, 50), ["2:X", "5:X", "10:X", "12:X"], ["2:X", "12:X"]
+    )
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
     result = updyn.update(model, frf, unknowns)
     assert result.ok, result.summary()

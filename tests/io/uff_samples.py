@@ -28,11 +28,15 @@ def records(
     title: str = "case",
 ) -> list[str]:
     """The eleven lines of text of a dataset 58."""
-    axes = [f"{t:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {u:<20}" for t, u in zip(types, units, strict=True)]
+    axes = [
+        f"{t:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {u:<20}" for t, u in zip(types, units, strict=True)
+    ]
     return [
         *(title, "NONE", "NONE", "NONE", "NONE"),
-        f"{kind:5d}{0:10d}{0:5d}{0:10d} {names[0]:<10}{response[0]:10d}{response[1]:4d}"
-        f" {names[1]:<10}{reference[0]:10d}{reference[1]:4d}",
+        (
+            f"{kind:5d}{0:10d}{0:5d}{0:10d} {names[0]:<10}{response[0]:10d}{response[1]:4d}"
+            f" {names[1]:<10}{reference[0]:10d}{reference[1]:4d}"
+        ),
         f"{ordinate:10d}{points:10d}{even:10d}{start * even:13.5E}{step * even:13.5E}{0.0:13.5E}",
         *axes,
         f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {'NONE':<20}",
@@ -42,7 +46,9 @@ def records(
 def flat(y: Any, x: Any = None) -> np.ndarray:
     """Numbers of record 12, in their order."""
     y = np.asarray(y)
-    columns = ([] if x is None else [np.asarray(x)]) + ([y.real, y.imag] if np.iscomplexobj(y) else [y])
+    columns = ([] if x is None else [np.asarray(x)]) + (
+        [y.real, y.imag] if np.iscomplexobj(y) else [y]
+    )
     return np.column_stack(columns).ravel()
 
 
@@ -61,7 +67,9 @@ def numbers(values: np.ndarray, ordinate: int, even: int) -> list[str]:
     return out
 
 
-def ascii58(y: Any, response=(1, 3), reference=(1, 3), *, x=None, ordinate=None, **options) -> bytes:
+def ascii58(
+    y: Any, response=(1, 3), reference=(1, 3), *, x=None, ordinate=None, **options
+) -> bytes:
     ordinate = ordinate or (5 if np.iscomplexobj(y) else 2)
     even = int(x is None)
     options = {"points": len(y)} | options
@@ -88,7 +96,11 @@ def binary58(
     kind = (">" if big else "<") + ("f8" if ordinate in (4, 6) else "f4")
     data = flat(y, x).astype(kind).tobytes()
     first = head.format(
-        order=2 if big else 1, floating=2, lines=11, n_bytes=len(data) if n_bytes is None else n_bytes, zero=0
+        order=2 if big else 1,
+        floating=2,
+        lines=11,
+        n_bytes=len(data) if n_bytes is None else n_bytes,
+        zero=0,
     )
     opening = "\n".join(["    -1", f"{58:6d}{first}", *(line.ljust(80) for line in lines), ""])
     return opening.encode() + data + end
@@ -100,13 +112,19 @@ def units(code: int, length: float, force: float) -> bytes:
 
 
 def nodes15(*rows: tuple[int, int, int, float, float, float]) -> bytes:
-    return text(15, *(f"{n:10d}{d:10d}{s:10d}{8:10d}{x:13.5E}{y:13.5E}{z:13.5E}" for n, d, s, x, y, z in rows))
+    return text(
+        15,
+        *(f"{n:10d}{d:10d}{s:10d}{8:10d}{x:13.5E}{y:13.5E}{z:13.5E}" for n, d, s, x, y, z in rows),
+    )
 
 
 def nodes2411(*rows: tuple[int, int, int, float, float, float]) -> bytes:
     lines = []
     for n, d, s, *xyz in rows:
-        lines += [f"{n:10d}{d:10d}{s:10d}{8:10d}", "".join(f"{v:25.16E}".replace("E", "D") for v in xyz)]
+        lines += [
+            f"{n:10d}{d:10d}{s:10d}{8:10d}",
+            "".join(f"{v:25.16E}".replace("E", "D") for v in xyz),
+        ]
     return text(2411, *lines)
 
 

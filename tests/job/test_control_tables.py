@@ -43,8 +43,8 @@ def job(folder):
 
 def test_labels_and_tables_become_ports(job):
     text = (
-        'inputs = ["12:-X", { name = "drive", dof = "2:X", ratio = 40 }]\n'
-        'outputs = { name = "twist", weights = { "5:X" = 1, "2:X" = -0.5 } }\nquantity = "mobility"\n'
+        'inputs = ["12:-X", { name = "drive", dof = "2:X", ratio = 40 }]\noutputs = { name ='
+        ' "twist", weights = { "5:X" = 1, "2:X" = -0.5 } }\nquantity = "mobility"\n'
     )
     ready = prepare(load_job(job(text)))
     table = ready.job.plant
@@ -52,13 +52,16 @@ def test_labels_and_tables_become_ports(job):
     assert dict(table.input_ports[1].weights) == {"2:X": 1 / 40}
     assert dict(table.output_ports[0].weights) == {"5:X": 1.0, "2:X": -0.5}
     assert table.quantities == ("mobility",)
-    assert band_of_plant(ready.job, ready.frf) == pytest.approx((ready.frf.freq[0], ready.frf.freq[-1]))
+    assert band_of_plant(ready.job, ready.frf) == pytest.approx(
+        (ready.frf.freq[0], ready.frf.freq[-1])
+    )
 
 
 def test_what_is_written_out_says_the_same(job, tmp_path):
     text = (
-        'inputs = ["12:X"]\noutputs = [{ name = "twist", weights = { "5:X" = 1, "2:X" = -1 } }, "5:X"]\n'
-        'quantity = ["mobility", "receptance"]\nband = [1, 9]\nsampling = { dt = 0.01, delay = 0.015 }\nfamily = 3\n'
+        'inputs = ["12:X"]\noutputs = [{ name = "twist", weights = { "5:X" = 1, "2:X" = -1 } },'
+        ' "5:X"]\nquantity = ["mobility", "receptance"]\nband = [1, 9]\nsampling = { dt = 0.01,'
+        " delay = 0.015 }\nfamily = 3\n"
     )
     loaded = load_job(job(text))
     written = resolved_job(loaded, tmp_path)
@@ -79,14 +82,26 @@ def test_a_band_beyond_the_data_is_said(job):
 @pytest.mark.parametrize(
     ("table", "line", "said"),
     [
-        ('input = ["12:X"]\noutputs = ["5:X"]\n', 9, "unknown key 'input' in [plant]; did you mean 'inputs'"),
+        (
+            'input = ["12:X"]\noutputs = ["5:X"]\n',
+            9,
+            "unknown key 'input' in [plant]; did you mean 'inputs'",
+        ),
         ('outputs = ["5:X"]\n', 8, "missing key 'inputs' in [plant]"),
         ('inputs = ["12:X"]\noutputs = []\n', 10, "expected outputs: labels"),
         ('inputs = ["12:Q"]\noutputs = ["5:X"]\n', 9, "DOF '12:Q': expected node:direction"),
         ('inputs = ["12:X"]\noutputs = ["15:X"]\n', 10, "15:X"),
-        ('inputs = [\n"12:X",\n{ dof = "2:X", ration = 4 }]\noutputs = ["5:X"]\n', 11, "did you mean 'ratio'"),
+        (
+            'inputs = [\n"12:X",\n{ dof = "2:X", ration = 4 }]\noutputs = ["5:X"]\n',
+            11,
+            "did you mean 'ratio'",
+        ),
         ('inputs = [{ dof = "2:X", ratio = 0 }]\noutputs = ["5:X"]\n', 9, "gear ratio 0"),
-        ('inputs = [{ weights = { "2:X" = 1 } }]\noutputs = ["5:X"]\n', 9, "weights without a name"),
+        (
+            'inputs = [{ weights = { "2:X" = 1 } }]\noutputs = ["5:X"]\n',
+            9,
+            "weights without a name",
+        ),
         ('inputs = [{ name = "a" }]\noutputs = ["5:X"]\n', 9, "expected dof, or weights by DOF"),
         ('inputs = ["12:X"]\noutputs = ["5:X",\n"5:X"]\n', 11, "two outputs are called '5:X'"),
         (PORTS + 'quantity = "mobilty"\n', 11, "did you mean 'mobility'"),
@@ -99,8 +114,16 @@ def test_a_band_beyond_the_data_is_said(job):
         (PORTS + "tolerance = 0\n", 11, "expected a number of at least 1e-09"),
         (PORTS + "tolerance = 2\n", 11, "expected a number of at most 0.5"),
         (PORTS + 'route = "modl"\n', 11, "did you mean 'modal'"),
-        (PORTS + "sampling = { dt = 0.1 }\n", 11, "half the rate is 5 Hz, below the end of the plant's band, 22.7 Hz"),
-        (PORTS + "sampling = { dt = 0.1, metod = 1 }\n", 11, "unknown key 'metod' in [plant.sampling]"),
+        (
+            PORTS + "sampling = { dt = 0.1 }\n",
+            11,
+            "half the rate is 5 Hz, below the end of the plant's band, 22.7 Hz",
+        ),
+        (
+            PORTS + "sampling = { dt = 0.1, metod = 1 }\n",
+            11,
+            "unknown key 'metod' in [plant.sampling]",
+        ),
         (PORTS + 'files = ["plant.matt"]\n', 11, "did you mean '.mat'"),
         (PORTS + 'files = ["result.json"]\n', 11, "expected the name of a file of its own"),
         (PORTS + 'files = ["a.h", "A.h"]\n', 11, "a file stands twice"),
@@ -123,10 +146,10 @@ LOOP = (
 
 def test_a_controller_is_that_of_the_library(job, tmp_path):
     text = (
-        'torque = "M"\nvelocity = "speed"\nposition = "angle"\ndisturbance = "gust"\n'
-        "wind = { mean_speed = 10, coefficient = 0.5, turbulence = 0.2 }\n"
-        "[servo.controller]\nkp = 20\nti = 0.1\nkv = 3\nlow_pass = 50\ndead_time = 0.001\n"
-        "[[servo.controller.notch]]\nfrequency = 7\n[[servo.controller.notch]]\nfrequency = 9\nwidth = 2\ndepth = 0.1\n"
+        'torque = "M"\nvelocity = "speed"\nposition = "angle"\ndisturbance = "gust"\nwind = {'
+        " mean_speed = 10, coefficient = 0.5, turbulence = 0.2 }\n[servo.controller]\nkp = 20\nti ="
+        " 0.1\nkv = 3\nlow_pass = 50\ndead_time = 0.001\n[[servo.controller.notch]]\nfrequency ="
+        " 7\n[[servo.controller.notch]]\nfrequency = 9\nwidth = 2\ndepth = 0.1\n"
     )
     loaded = load_job(job(LOOP + text))
     found = loaded.servo.controller.controller(None, "M", "speed", "angle")
@@ -146,14 +169,26 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
         ('torqe = "M"\n', 13, "unknown key 'torqe' in [servo]; did you mean 'torque'"),
         ('torque = "N"\n', 13, "the plant has no input of that name; valid: 'M', 'gust'"),
         ('torque = "M"\nvelocity = "sped"\n', 14, "did you mean 'speed'"),
-        ('velocity = "speed"\ncontroller = { kp = 1 }\n', 12, "missing key 'torque': which of the inputs 'M', 'gust'?"),
+        (
+            'velocity = "speed"\ncontroller = { kp = 1 }\n',
+            12,
+            "missing key 'torque': which of the inputs 'M', 'gust'?",
+        ),
         ('torque = "M"\ncontroller = { kp = 1 }\n', 12, "missing key 'velocity'"),
-        ('torque = "M"\nvelocity = "speed"\n', 13, "expected [servo.controller] with kp or crossover, or motor and"),
+        (
+            'torque = "M"\nvelocity = "speed"\n',
+            13,
+            "expected [servo.controller] with kp or crossover, or motor and",
+        ),
         ('motor = "12:X"\n', 12, "expected motor and load"),
         ('motor = "12:X"\nload = "13:X"\n', 14, "load 13:X is not among the 12 DOFs"),
         ("ratio = 3\n", 13, "servo.ratio is checked with motor and load"),
         (CONTROLLER, 15, "expected kp, or crossover to size it by rule"),
-        (CONTROLLER + "kp = 1\ncrossover = 3\n", 16, "expected kp, or crossover to size it by rule; one of the two"),
+        (
+            CONTROLLER + "kp = 1\ncrossover = 3\n",
+            16,
+            "expected kp, or crossover to size it by rule; one of the two",
+        ),
         (CONTROLLER + "kp = 1\nti_ratio = 3\n", 17, "ti_ratio sizes a gain by rule"),
         (CONTROLLER + "crossover = -3\n", 16, "crossover is -3.0; expected a number above 0"),
         (CONTROLLER + "kp = 1\nti = 0\n", 17, "ti is 0.0; expected a number above 0, in s"),
@@ -163,24 +198,55 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
             "unknown key 'deadtime' in [servo.controller]; did you mean 'dead_",
         ),
         (CONTROLLER + "kp = 1\nfeed_forward = 0.5\n", 17, "feed_forward without kv"),
-        (CONTROLLER + "kp = 1\nnotch = { frequency = 3 }\n", 17, "write [[servo.controller.notch]]"),
-        (CONTROLLER + "kp = 1\n[[servo.controller.notch]]\nfrequency = 3\nwidth = -1\n", 19, "width is -1.0"),
+        (
+            CONTROLLER + "kp = 1\nnotch = { frequency = 3 }\n",
+            17,
+            "write [[servo.controller.notch]]",
+        ),
+        (
+            CONTROLLER + "kp = 1\n[[servo.controller.notch]]\nfrequency = 3\nwidth = -1\n",
+            19,
+            "width is -1.0",
+        ),
         (
             CONTROLLER + "kp = 1\n[[servo.controller.notch]]\nfrequency = 3\ndepth = 1\n",
             19,
             "expected width with depth",
         ),
         ("wind = { mean_speed = 9, coefficient = 1 }\n", 13, "servo.wind without disturbance"),
-        ('disturbance = "gust"\nwind = { mean_speed = 9, coefficient = 1 }\n', 14, "expected roughness or turbulence"),
-        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlsh"\nat = "5:X"\n', 18, "did you mean 'backlash'"),
-        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\ngap = 1\n', 18, "needs mesh"),
-        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "5:X"\nlevel = 1\ngap = 1\n', 21, "belong"),
         (
-            CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\nmesh = "prat2"\ngap = 1\n',
+            'disturbance = "gust"\nwind = { mean_speed = 9, coefficient = 1 }\n',
+            14,
+            "expected roughness or turbulence",
+        ),
+        (
+            CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlsh"\nat = "5:X"\n',
+            18,
+            "did you mean 'backlash'",
+        ),
+        (
+            CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\ngap = 1\n',
+            18,
+            "needs mesh",
+        ),
+        (
+            CONTROLLER
+            + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "5:X"\nlevel = 1\ngap = 1\n',
+            21,
+            "belong",
+        ),
+        (
+            CONTROLLER
+            + 'kp = 1\n[[servo.nonlinear]]\nkind = "backlash"\nat = "5:X"\nmesh = "prat2"\ngap'
+            " = 1\n",
             20,
             "part2",
         ),
-        (CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "55:X"\nlevel = 1\n', 19, "55:X is not"),
+        (
+            CONTROLLER + 'kp = 1\n[[servo.nonlinear]]\nkind = "friction"\nat = "55:X"\nlevel = 1\n',
+            19,
+            "55:X is not",
+        ),
         ("step = 1\nduration = -1\n", 14, "expected a number above 0"),
         ("step = 0\n", 13, "servo.step = 0: expected a number other than 0"),
     ],

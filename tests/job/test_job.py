@@ -33,9 +33,13 @@ report = false
 STIFFNESS = '[[parameter]]\ngroups = "part*"\nquantity = "stiffness"\n'
 
 
-def job_at(folder: Path, *, test: str = "", match: str = "", parameter: str = STIFFNESS, method: str = "") -> Any:
+def job_at(
+    folder: Path, *, test: str = "", match: str = "", parameter: str = STIFFNESS, method: str = ""
+) -> Any:
     path = folder / "job.toml"
-    path.write_text(BASE.format(test=test, match=match, parameter=parameter, method=method), encoding="utf-8")
+    path.write_text(
+        BASE.format(test=test, match=match, parameter=parameter, method=method), encoding="utf-8"
+    )
     return load_job(path)
 
 
@@ -77,8 +81,16 @@ def test_the_documented_job_file(tmp_path: Path) -> None:
     assert job.title == "Azimuth drive, run 3"
     assert job.test.reader_options == {"quantity": "accelerance"}
     (parameter,) = job.parameter
-    assert (parameter.groups, parameter.bounds, parameter.prior_std) == (("shaft", "gear*"), (0.3, 3.0), 0.3)
-    assert (job.method.lines, job.method.validation, job.method.options) == ("d-optimal:60", ("5:+Z",), {})
+    assert (parameter.groups, parameter.bounds, parameter.prior_std) == (
+        ("shaft", "gear*"),
+        (0.3, 3.0),
+        0.3,
+    )
+    assert (job.method.lines, job.method.validation, job.method.options) == (
+        "d-optimal:60",
+        ("5:+Z",),
+        {},
+    )
     assert job.output.report
 
 
@@ -103,7 +115,11 @@ def test_a_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> Non
 
 
 def test_band_and_selection(folder: Path) -> None:
-    ready = prepare(job_at(folder, test='band = [2.0, 10.0]\nresponses = ["12:-X", "5:X"]\nreferences = ["2:X"]'))
+    ready = prepare(
+        job_at(
+            folder, test='band = [2.0, 10.0]\nresponses = ["12:-X", "5:X"]\nreferences = ["2:X"]'
+        )
+    )
     full = chain.measure()
     keep = (full.freq >= 2.0) & (full.freq <= 10.0)
     np.testing.assert_array_equal(ready.frf.freq, full.freq[keep])
@@ -117,7 +133,9 @@ def test_averages_are_added_and_not_contradicted(folder: Path) -> None:
     told = FRF(data.freq, data.values, data.responses, data.references, data.quantity, averages=5)
     updyn.write_frf(told, folder / "in" / "chain.npz")
     assert prepare(job_at(folder)).frf.averages == 5
-    with pytest.raises(JobError, match=r"job\.toml:5: test\.averages = 8, but in/chain\.npz says 5"):
+    with pytest.raises(
+        JobError, match=r"job\.toml:5: test\.averages = 8, but in/chain\.npz says 5"
+    ):
         prepare(job_at(folder, test="averages = 8"))
 
 
@@ -125,7 +143,10 @@ def test_match_table_renames_with_signs(folder: Path) -> None:
     # Sensors 5 and 7 were swapped, and 12 sits upside down under another name.
     data = chain.measure()
     labels = ["2:X", "7:X", "5:X", "10:X", "99:-Z"]
-    updyn.write_frf(FRF(data.freq, data.values, labels, ["2:X", "99:-Z"], data.quantity), folder / "in" / "chain.npz")
+    updyn.write_frf(
+        FRF(data.freq, data.values, labels, ["2:X", "99:-Z"], data.quantity),
+        folder / "in" / "chain.npz",
+    )
     table = '[match.table]\n"7:X" = "5:X"\n"5:X" = "7:X"\n"99:+Z" = "12:-X"'
     ready = prepare(job_at(folder, match=table))
     assert ready.frf.responses.labels == ["2:X", "5:X", "7:X", "10:X", "12:X"]  # - times - is +
@@ -136,11 +157,16 @@ def test_match_table_renames_with_signs(folder: Path) -> None:
 def test_all_sensors_without_a_dof_are_named_with_the_nearest(folder: Path) -> None:
     data = chain.measure()
     labels = [f"{n}:Y" for n in (1, 2, 3, 4)] + ["5:X"]
-    updyn.write_frf(FRF(data.freq, data.values, labels, ["2:X", "30:X"], data.quantity), folder / "in" / "chain.npz")
+    updyn.write_frf(
+        FRF(data.freq, data.values, labels, ["2:X", "30:X"], data.quantity),
+        folder / "in" / "chain.npz",
+    )
     with pytest.raises(JobError) as caught:
         prepare(job_at(folder))
     message = str(caught.value)
-    assert message.startswith(f"{folder / 'job.toml'}:4: 5 of the sensors and forces of in/chain.npz")
+    assert message.startswith(
+        f"{folder / 'job.toml'}:4: 5 of the sensors and forces of in/chain.npz"
+    )
     assert "response 3:Y is not among the 12 DOFs; nearest: 3:X" in message
     assert "reference 30:X is not among the 12 DOFs; nearest: 12:X" in message
     assert "[match.table]" in message
@@ -193,15 +219,21 @@ unit = "Pa"
     job = job_at(folder, parameter=text)
     plain, linked = prepare(job).parameters
     assert (plain.name, plain.physical(0.9)) == ("part2.stiffness", "1.89e+11 Pa")
-    assert (linked.name, linked.law) == ("rubber.E", "part1.stiffness, part3.stiffness^2, part4.stiffness^2")
+    assert (linked.name, linked.law) == (
+        "rubber.E",
+        "part1.stiffness, part3.stiffness^2, part4.stiffness^2",
+    )
     assert linked.physical(1.2, 0.01) == "6e+06 ± 5e+04 Pa"
     result = run_job(job, out=folder / "out")
     assert "Pa" in result.summary()
     assert load_job(folder / "out" / "job.toml").parameter == job.parameter
     again = updyn.read_result(folder / "out" / "run.nc")
     assert again.parameters == result.parameters
-    assert updyn.read_model(folder / "out" / "model.h5").group("part3").stiffness.toarray() == pytest.approx(
-        prepare(job).model.group("part3").stiffness.toarray() * result.values["rubber.E"] ** 2, rel=1e-13
+    assert updyn.read_model(folder / "out" / "model.h5").group(
+        "part3"
+    ).stiffness.toarray() == pytest.approx(
+        prepare(job).model.group("part3").stiffness.toarray() * result.values["rubber.E"] ** 2,
+        rel=1e-13,
     )
 
 
@@ -214,7 +246,9 @@ unit = "Pa"
         ("validation = [0.1, 12]", 29, 5),
     ],
 )
-def test_what_is_held_out_is_not_fitted(method: str, lines: int, responses: int, folder: Path) -> None:
+def test_what_is_held_out_is_not_fitted(
+    method: str, lines: int, responses: int, folder: Path
+) -> None:
     ready = prepare(job_at(folder, method=method))
     assert (len(ready.fitted.freq), len(ready.fitted.responses)) == (lines, responses)
     assert len(ready.frf.freq) == 60
@@ -230,8 +264,19 @@ def test_held_out_data_are_the_ones_that_the_update_holds_out(folder: Path) -> N
 
 
 def test_a_model_from_a_builder(tmp_path: Path) -> None:
-    beam = {"length": 0.5, "E": 2.1e11, "rho": 7850.0, "width": 0.02, "height": 0.01, "n_elements": 4}
-    text = "[model]\nkind = 'beam'\n" + "".join(f"{k} = {v!r}\n" for k, v in beam.items()) + "stations = { 7 = 0.25 }\n"
+    beam = {
+        "length": 0.5,
+        "E": 2.1e11,
+        "rho": 7850.0,
+        "width": 0.02,
+        "height": 0.01,
+        "n_elements": 4,
+    }
+    text = (
+        "[model]\nkind = 'beam'\n"
+        + "".join(f"{k} = {v!r}\n" for k, v in beam.items())
+        + "stations = { 7 = 0.25 }\n"
+    )
     text += '[test]\nfile = "t.npz"\n[[parameter]]\ngroups = "beam"\nquantity = "stiffness"\n'
     (tmp_path / "job.toml").write_text(text)
     values = np.ones((2, 1, 1), dtype=complex)
@@ -245,7 +290,9 @@ def test_a_model_from_a_builder(tmp_path: Path) -> None:
 # -- run ---------------------------------------------------------------------------------------------------
 def test_run_gives_back_what_it_writes(folder: Path) -> None:
     seen = []
-    result = run_job(job_at(folder, method="lines = 'd-optimal:20'"), folder / "a" / "b", seen.append)
+    result = run_job(
+        job_at(folder, method="lines = 'd-optimal:20'"), folder / "a" / "b", seen.append
+    )
     again = updyn.read_result(folder / "a" / "b" / "run.nc")
     assert again.values == result.values
     assert again.title == "job"
@@ -255,12 +302,18 @@ def test_run_gives_back_what_it_writes(folder: Path) -> None:
 
 def test_the_report_is_made_by_what_is_handed_in(folder: Path) -> None:
     path = job_at(folder, method="max_iterations = 1").path
-    path.write_text(path.read_text(encoding="utf-8").replace("report = false", ""), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("report = false", ""), encoding="utf-8"
+    )
     run_job(load_job(path), folder / "out", report=lambda result, at: at.write_text(result.status))
     assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "max-iterations"
-    with pytest.warns(UpdynWarning, match=r"job\.toml: a report is asked for; hand updyn\.write_report to run_job"):
+    with pytest.warns(
+        UpdynWarning, match=r"job\.toml: a report is asked for; hand updyn\.write_report to run_job"
+    ):
         run_job(load_job(path), folder / "out")
-    assert not (folder / "out" / "report.html").exists()  # that of the earlier run would pass for this one's
+    assert not (
+        folder / "out" / "report.html"
+    ).exists()  # that of the earlier run would pass for this one's
 
 
 def test_the_callback_stops_the_run_and_outputs_are_written(folder: Path) -> None:
@@ -282,7 +335,9 @@ def test_a_run_that_breaks_down_leaves_its_journal_alone(folder: Path) -> None:
     assert run_job(job, out, resume=True).values == run_job(job, folder / "fresh").values
 
 
-def test_outputs_appear_only_when_all_are_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outputs_appear_only_when_all_are_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     job, out = job_at(folder), folder / "out"
     run_job(job, out)
     before = {p.name: p.read_bytes() for p in out.iterdir()}
@@ -301,12 +356,16 @@ def test_outputs_can_be_read_by_others_as_any_new_file(folder: Path) -> None:
     (folder / "plain").touch()
     expected = (folder / "plain").stat().st_mode
     names = ("result.json", "run.nc", "model.h5", "job.toml")
-    assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(names, expected)
+    assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(
+        names, expected
+    )
 
 
 def test_errors_of_the_update_name_the_line_of_the_method(folder: Path) -> None:
     job = job_at(folder, method="max_iterations = 3\nlines = 'd-optimal:61'")
-    with pytest.raises(JobError, match=r"job\.toml:14: lines 'd-optimal:61': the data have 60 lines"):
+    with pytest.raises(
+        JobError, match=r"job\.toml:14: lines 'd-optimal:61': the data have 60 lines"
+    ):
         run_job(job)
     assert issubclass(JobError, InputError)
     assert not (folder / "job").exists()
@@ -314,11 +373,22 @@ def test_errors_of_the_update_name_the_line_of_the_method(folder: Path) -> None:
 
 # -- resume ------------------------------------------------------------------------------------------------
 def outcome(result: Any) -> tuple[object, ...]:
-    return result.status, result.values, result.std, result.history, result.correlation, result.noise
+    return (
+        result.status,
+        result.values,
+        result.std,
+        result.history,
+        result.correlation,
+        result.noise,
+    )
 
 
 def test_a_stopped_run_goes_on_to_the_result_of_one_that_was_not(folder: Path) -> None:
-    job = job_at(folder, method='lines = "d-optimal:25"\nvalidation = ["7:X"]', parameter=STIFFNESS + "prior_std = 0.5")
+    job = job_at(
+        folder,
+        method='lines = "d-optimal:25"\nvalidation = ["7:X"]',
+        parameter=STIFFNESS + "prior_std = 0.5",
+    )
     fresh = run_job(job, folder / "fresh")
     assert not (folder / "fresh" / "run.journal").exists()
     stopped = run_job(job, folder / "out", lambda progress: progress.iteration >= 2)
@@ -328,14 +398,17 @@ def test_a_stopped_run_goes_on_to_the_result_of_one_that_was_not(folder: Path) -
     assert outcome(result) == outcome(fresh)
     assert outcome(updyn.read_result(folder / "out" / "run.nc"))[:2] == outcome(fresh)[:2]
     assert not (folder / "out" / "run.journal").exists()
-    assert (folder / "out" / "job.toml").read_text(encoding="utf-8") == (folder / "fresh" / "job.toml").read_text(
-        encoding="utf-8"
-    )
+    assert (folder / "out" / "job.toml").read_text(encoding="utf-8") == (
+        folder / "fresh" / "job.toml"
+    ).read_text(encoding="utf-8")
 
 
 def test_a_run_that_needed_more_steps_is_given_them(folder: Path) -> None:
     full = run_job(job_at(folder), folder / "fresh")
-    assert run_job(job_at(folder, method="max_iterations = 2"), folder / "out").status == "max-iterations"
+    assert (
+        run_job(job_at(folder, method="max_iterations = 2"), folder / "out").status
+        == "max-iterations"
+    )
     assert outcome(run_job(job_at(folder), folder / "out", resume=True)) == outcome(full)
 
 
@@ -352,17 +425,24 @@ def test_only_a_run_of_the_same_job_is_resumed(folder: Path) -> None:
     with pytest.raises(JobError, match=r"the unknowns differ \(part4\.stiffness\)"):
         run_job(job_at(folder, test="band = [1.0, 20.0]", parameter=other), out, resume=True)
     with pytest.raises(JobError, match=r"job\.toml:\d+: .*the options differ \(tolerance\)"):
-        run_job(job_at(folder, test="band = [1.0, 20.0]", method="tolerance = 1e-3"), out, resume=True)
+        run_job(
+            job_at(folder, test="band = [1.0, 20.0]", method="tolerance = 1e-3"), out, resume=True
+        )
     assert (out / "run.journal").read_bytes() == kept
     run_job(job_at(folder, test="band = [1.0, 20.0]"), out, resume=True)
-    with pytest.raises(JobError, match=r"the run in .*out' has ended \(converged\) and needs no journal"):
+    with pytest.raises(
+        JobError, match=r"the run in .*out' has ended \(converged\) and needs no journal"
+    ):
         run_job(job_at(folder, test="band = [1.0, 20.0]"), out, resume=True)
 
 
 def test_a_run_that_is_refused_leaves_no_journal(folder: Path) -> None:
     """The drive point is missed only when the method looks, after the start was solved."""
     path = job_at(folder, test='responses = ["2:X"]\nreferences = ["12:X"]').path
-    path.write_text(path.read_text(encoding="utf-8").replace('"output-error"', '"equation-error"'), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace('"output-error"', '"equation-error"'),
+        encoding="utf-8",
+    )
     job = load_job(path)
     with pytest.raises(JobError, match="reference 12:X is not among the responses"):
         run_job(job, folder / "out")
@@ -393,7 +473,9 @@ def several(folder: Path, more: str = "") -> Any:
     """A chain as it stands, and with its tip held and a mass added, both of the same truth."""
     loaded = add_masses(chain.build(), {"3:X": 0.4})
     truth = constrain(loaded, grounded=["12:X"]).scaled(chain.TRUTH)
-    exact = updyn.response(truth, np.linspace(0.7, 22.0, 50), ["2:X", "5:X", "7:X"], ["2:X"], quantity="accelerance")
+    exact = updyn.response(
+        truth, np.linspace(0.7, 22.0, 50), ["2:X", "5:X", "7:X"], ["2:X"], quantity="accelerance"
+    )
     draw = np.random.default_rng(5).standard_normal((2, *exact.values.shape))
     values = exact.values * (1.0 + 0.02 * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
     held = FRF(exact.freq, values, exact.responses, exact.references, "accelerance")
@@ -421,7 +503,10 @@ def test_several_tests_of_one_structure(folder: Path) -> None:
     assert job_identifiability(ready).complete
     result = run_job(job, out=folder / "out", report=updyn.write_report)
     assert result.ok, result.summary()
-    off = [(result.values[p.name] - chain.TRUTH[p.group][p.quantity]) / result.std[p.name] for p in result.parameters]
+    off = [
+        (result.values[p.name] - chain.TRUTH[p.group][p.quantity]) / result.std[p.name]
+        for p in result.parameters
+    ]
     assert np.abs(off).max() < 4.0
     held = result["tip held"]
     assert held.validation_responses == ("5:X",)
@@ -435,7 +520,11 @@ def test_several_tests_of_one_structure(folder: Path) -> None:
         "tip held",
     ]
     for name in ("as it stands", "tip held"):
-        assert sorted(p.name for p in (out / name).iterdir()) == ["model.h5", "report.html", "run.nc"]
+        assert sorted(p.name for p in (out / name).iterdir()) == [
+            "model.h5",
+            "report.html",
+            "run.nc",
+        ]
         assert updyn.read_result(out / name / "run.nc").values == result.values
     written = json.loads((out / "result.json").read_text())
     assert list(written["tests"]) == ["as it stands", "tip held"]

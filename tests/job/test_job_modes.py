@@ -81,9 +81,13 @@ def test_the_band_and_the_match_are_those_of_the_sensors(folder: Path) -> None:
     sign = np.array([-1.0 if "99" in label else 1.0 for label in renamed])
     turned = np.array([-1.0 if "99" in label else 1.0 for label in references])
     values = frf.values * sign[:, None] * turned
-    updyn.write_frf(updyn.FRF(frf.freq, values, renamed, references, frf.quantity), folder / "chain.uff")
+    updyn.write_frf(
+        updyn.FRF(frf.freq, values, renamed, references, frf.quantity), folder / "chain.uff"
+    )
     modes = modes_of(folder, 1.1, labels)
-    updyn.write_modes(ModeSet(modes.frequency, modes.shapes * sign[:, None], renamed), folder / "modes.unv")
+    updyn.write_modes(
+        ModeSet(modes.frequency, modes.shapes * sign[:, None], renamed), folder / "modes.unv"
+    )
     match = '[match.table]\n"99:X" = "12:X"'
     prepared = prepare(load_job(put(folder, test="band = [0.5, 12.0]", match=match)))
     got = prepared.modes[""]
@@ -91,15 +95,21 @@ def test_the_band_and_the_match_are_those_of_the_sensors(folder: Path) -> None:
     assert sorted(got.dofs.labels) == sorted(labels)
     order = got.dofs.match(labels)
     expected = modes.shapes[:, : len(got)]
-    assert got.shapes[order.index] * order.sign[:, None] == pytest.approx(expected, rel=1e-4, abs=1e-4)
+    assert got.shapes[order.index] * order.sign[:, None] == pytest.approx(
+        expected, rel=1e-4, abs=1e-4
+    )
 
 
 def test_a_comparison_gives_them_to_the_method_that_takes_them(folder: Path) -> None:
     updyn.write_modes(modes_of(folder, 1.21), folder / "modes.unv")
-    found = compare_job(load_job(put(folder, "output-error")), folder / "out", methods=["modal", "output-error"])
+    found = compare_job(
+        load_job(put(folder, "output-error")), folder / "out", methods=["modal", "output-error"]
+    )
     values = {row.method: row.values for row in found.rows}
     assert list(values["modal"].values()) == pytest.approx([1.21] * 4, rel=1e-3)
-    assert list(values["output-error"].values()) != pytest.approx([1.21] * 4, rel=1e-3)  # the FRFs are of another chain
+    assert list(values["output-error"].values()) != pytest.approx(
+        [1.21] * 4, rel=1e-3
+    )  # the FRFs are of another chain
 
 
 @pytest.mark.parametrize(

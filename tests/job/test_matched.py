@@ -36,7 +36,8 @@ report = false
 {match}
 """
 XYZ = np.array([[0, 0, 0], [1.0, 0, 0], [1.1, 0.8, 0], [0, 0.7, 0.4]])
-#: Positions of the test: other axes (its X is the model's Y, its Y is the model's -X), another origin.
+#: Positions of the test: other axes (its X is the model's Y, its Y is the model's -X), another
+#: origin.
 QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 TEST_XYZ = (XYZ - [0.5, 0, 1.0]) @ QUARTER
 OBLIQUE = np.array([0.6, 0.0, 0.8])
@@ -104,7 +105,9 @@ def test_a_job_by_coordinates_finds_what_the_sensors_read(folder: Path) -> None:
     assert ready.model is ready.matching.model
     result = run_job(job, folder / "out", prepared=ready)
     assert result.status == "converged"
-    assert result.values == pytest.approx({"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7)
+    assert result.values == pytest.approx(
+        {"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7
+    )
     kept = updyn.read_model(folder / "out" / "model.h5")
     np.testing.assert_allclose(kept.geometry.axes[2][2], OBLIQUE, atol=1e-12)
 
@@ -138,7 +141,8 @@ def test_a_matrix_and_the_geometry_of_the_test_file(folder: Path) -> None:
     )
     updyn.write_frf(told, folder / "test.npz")
     text = (
-        f'by = "coordinates"\nalignment = {matrix.tolist()}\nangle = 0.5\n[match.directions]\n"3:-Z" = [-0.6, 0, 0.8]\n'
+        f'by = "coordinates"\nalignment = {matrix.tolist()}\nangle ='
+        ' 0.5\n[match.directions]\n"3:-Z" = [-0.6, 0, 0.8]\n'
     )
     (folder / "out").mkdir()
     job = job_at(folder, text)
@@ -154,9 +158,23 @@ def test_check_prints_the_table(folder: Path, capsys: pytest.CaptureFixture[str]
     assert main(["check", str(folder / "job.toml")]) == 0
     out = capsys.readouterr().out
     assert "Matched by coordinates: 4 sensors and forces are DOFs of the model" in out
-    assert "positions in mm; aligned on 4 pairs of nodes; turned by 90 degrees, moved by (0.5, 0, 1) m" in out
-    found = {line.split()[0]: line for line in out.splitlines() if line[:3] in ("1:X", "2:Y", "3:Z", "4:Z")}
-    assert found["1:X"].split() == ["1:X", "response", "and", "reference", "11:Y", *found["1:X"].split()[5:]]
+    assert (
+        "positions in mm; aligned on 4 pairs of nodes; turned by 90 degrees, moved by (0.5, 0, 1) m"
+        in out
+    )
+    found = {
+        line.split()[0]: line
+        for line in out.splitlines()
+        if line[:3] in ("1:X", "2:Y", "3:Z", "4:Z")
+    }
+    assert found["1:X"].split() == [
+        "1:X",
+        "response",
+        "and",
+        "reference",
+        "11:Y",
+        *found["1:X"].split()[5:],
+    ]
     assert "13:Z" in found["3:Z"]
     assert found["3:Z"].endswith("turned along (0.6, 0, 0.8)")
 
@@ -164,23 +182,43 @@ def test_check_prints_the_table(folder: Path, capsys: pytest.CaptureFixture[str]
 BAD = [
     (('unit = "mm"\n', ""), 13, "look like mm: then all 4 nodes lie within 0.0"),
     (('"mm"', '"millimetre"'), 16, "match.unit = 'millimetre': valid: 'm', 'cm', 'mm', 'in', 'ft'"),
-    (('"points.csv"', '"point.csv"'), 15, "match.geometry = 'point.csv': no such file; did you mean 'points.csv'"),
+    (
+        ('"points.csv"', '"point.csv"'),
+        15,
+        "match.geometry = 'point.csv': no such file; did you mean 'points.csv'",
+    ),
     (('"points.csv"', '"frame.h5"'), 15, "frame.h5"),
-    (('geometry = "points.csv"\n', ""), 13, "test.npz has no geometry: give that of the test, or match by label"),
+    (
+        ('geometry = "points.csv"\n', ""),
+        13,
+        "test.npz has no geometry: give that of the test, or match by label",
+    ),
     (('"0.5 %"', '"half"'), 17, "expected a distance in m above 0, or a share"),
     (('"0.5 %"', "0"), 17, "match.tolerance = 0: expected a distance in m above 0"),
     (('by = "coordinates"\n', ""), 16, "tolerance belongs to by = 'coordinates'"),
     (("2 = 12", "2 = 99"), 18, "alignment: geometry: node 99 has no position; nearest: 14, 13, 12"),
     (("2 = 12", "2 = 14"), 18, "the pairs do not lie on each other within 0.0"),
     (("2 = 12", 'two = "12"'), 18, "'4': 14}: expected 'fit', a table of nodes of the test"),
-    (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", '"best"'), 18, "match.alignment = 'best': expected 'fit'"),
+    (
+        ("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", '"best"'),
+        18,
+        "match.alignment = 'best': expected 'fit'",
+    ),
     (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", "[[1, 2], [3, 4]]"), 18, "or a 4 x 4 array"),
     (("{ 1 = 11, 2 = 12, 3 = 13, 4 = 14 }", "[1, 2, 3, 4]"), 18, "or a 4 x 4 array"),
     (("[match.directions]", "angle = 50\n[match.directions]"), 19, "angle"),
     (('"3:Z"', '"5:Z"'), 20, "'5:Z' is no response or reference of test.npz"),
     ((f"= {DIRECTION}", "= [0, 1]"), 20, "match.directions.3:Z: expected at least 3 entries"),
-    ((f"= {DIRECTION}", "= [0, 0, 0]"), 20, "direction of 3:Z: expected three finite numbers, not all 0"),
-    (("tolerance", "tolerence"), 17, "unknown key 'tolerence' in [match]; did you mean 'tolerance'"),
+    (
+        (f"= {DIRECTION}", "= [0, 0, 0]"),
+        20,
+        "direction of 3:Z: expected three finite numbers, not all 0",
+    ),
+    (
+        ("tolerance", "tolerence"),
+        17,
+        "unknown key 'tolerence' in [match]; did you mean 'tolerance'",
+    ),
     (
         ("[match.directions]", '[match.table]\n"1:X" = "12:Q"\n[match.directions]'),
         20,
@@ -191,7 +229,11 @@ BAD = [
 
 @pytest.mark.parametrize(("change", "line", "message"), BAD)
 def test_a_complaint_names_its_line(
-    change: tuple[str, str], line: int, message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    change: tuple[str, str],
+    line: int,
+    message: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert change[0] in GOOD
     with pytest.raises(JobError) as caught:
@@ -208,7 +250,8 @@ def test_what_is_not_near_and_what_is_no_dof_are_listed(folder: Path) -> None:
     write_geometry(Geometry([1, 2, 3, 4], far), folder / "points.csv")
     text = 'by = "coordinates"\ngeometry = "points.csv"\ntolerance = 0.01\n'
     with pytest.raises(
-        JobError, match=r"(?s)job\.toml:16: 1 of 4 nodes .*node 2 at \(1, 0, 0\.1\) m: nearest 12 at 0\.1 m"
+        JobError,
+        match=r"(?s)job\.toml:16: 1 of 4 nodes .*node 2 at \(1, 0, 0\.1\) m: nearest 12 at 0\.1 m",
     ):
         prepare(job_at(folder, text))
     ready = prepare(job_at(folder, text + '[match.table]\n"2" = "12"\n'))
@@ -217,11 +260,13 @@ def test_what_is_not_near_and_what_is_no_dof_are_listed(folder: Path) -> None:
         prepare(job_at(folder, 'by = "label"'))
     text = str(caught.value)
     assert text.startswith(
-        f"{folder / 'job.toml'}:4: 4 of the sensors and forces of test.npz are not DOFs of the model:"
+        f"{folder / 'job.toml'}:4: 4 of the sensors and forces of test.npz are not DOFs of the"
+        " model:"
     )
     assert "response and reference 1:X is not among the 12 DOFs; nearest: 11:X, 11:Y, 11:Z" in text
     assert text.endswith(
-        '[match.table] ("1:X" = "..."), or keep only those that are, with responses and references in [test]'
+        '[match.table] ("1:X" = "..."), or keep only those that are, with responses and references'
+        " in [test]"
     )
 
 
@@ -269,5 +314,7 @@ def test_local_axes_in_the_universal_file_of_the_test(folder: Path) -> None:
     assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
     assert [m.turned for m in ready.matching.table] == [False, False, True, False]
     result = run_job(load_job(path), folder / "out")
-    assert result.values == pytest.approx({"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7)
+    assert result.values == pytest.approx(
+        {"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7
+    )
     assert "local_axes = true" in (folder / "out" / "job.toml").read_text(encoding="utf-8")

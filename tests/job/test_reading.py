@@ -41,14 +41,21 @@ def job_at(folder: Path, file: str, test: str) -> Any:
 
 def test_of_an_incomplete_universal_file_the_part_asked_for_is_read(folder: Path) -> None:
     data = chain.measure()
-    first, last = data.select(references=["2:X"]), data.select(responses=["5:X"], references=["12:X"])
+    first, last = (
+        data.select(references=["2:X"]),
+        data.select(responses=["5:X"], references=["12:X"]),
+    )
     for name, part in (("a.uff", first), ("b.uff", last)):
         updyn.write_frf(part, folder / name)
-    (folder / "test.uff").write_bytes((folder / "a.uff").read_bytes() + (folder / "b.uff").read_bytes())
+    (folder / "test.uff").write_bytes(
+        (folder / "a.uff").read_bytes() + (folder / "b.uff").read_bytes()
+    )
     with pytest.raises(JobError, match="pairs of response / reference are missing"):
         prepare(job_at(folder, "test.uff", ""))
     frf = prepare(job_at(folder, "test.uff", 'responses = ["5:-X"]')).frf
-    np.testing.assert_array_equal(frf.values, data.select(responses=["5:-X"], references=["2:X", "12:X"]).values)
+    np.testing.assert_array_equal(
+        frf.values, data.select(responses=["5:-X"], references=["2:X", "12:X"]).values
+    )
     frf = prepare(job_at(folder, "test.uff", 'references = ["2:X"]')).frf
     np.testing.assert_array_equal(frf.values, first.values)
 
@@ -66,11 +73,16 @@ def test_labels_and_selection_of_a_bare_array(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("test", "message"),
     [
-        ('references = ["2:X"]\nresponses = ["5:X", "6:X"]', "responses: response 6:X is not among"),
+        (
+            'references = ["2:X"]\nresponses = ["5:X", "6:X"]',
+            "responses: response 6:X is not among",
+        ),
         ('responses = ["5:X"]\nreferences = ["3:X"]', "references: reference 3:X is not among"),
     ],
 )
-def test_what_is_not_there_is_named_with_its_line(folder: Path, file: str, test: str, message: str) -> None:
+def test_what_is_not_there_is_named_with_its_line(
+    folder: Path, file: str, test: str, message: str
+) -> None:
     updyn.write_frf(chain.measure(), folder / file)
     with pytest.raises(JobError, match=rf"job\.toml:{FIRST + 1}: .*{message}"):
         prepare(job_at(folder, file, test))

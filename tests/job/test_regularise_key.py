@@ -41,7 +41,9 @@ def job(folder):
 
 @pytest.mark.parametrize("value", ['"gcv"', '"tsvd:3"', "2.0", "2"])
 def test_a_job_is_regularised_and_its_folder_says_so(job, tmp_path, value):
-    result = run_job(load_job(job(value)), tmp_path / "out", report=lambda result, path: path.write_text("r"))
+    result = run_job(
+        load_job(job(value)), tmp_path / "out", report=lambda result, path: path.write_text("r")
+    )
     told = json.loads((tmp_path / "out" / "result.json").read_text())
     record = result.options["regularisation"]
     assert (
@@ -60,7 +62,11 @@ def test_a_job_is_regularised_and_its_folder_says_so(job, tmp_path, value):
         ('"gvc"', "maximum-likelihood", "regularise 'gvc': did you mean 'gcv'?"),
         ('"tsvd:0"', "maximum-likelihood", "'tsvd:N' with a whole number N"),
         ("0.0", "maximum-likelihood", "method.regularise = 0.0: expected 'gcv', 'l-curve'"),
-        ("true", "log", "expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0"),
+        (
+            "true",
+            "log",
+            "expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_line(job, value, method, said):
@@ -78,5 +84,7 @@ def test_a_method_that_cannot_be_regularised_is_refused_with_its_line(job):
     other = next(name for name in METHODS if name not in ABLE)
     path = job('"gcv"')
     path.write_text(text.replace("response-function", other))
-    with pytest.raises(JobError, match=rf"job.toml:10: regularise: method '{other}' cannot be regularised"):
+    with pytest.raises(
+        JobError, match=rf"job.toml:10: regularise: method '{other}' cannot be regularised"
+    ):
         load_job(path)

@@ -34,8 +34,12 @@ def folder(tmp_path: Path) -> Path:
     updyn.write_model(chain.build(), tmp_path / "in" / "chain.h5")
     clean, rng = chain.measure(), np.random.default_rng(0)
     for number in (1, 2, 3):
-        e = 0.01 * (rng.standard_normal(clean.values.shape) + 1j * rng.standard_normal(clean.values.shape))
-        updyn.write_frf(replace(clean, values=clean.values * (1 + e)), tmp_path / "in" / f"run{number}.npz")
+        e = 0.01 * (
+            rng.standard_normal(clean.values.shape) + 1j * rng.standard_normal(clean.values.shape)
+        )
+        updyn.write_frf(
+            replace(clean, values=clean.values * (1 + e)), tmp_path / "in" / f"run{number}.npz"
+        )
     return tmp_path
 
 
@@ -47,7 +51,9 @@ def job_at(folder: Path, repeats: str = '["in/run2.npz", "in/run3.npz"]', test: 
 
 def test_the_mean_is_fitted_with_its_variance(folder: Path) -> None:
     ready = prepare(load_job(job_at(folder, test="band = [2.0, 10.0]")))
-    mean = updyn.average([updyn.read_frf(folder / f"in/run{n}.npz") for n in (1, 2, 3)]).select(band=(2.0, 10.0))
+    mean = updyn.average([updyn.read_frf(folder / f"in/run{n}.npz") for n in (1, 2, 3)]).select(
+        band=(2.0, 10.0)
+    )
     np.testing.assert_array_equal(ready.frf.values, mean.values)
     np.testing.assert_array_equal(ready.frf.variance, mean.variance)
 
@@ -69,14 +75,24 @@ def test_a_run_never_writes_over_a_repeat(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("repeats", "test", "message"),
     [
-        ('["in/run4.npz"]', "", r"job\.toml:5: test\.repeats = 'in/run4\.npz': no such file; .*run3\.npz"),
+        (
+            '["in/run4.npz"]',
+            "",
+            r"job\.toml:5: test\.repeats = 'in/run4\.npz': no such file; .*run3\.npz",
+        ),
         ('["in/run1.npz"]', "", r"job\.toml:5: average: repeats 1 and 2 hold the same values"),
         ('"in/run2.npz"', "", r"job\.toml:5: test\.repeats = 'in/run2\.npz'"),
         ("[]", "", r"job\.toml:5: test\.repeats"),
-        ('["in/run2.npz"]', "averages = 4", r"job\.toml:6: test\.averages: with repeats the variance comes from them"),
+        (
+            '["in/run2.npz"]',
+            "averages = 4",
+            r"job\.toml:6: test\.averages: with repeats the variance comes from them",
+        ),
     ],
 )
-def test_what_is_wrong_is_told_with_its_line(folder: Path, repeats: str, test: str, message: str) -> None:
+def test_what_is_wrong_is_told_with_its_line(
+    folder: Path, repeats: str, test: str, message: str
+) -> None:
     with pytest.raises(JobError, match=message):
         prepare(load_job(job_at(folder, repeats, test)))
 
@@ -84,5 +100,7 @@ def test_what_is_wrong_is_told_with_its_line(folder: Path, repeats: str, test: s
 def test_repeats_have_to_agree(folder: Path) -> None:
     frf = updyn.read_frf(folder / "in/run2.npz")
     updyn.write_frf(frf.select(lines=frf.freq[1:]), folder / "in/run2.npz")
-    with pytest.raises(JobError, match=r"job\.toml:5: average: repeat 2 has \d+ lines, the first \d+"):
+    with pytest.raises(
+        JobError, match=r"job\.toml:5: average: repeat 2 has \d+ lines, the first \d+"
+    ):
         prepare(load_job(job_at(folder)))

@@ -51,7 +51,9 @@ def test_a_number_of_them(job, tmp_path, capsys):
     ready = prepare(load_job(path))
     chosen = job_selection(ready)
     assert (len(ready.parameters), len(chosen.parameters), len(chosen.left_out)) == (8, 5, 3)
-    result = run_job(load_job(path), tmp_path / "out", report=lambda result, path: path.write_text("r"))
+    result = run_job(
+        load_job(path), tmp_path / "out", report=lambda result, path: path.write_text("r")
+    )
     assert result.parameters.names == chosen.parameters.names
     told = json.loads((tmp_path / "out" / "result.json").read_text())
     assert told["options"]["selection"]["left out"] == dict(chosen.left_out)
@@ -66,7 +68,9 @@ def test_a_number_of_them(job, tmp_path, capsys):
 
 
 def test_joined_and_chosen(job):
-    chosen = job_selection(prepare(load_job(job("[selection]\ncluster = 0.5\nmax_collinearity = 2.0\n"))))
+    chosen = job_selection(
+        prepare(load_job(job("[selection]\ncluster = 0.5\nmax_collinearity = 2.0\n")))
+    )
     assert chosen.merged
     assert chosen.collinearity <= 2.0
     assert len(job_selection(prepare(load_job(job('[selection]\nn = "rank"\n')))).parameters) == 8
@@ -75,13 +79,29 @@ def test_joined_and_chosen(job):
 @pytest.mark.parametrize(
     ("table", "line", "said"),
     [
-        ("[selection]", 14, "expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns"),
-        ("[selection]\nn = 0", 15, "selection.n = 0: expected a whole number of at least 1, or 'rank'"),
+        (
+            "[selection]",
+            14,
+            "expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns",
+        ),
+        (
+            "[selection]\nn = 0",
+            15,
+            "selection.n = 0: expected a whole number of at least 1, or 'rank'",
+        ),
         ("[selection]\nn = 'all'", 15, "expected a whole number of at least 1, or 'rank'"),
         ("[selection]\ncluster = 1.0", 15, "expected a cosine between 0 and 1, such as 0.99"),
         ("[selection]\nmax_collinearity = 0.9", 15, "expected a number of at least 1"),
-        ("[selection]\nn = 3\nmax_collinearity = 9.0", 14, "n says how many to fit, max_collinearity how separable"),
-        ("[selection]\nclusters = 0.9", 15, "unknown key 'clusters' in [selection]; did you mean 'cluster'?"),
+        (
+            "[selection]\nn = 3\nmax_collinearity = 9.0",
+            14,
+            "n says how many to fit, max_collinearity how separable",
+        ),
+        (
+            "[selection]\nclusters = 0.9",
+            15,
+            "unknown key 'clusters' in [selection]; did you mean 'cluster'?",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_line(job, table, line, said):
@@ -92,5 +112,7 @@ def test_what_cannot_be_is_refused_with_its_line(job, table, line, said):
 
 
 def test_more_than_there_are_is_refused_with_its_line(job):
-    with pytest.raises(JobError, match=r"job.toml:15: select: n = 9: expected a whole number from 1 to 8"):
+    with pytest.raises(
+        JobError, match=r"job.toml:15: select: n = 9: expected a whole number from 1 to 8"
+    ):
         job_selection(prepare(load_job(job("[selection]\nn = 9\n"))))

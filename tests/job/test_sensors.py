@@ -60,13 +60,20 @@ def folder(tmp_path: Path) -> Path:
     updyn.write_model(model, tmp_path / "chain.h5")
     loaded, _ = updyn.sensor_masses(model, {7: 2.0, "2:X": 1.0})
     frf = updyn.response(
-        loaded.scaled(TRUE), np.linspace(0.5, 20.0, 80), ["2:X", "5:X", "7:X", "10:X"], ["12:X"], "accelerance"
+        loaded.scaled(TRUE),
+        np.linspace(0.5, 20.0, 80),
+        ["2:X", "5:X", "7:X", "10:X"],
+        ["12:X"],
+        "accelerance",
     )
     rng = np.random.default_rng(5)
     noise = rng.standard_normal(frf.values.shape) + 1j * rng.standard_normal(frf.values.shape)
     values = frf.values + 0.005 * np.abs(frf.values) * noise / np.sqrt(2)
     values[:, 1] *= 1.07
-    updyn.write_frf(updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity), tmp_path / "chain.npz")
+    updyn.write_frf(
+        updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity),
+        tmp_path / "chain.npz",
+    )
     return tmp_path
 
 
@@ -79,20 +86,28 @@ def write(folder: Path, text: str) -> Path:
 def test_a_job_finds_what_is_wrong_with_its_sensors(folder: Path) -> None:
     result = run_job(load_job(write(folder, JOB.format(more=SENSORS))), folder / "out")
     assert result.status == "converged"
-    expected = {f"{group}.{quantity}": v for group, change in TRUE.items() for quantity, v in change.items()}
+    expected = {
+        f"{group}.{quantity}": v for group, change in TRUE.items() for quantity, v in change.items()
+    }
     for name, value in {**expected, "5:X.calibration": 1.07, "7:X.calibration": 1.0}.items():
         assert abs(result.values[name] - value) < 4 * result.std[name], name
     assert result.std["5:X.calibration"] < 0.01
-    masses = {p.name: (p.nominal, p.unit) for p in result.parameters if p.group.startswith("sensor")}
+    masses = {
+        p.name: (p.nominal, p.unit) for p in result.parameters if p.group.startswith("sensor")
+    }
     assert masses == {"sensor 7.mass": (2.0, "kg"), "sensor 2.mass": (1.0, "kg")}
     assert result.model.groups["part1"].mass_damping == result.values["part1.mass_damping"]
     # What is written is read again, and the job that is left behind is the same.
     again = updyn.read_result(folder / "out" / "run.nc")
     assert again.parameters == result.parameters
     assert updyn.read_model(folder / "out" / "model.h5").groups["part3"].stiffness_damping > 2e-3
-    told = {p["name"]: p for p in json.loads((folder / "out" / "result.json").read_text())["parameters"]}
+    told = {
+        p["name"]: p for p in json.loads((folder / "out" / "result.json").read_text())["parameters"]
+    }
     assert told["5:X.calibration"]["quantity"] == "calibration"
-    assert told["hammer.calibration"]["drives"] == [{"group": "12:X", "quantity": "force_calibration", "power": 1.0}]
+    assert told["hammer.calibration"]["drives"] == [
+        {"group": "12:X", "quantity": "force_calibration", "power": 1.0}
+    ]
     repeated = prepare(load_job(folder / "out" / "job.toml"))
     assert repeated.parameters.names == result.parameters.names
     assert [p.prior_std for p in repeated.parameters][-3:] == [0.05, 0.05, 0.01]
@@ -111,9 +126,13 @@ def test_a_mass_of_two_values_is_no_unknown(folder: Path) -> None:
     rest = '[[parameter]]\ngroups = "sensor 7"\nquantity = "mass"\n'
     head = '[model]\nfile = "chain.h5"\n'
     job = write(folder, head + two.format("a", 1.0) + two.format("b", 2.0) + rest)
-    with pytest.raises(JobError, match=r"job.toml:11: 'sensor 7' weighs 1 and 2 kg in different tests"):
+    with pytest.raises(
+        JobError, match=r"job.toml:11: 'sensor 7' weighs 1 and 2 kg in different tests"
+    ):
         prepare(load_job(job))
-    ready = prepare(load_job(write(folder, head + two.format("a", 1.0) + two.format("b", 1.0) + rest)))
+    ready = prepare(
+        load_job(write(folder, head + two.format("a", 1.0) + two.format("b", 1.0) + rest))
+    )
     assert ready.parameters[0].nominal == 1.0
 
 

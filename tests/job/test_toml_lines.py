@@ -68,32 +68,49 @@ def test_lines_of_every_construct(end: str) -> None:
 
 def places(value: Any, at: tuple[str | int, ...] = ()) -> list[tuple[tuple[str | int, ...], Any]]:
     """All places of a document with what stands there."""
-    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    inside = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     found = [(at, value)] if at else []
     return found + [p for key, item in inside for p in places(item, (*at, key))]
 
 
 _counter = itertools.count(10**6)
-leaves = st.builds(lambda text: f"{text}#{next(_counter)}", st.text("ab[]{}=,.#'\"\\ \n", max_size=8))
+leaves = st.builds(
+    lambda text: f"{text}#{next(_counter)}", st.text("ab[]{}=,.#'\"\\ \n", max_size=8)
+)
 keys = st.text("abc.# ]\"'", max_size=4)
 documents = st.dictionaries(
     keys,
     st.recursive(
-        leaves, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3), max_leaves=12
+        leaves,
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3),
+        max_leaves=12,
     ),
     max_size=4,
 )
 
 
 @given(documents, st.booleans())
-def test_every_place_of_a_document_has_the_line_it_stands_on(document: dict[str, Any], multiline: bool) -> None:
+def test_every_place_of_a_document_has_the_line_it_stands_on(
+    document: dict[str, Any], multiline: bool
+) -> None:
     written = tomlkit.document()
     for key, value in document.items():
         item = tomlkit.item(value)
         if multiline and isinstance(item, tomlkit.items.Array):
             item.multiline(True)
         written.add(
-            tomlkit.key(key) if key.isalpha() else tomlkit.items.SingleKey(key, tomlkit.items.KeyType.Basic), item
+            (
+                tomlkit.key(key)
+                if key.isalpha()
+                else tomlkit.items.SingleKey(key, tomlkit.items.KeyType.Basic)
+            ),
+            item,
         )
     text = tomlkit.dumps(written)
     read, lines = read_toml(text)

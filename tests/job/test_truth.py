@@ -17,7 +17,9 @@ WANTED = {"part 1.stiffness": 0.8, "part 1.loss_factor": 0.02, "skin.thickness":
 
 @pytest.fixture(scope="module")
 def unknowns() -> ParameterSet:
-    groups = {name: updyn.Group(np.eye(2), np.eye(2), loss_factor=0.01) for name in ("part 1", "skin")}
+    groups = {
+        name: updyn.Group(np.eye(2), np.eye(2), loss_factor=0.01) for name in ("part 1", "skin")
+    }
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     plain = updyn.parameters(model, stiffness=["part 1"], mass=["part 1"], loss_factor=["part 1"])
     return plain + updyn.link(model, "skin.thickness", {"skin.stiffness": 3, "skin.mass": 1})
@@ -26,10 +28,22 @@ def unknowns() -> ParameterSet:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("flat.toml", '"part 1.stiffness" = 0.8\n"part 1.loss_factor" = 0.02\n"skin.thickness" = 1.1\n'),
-        ("tables.toml", '["part 1"]\nstiffness = 0.8\nloss_factor = 0.02\n[skin]\nthickness = 1.1\n'),
-        ("flat.json", '{"part 1.stiffness": 0.8, "part 1.loss_factor": 0.02, "skin.thickness": 1.1}'),
-        ("nested.JSON", '{"part 1": {"stiffness": 0.8, "loss_factor": 0.02}, "skin.thickness": 1.1}'),
+        (
+            "flat.toml",
+            '"part 1.stiffness" = 0.8\n"part 1.loss_factor" = 0.02\n"skin.thickness" = 1.1\n',
+        ),
+        (
+            "tables.toml",
+            '["part 1"]\nstiffness = 0.8\nloss_factor = 0.02\n[skin]\nthickness = 1.1\n',
+        ),
+        (
+            "flat.json",
+            '{"part 1.stiffness": 0.8, "part 1.loss_factor": 0.02, "skin.thickness": 1.1}',
+        ),
+        (
+            "nested.JSON",
+            '{"part 1": {"stiffness": 0.8, "loss_factor": 0.02}, "skin.thickness": 1.1}',
+        ),
     ],
 )
 def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, text: str) -> None:
@@ -40,11 +54,23 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.toml", '"part 1.stifness" = 0.8', "'part 1.stifness' is no unknown of the job; did you mean"),
-        ("a.toml", '["part 1"]\nstiffness = true', "'part 1.stiffness': expected a finite number, found True"),
+        (
+            "a.toml",
+            '"part 1.stifness" = 0.8',
+            "'part 1.stifness' is no unknown of the job; did you mean",
+        ),
+        (
+            "a.toml",
+            '["part 1"]\nstiffness = true',
+            "'part 1.stiffness': expected a finite number, found True",
+        ),
         ("a.toml", '["part 1"]\nstiffness = nan', "expected a finite number, found nan"),
         ("a.toml", '["part 1"]\nstiffness = [1.0]', r"expected a finite number, found \[1.0\]"),
-        ("a.toml", '"part 1.stiffness" = 0.8\n["part 1"]\nstiffness = 0.9', "'part 1.stiffness' stands twice"),
+        (
+            "a.toml",
+            '"part 1.stiffness" = 0.8\n["part 1"]\nstiffness = 0.9',
+            "'part 1.stiffness' stands twice",
+        ),
         ("a.toml", "stiffness 0.8", "not TOML"),
         ("a.toml", "", "holds no true value"),
         ("a.json", "[1, 2]", "expected names with values, found a list"),
@@ -52,7 +78,9 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
         ("a.json", "{" * 3, "not JSON"),
     ],
 )
-def test_what_is_no_truth(tmp_path: Path, unknowns: ParameterSet, name: str, text: str, message: str) -> None:
+def test_what_is_no_truth(
+    tmp_path: Path, unknowns: ParameterSet, name: str, text: str, message: str
+) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(FormatError, match=message) as raised:
         read_truth(tmp_path / name, unknowns)

@@ -48,7 +48,10 @@ def test_a_profile_is_written_and_shown(job, tmp_path):
     path = job(f'[uncertainty]\nkind = "profile"\nnames = ["{names[0]}"]\nlevel = 0.9\n')
     seen = []
     result = run_job(
-        load_job(path), tmp_path / "out", callback=lambda p: seen.append(p.stage), report=updyn.write_report
+        load_job(path),
+        tmp_path / "out",
+        callback=lambda p: seen.append(p.stage),
+        report=updyn.write_report,
     )
     found = updyn.read_uncertainty(tmp_path / "out" / "uncertainty.nc")
     assert isinstance(found, Profiles)
@@ -78,7 +81,9 @@ def test_a_bootstrap_is_that_of_the_library(job, tmp_path):
 
 def test_where_it_cannot_be_had_the_update_is_not_lost(job, tmp_path):
     path = job('[uncertainty]\nkind = "profile"\n[output]\nreport = false\n', steps=1)
-    with pytest.warns(UpdynWarning, match=r"\[uncertainty\] is left out: the update has ended as 'max-iterations'"):
+    with pytest.warns(
+        UpdynWarning, match=r"\[uncertainty\] is left out: the update has ended as 'max-iterations'"
+    ):
         run_job(load_job(path), tmp_path / "out")
     assert (tmp_path / "out" / "run.nc").exists()
     assert not (tmp_path / "out" / "uncertainty.nc").exists()
@@ -88,7 +93,11 @@ def test_where_it_cannot_be_had_the_update_is_not_lost(job, tmp_path):
     ("table", "line", "said"),
     [
         ('[uncertainty]\nkind = "profil"\n', 15, "'profile'"),
-        ('[uncertainty]\nkind = "profile"\nnames = ["part1.stifness"]\n', 16, "did you mean 'part1.stiffness'"),
+        (
+            '[uncertainty]\nkind = "profile"\nnames = ["part1.stifness"]\n',
+            16,
+            "did you mean 'part1.stiffness'",
+        ),
         ('[uncertainty]\nkind = "profile"\nn = 20\n', 14, "a profile makes none"),
         ('[uncertainty]\nkind = "bootstrap"\nnames = ["part1.stiffness"]\n', 14, "draws all"),
         ('[uncertainty]\nkind = "sampling"\nlevel = 95\n', 16, "level"),

@@ -109,7 +109,11 @@ def test_select_after_select_is_one_select(frf, data):
 @given(frfs(), st.sampled_from(sorted(QUANTITIES)), st.data())
 def test_select_and_convert_commute(frf, quantity, data):
     lines = data.draw(st.lists(st.sampled_from(list(frf.freq)), min_size=1, unique=True))
-    assert_same(frf.select(lines=lines).converted(quantity), frf.converted(quantity).select(lines=lines), rtol=1e-15)
+    assert_same(
+        frf.select(lines=lines).converted(quantity),
+        frf.converted(quantity).select(lines=lines),
+        rtol=1e-15,
+    )
 
 
 @given(frfs())
@@ -127,12 +131,17 @@ def models(draw: st.DrawFn) -> Model:
         factor = rng.normal(size=(n, n))
         return factor @ factor.T + np.eye(n)
 
-    groups = {f"g{i}": Group(matrix(), matrix(), loss_factor=rng.uniform(), viscous=matrix()) for i in range(count)}
+    groups = {
+        f"g{i}": Group(matrix(), matrix(), loss_factor=rng.uniform(), viscous=matrix())
+        for i in range(count)
+    }
     return Model.from_groups(groups, [f"{i}:X" for i in range(n)])
 
 
 def dynamic_stiffness(model: Model, omega: float) -> np.ndarray:
-    K, D, C, M = (m.toarray() for m in (model.stiffness, model.structural, model.viscous, model.mass))
+    K, D, C, M = (
+        m.toarray() for m in (model.stiffness, model.structural, model.viscous, model.mass)
+    )
     return K + 1j * D + 1j * omega * C - omega**2 * M
 
 
@@ -141,11 +150,17 @@ def test_scaling_is_affine_in_the_factors(model, seed, t):
     """Z at a mix of two sets of factors is the mix of the two Z, at fixed loss factors."""
     rng = np.random.default_rng(seed)
     a, b = (
-        {g: {q: rng.uniform(0.1, 3.0) for q in ("stiffness", "mass", "viscous")} for g in model.groups} for _ in "ab"
+        {
+            g: {q: rng.uniform(0.1, 3.0) for q in ("stiffness", "mass", "viscous")}
+            for g in model.groups
+        }
+        for _ in "ab"
     )
     mix = {g: {q: (1 - t) * a[g][q] + t * b[g][q] for q in a[g]} for g in a}
     got = dynamic_stiffness(model.scaled(mix), 1.7)
-    expected = (1 - t) * dynamic_stiffness(model.scaled(a), 1.7) + t * dynamic_stiffness(model.scaled(b), 1.7)
+    expected = (1 - t) * dynamic_stiffness(model.scaled(a), 1.7) + t * dynamic_stiffness(
+        model.scaled(b), 1.7
+    )
     scale = (1 + 2 * t) * max(np.abs(dynamic_stiffness(model.scaled(x), 1.7)).max() for x in (a, b))
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-13 * scale)
 
@@ -154,7 +169,11 @@ def test_scaling_is_affine_in_the_factors(model, seed, t):
 def test_scaling_is_the_sum_that_the_docstring_states(model, seed):
     rng = np.random.default_rng(seed)
     changes = {
-        g: {"stiffness": rng.uniform(0.1, 3), "mass": rng.uniform(0.1, 3), "loss_factor": rng.uniform()}
+        g: {
+            "stiffness": rng.uniform(0.1, 3),
+            "mass": rng.uniform(0.1, 3),
+            "loss_factor": rng.uniform(),
+        }
         for g in model.groups
     }
     omega = 2.3
@@ -164,7 +183,9 @@ def test_scaling_is_the_sum_that_the_docstring_states(model, seed):
         - omega**2 * c["mass"] * model.group(g).mass.toarray()
         for g, c in changes.items()
     )
-    np.testing.assert_allclose(dynamic_stiffness(model.scaled(changes), omega), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        dynamic_stiffness(model.scaled(changes), omega), expected, rtol=1e-12, atol=1e-12
+    )
 
 
 @given(models(), seeds)

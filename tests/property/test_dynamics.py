@@ -79,7 +79,9 @@ def test_condensed_frf_equals_full_frf_and_is_reciprocal(structure, tier):
     H = updyn.response(model, freq, kept, kept, tier=tier).values
     for z, h in zip(Z, H, strict=True):
         scale = np.sqrt(np.abs(np.diag(h)))
-        assert np.linalg.solve(z, np.eye(len(z))) == pytest.approx(h, rel=1e-7, abs=1e-7 * scale.max() ** 2)
+        assert np.linalg.solve(z, np.eye(len(z))) == pytest.approx(
+            h, rel=1e-7, abs=1e-7 * scale.max() ** 2
+        )
         assert h == pytest.approx(h.T, rel=1e-9, abs=1e-10 * scale.max() ** 2)
         assert z == pytest.approx(z.T, rel=1e-9, abs=1e-10 * np.abs(z).max())
 
@@ -89,7 +91,10 @@ def test_condensed_frf_equals_full_frf_and_is_reciprocal(structure, tier):
 def test_dense_and_sparse_agree(structure):
     model, freq, retained = structure
     every = model.dofs.labels
-    H = [updyn.response(model, freq, every, labels(model, retained), tier=t).values for t in fields.EXACT_TIERS]
+    H = [
+        updyn.response(model, freq, every, labels(model, retained), tier=t).values
+        for t in fields.EXACT_TIERS
+    ]
     assert H[0] == pytest.approx(H[1], rel=1e-7, abs=1e-9 * np.abs(H[1]).max())
     c = [updyn.condense(model, freq, labels(model, retained), tier=t) for t in fields.EXACT_TIERS]
     assert pytest.approx(c[1].Z, rel=1e-7, abs=1e-9 * np.abs(c[1].Z).max()) == c[0].Z
@@ -120,16 +125,24 @@ def test_derivatives_equal_central_differences(structure, tier, seed):
     """Of the receptance and of Z_red h, for unknowns of every kind, off the start."""
     model, freq, retained = structure
     rng = np.random.default_rng(seed)
-    unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all", viscous="all")
+    unknowns = updyn.parameters(
+        model, stiffness="all", mass="all", loss_factor="all", viscous="all"
+    )
     solver = LineSolver.choose(AffineSystem.compile(model), tier)
     at = Unknowns.find(solver.system, unknowns)
-    values = np.where(unknowns.is_factor, rng.uniform(0.7, 1.4, len(unknowns)), rng.uniform(0.02, 0.1, len(unknowns)))
+    values = np.where(
+        unknowns.is_factor,
+        rng.uniform(0.7, 1.4, len(unknowns)),
+        rng.uniform(0.02, 0.1, len(unknowns)),
+    )
     rows, columns = retained, rng.permutation(model.n_dofs)[:2]
     motion = rng.standard_normal((4, len(rows), 2)) + 1j * rng.standard_normal((4, len(rows), 2))
 
     def both(v, derivatives=False):
         H = sensitivity.receptance(solver, at, v, freq, rows, columns, derivatives=derivatives)
-        P = sensitivity.condensed_product(solver, at, v, freq, retained, motion, derivatives=derivatives)
+        P = sensitivity.condensed_product(
+            solver, at, v, freq, retained, motion, derivatives=derivatives
+        )
         return H, P
 
     (H, dH), (P, dP) = both(values, derivatives=True)

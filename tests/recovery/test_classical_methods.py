@@ -32,13 +32,23 @@ def vector(result):
 def gear_train(freq, reading, sensors=SEVEN):
     true, start = true_model(), starting_model(reading)
     unknowns = updyn.parameters(start, **EVERY)
-    return start, updyn.response(true, freq, sensors, ["2:RZ"]), unknowns, truth_of(true, start, unknowns)
+    return (
+        start,
+        updyn.response(true, freq, sensors, ["2:RZ"]),
+        unknowns,
+        truth_of(true, start, unknowns),
+    )
 
 
 @pytest.fixture(scope="module")
 def full(chain12_true, chain12_frf):
     """The chain measured on all of its DOFs, at every second line."""
-    return updyn.response(chain12_true, chain12_frf.freq[::2], [f"{i}:X" for i in range(1, 13)], ["2:X", "5:X", "12:X"])
+    return updyn.response(
+        chain12_true,
+        chain12_frf.freq[::2],
+        [f"{i}:X" for i in range(1, 13)],
+        ["2:X", "5:X", "12:X"],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +64,9 @@ def truth(chain12, chain12_true, unknowns):
 @pytest.fixture(scope="module")
 def rightly_damped(chain12, chain12_true):
     """The start of the chain with the true loss factors."""
-    return chain12.scaled({g: {"loss_factor": chain12_true.group(g).loss_factor} for g in chain12.groups})
+    return chain12.scaled(
+        {g: {"loss_factor": chain12_true.group(g).loss_factor} for g in chain12.groups}
+    )
 
 
 # -- the response function method, full coordinates ------------------------------------------------------------------
@@ -63,7 +75,8 @@ def test_one_solve_finds_mass_spring_and_loss_of_an_oscillator():
     k, m, eta, freq = 3.0e4, 1.7, 0.08, np.array([9.0, 26.0])
     H = 1.0 / (k * (1 + 1j * eta) - (2 * np.pi * freq) ** 2 * m)
     start = updyn.Model.from_groups(
-        {"spring": updyn.Group([[1.0e4]], loss_factor=0.01), "mass": updyn.Group(mass=[[1.0]])}, ["1:X"]
+        {"spring": updyn.Group([[1.0e4]], loss_factor=0.01), "mass": updyn.Group(mass=[[1.0]])},
+        ["1:X"],
     )
     chosen = updyn.parameters(start, stiffness="spring", mass="mass", loss_factor="spring")
     data = updyn.FRF(freq, H[:, None, None], ["1:X"], ["1:X"], "receptance")
@@ -88,7 +101,9 @@ def test_all_seven_degrees_of_freedom_give_the_gear_train_in_one_solve(reading):
     assert vector(result) == pytest.approx(exact, rel=1e-9, abs=1e-9)
 
 
-def test_real_form_is_exact_with_the_right_damping_and_wrong_with_another(chain12, full, rightly_damped, chain12_true):
+def test_real_form_is_exact_with_the_right_damping_and_wrong_with_another(
+    chain12, full, rightly_damped, chain12_true
+):
     """Lin & Ewins' equation has no unknown for damping: what is wrong with it goes into mass and stiffness."""
     off = []
     for start in (rightly_damped, chain12):
@@ -132,15 +147,18 @@ def test_noise_throws_off_all_that_multiply_with_the_measured_motion(
     assert missed["complex-rfm"][0] > 8
     assert missed["reduced-frf"][0] > 8
     assert missed["maximum-likelihood"][0] < 4
-    assert min(missed[n][1] for n in missed if n != "maximum-likelihood") > 5 * missed["maximum-likelihood"][1]
+    assert (
+        min(missed[n][1] for n in missed if n != "maximum-likelihood")
+        > 5 * missed["maximum-likelihood"][1]
+    )
 
 
 @pytest.mark.parametrize("n_lines", [500, 2_000])
 def test_bias_is_as_derived_and_more_data_do_not_help(n_lines):
     """An oscillator, h_X = H (1 + s n), only its stiffness unknown.
 
-    The plain iteration ends where the sum of Re conj(J) r is 0, with J = -H_A a h_X, r = H_A - h_X and
-    a = k (1 + i eta). In the mean and to second order in s that is at a change of the factor of
+    The plain iteration ends where the sum of Re conj(J) r is 0, with J = -H_A a h_X, r = H_A - h_X
+    and a = k (1 + i eta). In the mean and to second order in s that is at a change of the factor of
     -s^2 sum |H|^2 Re conj(a H) / sum |a|^2 |H|^4.
     """
     k, eta, s, freq = 1.0e4, 0.1, 0.2, np.linspace(2.0, 12.0, n_lines)
@@ -177,14 +195,18 @@ def test_missing_motion_from_the_model_is_what_may_diverge(chain12, chain12_frf,
     plain = updyn.update(chain12, data, unknowns, method="complex-rfm", expand=True)
     assert plain.status == "failed"
     assert "Use solver='trust-region'" in plain.message
-    guarded = updyn.update(chain12, data, unknowns, method="complex-rfm", expand=True, solver="trust-region")
+    guarded = updyn.update(
+        chain12, data, unknowns, method="complex-rfm", expand=True, solver="trust-region"
+    )
     assert guarded.status == "converged"
     assert vector(guarded) == pytest.approx(truth, rel=1e-9)
 
 
 # -- the FRF sensitivity method --------------------------------------------------------------------------------------
 def test_plain_sensitivity_needs_a_close_start(chain12, chain12_true, chain12_frf, truth, unknowns):
-    close = chain12_true.scaled({g: {"stiffness": 1.004, "mass": 0.997} for g in chain12_true.groups})
+    close = chain12_true.scaled(
+        {g: {"stiffness": 1.004, "mass": 0.997} for g in chain12_true.groups}
+    )
     chosen = updyn.parameters(close, **EVERY)
     near = updyn.update(close, chain12_frf, chosen, method="frf-sensitivity")
     assert near.status == "converged"
@@ -201,10 +223,14 @@ def test_plain_sensitivity_needs_a_close_start(chain12, chain12_true, chain12_fr
 
 def test_sensitivity_ends_where_output_error_does(chain12_true, chain12_frf, add_noise):
     """The same residual: the same minimum and standard deviations. Only the way there differs."""
-    close = chain12_true.scaled({g: {"stiffness": 1.004, "mass": 0.997} for g in chain12_true.groups})
+    close = chain12_true.scaled(
+        {g: {"stiffness": 1.004, "mass": 0.997} for g in chain12_true.groups}
+    )
     chosen = updyn.parameters(close, **EVERY)
     data = add_noise(chain12_frf, np.random.default_rng(5), floor=0.01)
-    one, two = (updyn.update(close, data, chosen, method=m) for m in ("frf-sensitivity", "output-error"))
+    one, two = (
+        updyn.update(close, data, chosen, method=m) for m in ("frf-sensitivity", "output-error")
+    )
     assert one.status == two.status == "converged"
     assert vector(one) == pytest.approx(vector(two), rel=1e-7)
     assert list(one.std.values()) == pytest.approx(list(two.std.values()), rel=1e-5)
@@ -222,15 +248,19 @@ def spring(i, j, k, n=5):
 def small_chain(*, between: bool = False, inertia: float = 0.0):
     """Wall-1-2 (a), 2-3-4 (b), 4-5 (c), with masses at 2, 4 and 5, which are measured.
 
-    `between` puts the border of a and b at DOF 1, which is eliminated; `inertia` gives DOFs 1 and 3 a mass.
-    """
+    `between` puts the border of a and b at DOF 1, which is eliminated; `inertia` gives DOFs 1 and 3
+    a mass."""
     held, second = spring(-1, 0, 1e4), spring(0, 1, 2e4)
     stiffness = {
         "a": held if between else held + second,
         "b": spring(1, 2, 1.5e4) + spring(2, 3, 1e4) + (second if between else 0.0),
         "c": spring(3, 4, 1.2e4),
     }
-    mass = {"a": np.diag([inertia, 1, 0, 0, 0]), "b": np.diag([0, 0, inertia, 2, 0]), "c": np.diag([0.0, 0, 0, 0, 1.5])}
+    mass = {
+        "a": np.diag([inertia, 1, 0, 0, 0]),
+        "b": np.diag([0, 0, inertia, 2, 0]),
+        "c": np.diag([0.0, 0, 0, 0, 1.5]),
+    }
     groups = {g: updyn.Group(stiffness[g], mass[g], loss_factor=0.02) for g in stiffness}
     start = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 6)])
     true = start.scaled({
@@ -288,7 +318,9 @@ def test_fixed_transformation_is_far_off_on_the_chain(chain12, chain12_frf, unkn
 
 def test_nothing_is_missed_where_all_is_measured(chain12, full, unknowns, truth):
     joint = updyn.update(chain12, full, unknowns, method="reduced-frf", separate=False)
-    assert joint.iterations == 2  # the reduced equation is linear: the second step sees that nothing is left
+    assert (
+        joint.iterations == 2
+    )  # the reduced equation is linear: the second step sees that nothing is left
     assert vector(joint) == pytest.approx(truth, rel=1e-11)
     separate = updyn.update(chain12, full, unknowns, method="reduced-frf")
     assert separate.status == "converged"

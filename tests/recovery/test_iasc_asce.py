@@ -1,7 +1,7 @@
 """IASC-ASCE benchmark, phase I, 12-DOF shear building: missing braces are found from noisy FRFs at four sensors.
 
-Johnson, Lam, Katafygiotis & Beck, J. Eng. Mech. 130 (2004) 3; numbers in tests/data/cases/iasc_asce.json.
-"""
+Johnson, Lam, Katafygiotis & Beck, J. Eng. Mech. 130 (2004) 3; numbers in
+tests/data/cases/iasc_asce.json."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import pytest
 
 import updyn
 
-CASE = json.loads((Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8"))
+CASE = json.loads(
+    (Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8")
+)
 STOREY = {"x": "x_N_m", "y": "y_N_m", "theta": "theta_Nm_rad"}
 DIRECTIONS = ("x", "y", "theta")
 NOISE = 0.05
@@ -35,13 +37,19 @@ def building() -> updyn.Model:
             groups[f"storey {storey + 1} {name}"] = updyn.Group(k * K, loss_factor=0.02)
         J = CASE["inertia_kg_m2"][storey]
         diagonal = np.zeros(12)
-        diagonal[3 * storey : 3 * storey + 3] = [CASE["mass_kg"][storey], CASE["mass_kg"][storey], J]
+        diagonal[3 * storey : 3 * storey + 3] = [
+            CASE["mass_kg"][storey],
+            CASE["mass_kg"][storey],
+            J,
+        ]
         groups[f"floor {storey + 1}"] = updyn.Group(mass=np.diag(diagonal))
     return updyn.Model.from_groups(groups, labels)
 
 
 #: Factors on the storeys' stiffness: four braces of a storey carry each of x and y.
-SHARE = {d: 1.0 - 4.0 * CASE["one_brace_N_m"] / CASE["storey_stiffness"][STOREY[d]] for d in ("x", "y")}
+SHARE = {
+    d: 1.0 - 4.0 * CASE["one_brace_N_m"] / CASE["storey_stiffness"][STOREY[d]] for d in ("x", "y")
+}
 PATTERNS = {
     "damage_1_no_braces_in_storey_1": {1},
     "damage_2_no_braces_in_storeys_1_and_3": {1, 3},
@@ -71,12 +79,16 @@ def test_missing_braces_are_found(pattern: str) -> None:
     """Stiffness and loss factor of every storey in x and y, from four sensors and two forces, 5 % noise."""
     storeys = PATTERNS[pattern]
     sensors, forces = ["2:X", "4:X", "2:Y", "4:Y"], ["4:X", "4:Y"]
-    exact = updyn.response(damaged(storeys), np.linspace(2.0, 65.0, 400), sensors, forces, "accelerance")
+    exact = updyn.response(
+        damaged(storeys), np.linspace(2.0, 65.0, 400), sensors, forces, "accelerance"
+    )
     draw = np.random.default_rng(2004).standard_normal((2, *exact.values.shape))
     values = exact.values * (1.0 + NOISE * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
     frf = updyn.FRF(exact.freq, values, sensors, forces, "accelerance")
     model = building()
-    unknowns = updyn.parameters(model, stiffness=["storey ? x", "storey ? y"], loss_factor=["storey ? x", "storey ? y"])
+    unknowns = updyn.parameters(
+        model, stiffness=["storey ? x", "storey ? y"], loss_factor=["storey ? x", "storey ? y"]
+    )
     result = updyn.update(model, frf, unknowns)
     assert result.ok, result.summary()
     for s in range(1, 5):
@@ -92,11 +104,17 @@ def test_going_up_in_frequency_finds_a_building_that_is_far_off():
     true = damaged({1})
     chosen = ["storey ? x", "storey ? y"]
     clean = updyn.response(
-        true, np.linspace(2.0, 65.0, 120), ["2:X", "4:X", "2:Y", "4:Y"], ["4:X", "4:Y"], "accelerance"
+        true,
+        np.linspace(2.0, 65.0, 120),
+        ["2:X", "4:X", "2:Y", "4:Y"],
+        ["4:X", "4:Y"],
+        "accelerance",
     )
     names = [p.group for p in updyn.parameters(true, stiffness=chosen)]
     factors = np.exp(np.random.default_rng(1010).uniform(-1.0, 1.0, len(names)) * np.log(8.0))
-    start = true.scaled({n: {"stiffness": f, "loss_factor": 0.0} for n, f in zip(names, factors, strict=True)})
+    start = true.scaled(
+        {n: {"stiffness": f, "loss_factor": 0.0} for n, f in zip(names, factors, strict=True)}
+    )
     unknowns = updyn.parameters(start, stiffness=chosen, loss_factor=chosen)
     found = updyn.update(start, clean, unknowns)
     assert [found.values[f"{n}.stiffness"] for n in names] == pytest.approx(1.0 / factors, rel=1e-6)

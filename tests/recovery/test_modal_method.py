@@ -18,7 +18,9 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 
-CASE = json.loads((Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8"))
+CASE = json.loads(
+    (Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8")
+)
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 
 
@@ -58,7 +60,12 @@ def test_three_springs_from_three_modes(shapes: bool) -> None:
     dofs = list(start.dofs.labels)
     unknowns = updyn.parameters(start, stiffness="all")
     result = updyn.update(
-        start, some_frf(true, dofs), unknowns, method="modal", modes=modes_of(true, 3, dofs), shapes=shapes
+        start,
+        some_frf(true, dofs),
+        unknowns,
+        method="modal",
+        modes=modes_of(true, 3, dofs),
+        shapes=shapes,
     )
     assert result.status == "converged"
     assert vector(result) == pytest.approx([1.3, 0.8, 1.1], rel=1e-9)
@@ -69,11 +76,16 @@ def test_three_springs_from_three_modes(shapes: bool) -> None:
 def test_stiffness_and_mass_from_the_frfs(chain12: Model, chain12_case: dict[str, Any]) -> None:
     """Modes identified from the FRFs of a chain of one loss factor; one mass has to be known."""
     true = chain12_case["true_factors"]
-    changes = {f"part{g + 1}": {"stiffness": true["stiffness"][g], "mass": true["mass"][g]} for g in range(4)}
+    changes = {
+        f"part{g + 1}": {"stiffness": true["stiffness"][g], "mass": true["mass"][g]}
+        for g in range(4)
+    }
     loss = {f"part{g}": {"loss_factor": 0.03} for g in range(1, 5)}
     start = chain12.scaled({**loss, "part1": {"mass": true["mass"][0], "loss_factor": 0.03}})
     tested = chain12.scaled({p: {**changes[p], **loss[p]} for p in changes})
-    frf = updyn.response(tested, np.linspace(0.5, 23.0, 160), SENSORS, ["2:X", "12:X"], "accelerance")
+    frf = updyn.response(
+        tested, np.linspace(0.5, 23.0, 160), SENSORS, ["2:X", "12:X"], "accelerance"
+    )
     unknowns = updyn.parameters(start, stiffness="all", mass=["part2", "part3", "part4"])
     result = updyn.update(start, frf, unknowns, method="modal")
     assert result.status == "converged"
@@ -85,14 +97,18 @@ def test_what_scales_together_is_said_to_be_open(chain12: Model, chain12_true: M
     """All stiffness and all mass by one factor change no mode; their ratios are found."""
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
     modes = modes_of(chain12_true, 6, SENSORS)
-    result = updyn.update(chain12, some_frf(chain12_true, SENSORS), unknowns, method="modal", modes=modes)
+    result = updyn.update(
+        chain12, some_frf(chain12_true, SENSORS), unknowns, method="modal", modes=modes
+    )
     assert result.status == "not-identifiable"
     assert result.identifiability.rank == len(unknowns) - 1
     (direction,) = result.identifiability.null_directions
     assert set(direction) == set(unknowns.names)
     assert np.array(list(direction.values())) == pytest.approx(np.ones(8), abs=1e-6)
     assert all(np.isinf(s) for s in result.std.values())
-    assert result.remedy.startswith("Modes show stiffness and mass against each other")  # no line would help
+    assert result.remedy.startswith(
+        "Modes show stiffness and mass against each other"
+    )  # no line would help
     assert result.identifiability.advice == result.remedy
     true = [abs(getattr(chain12_true.group(p.group), p.quantity)).sum() for p in unknowns]
     first = [abs(getattr(chain12.group(p.group), p.quantity)).sum() for p in unknowns]
@@ -103,8 +119,8 @@ def test_what_scales_together_is_said_to_be_open(chain12: Model, chain12_true: M
 def test_missing_braces_from_printed_frequencies() -> None:
     """IASC-ASCE, damage pattern 1: storey stiffness from the frequencies of the table, two decimals.
 
-    Johnson, Lam, Katafygiotis & Beck, J. Eng. Mech. 130 (2004) 3. Shapes, for the pairing alone, are the start's.
-    """
+    Johnson, Lam, Katafygiotis & Beck, J. Eng. Mech. 130 (2004) 3. Shapes, for the pairing alone,
+    are the start's."""
     storey = {"x": "x_N_m", "y": "y_N_m"}
     for d, key in storey.items():
         groups = {}
@@ -113,11 +129,17 @@ def test_missing_braces_from_printed_frequencies() -> None:
             K[i, i] = 1.0
             if i:
                 K[i - 1, i - 1], K[i, i - 1], K[i - 1, i] = 1.0, -1.0, -1.0
-            groups[f"storey {i + 1}"] = updyn.Group(CASE["storey_stiffness"][key] * K, loss_factor=0.02)
+            groups[f"storey {i + 1}"] = updyn.Group(
+                CASE["storey_stiffness"][key] * K, loss_factor=0.02
+            )
             groups[f"floor {i + 1}"] = updyn.Group(mass=np.diag(np.eye(4)[i]) * CASE["mass_kg"][i])
         start = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 5)])
         pattern = CASE["damage_1_no_braces_in_storey_1"]
-        modes = ModeSet(pattern["frequencies_hz"][d], modes_of(start, 4, start.dofs.labels).shapes, start.dofs.labels)
+        modes = ModeSet(
+            pattern["frequencies_hz"][d],
+            modes_of(start, 4, start.dofs.labels).shapes,
+            start.dofs.labels,
+        )
         unknowns = updyn.parameters(start, stiffness="all")
         frf = some_frf(start, start.dofs.labels)
         found = updyn.update(start, frf, unknowns, method="modal", modes=modes, shapes=False).values
@@ -132,7 +154,9 @@ def plane(x: float, y: float) -> Model:
     groups = {}
     for name, at, factor in (("in x", [0, 1, 2], x), ("in y", [3, 4, 5], y)):
         K, M = np.zeros((6, 6)), np.zeros((6, 6))
-        K[np.ix_(at, at)] = 1e4 * factor * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+        K[np.ix_(at, at)] = (
+            1e4 * factor * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+        )
         M[np.ix_(at, at)] = np.eye(3)
         groups[name] = updyn.Group(K, M, loss_factor=0.01)
     return updyn.Model.from_groups(groups, [f"{i}:{d}" for d in "XY" for i in (1, 2, 3)])
@@ -158,7 +182,9 @@ def test_coinciding_modes_that_no_unknown_couples_are_fitted() -> None:
     true, start = plane(1.3, 0.8), plane(1.0, 1.0)
     dofs = start.dofs.labels
     unknowns = updyn.parameters(start, stiffness="all")
-    result = updyn.update(start, some_frf(true, dofs), unknowns, method="modal", modes=modes_of(true, 6, dofs))
+    result = updyn.update(
+        start, some_frf(true, dofs), unknowns, method="modal", modes=modes_of(true, 6, dofs)
+    )
     assert result.status == "converged"
     assert vector(result) == pytest.approx([1.3, 0.8], rel=1e-9)
 
@@ -172,12 +198,23 @@ def test_coinciding_modes_that_unknowns_couple_are_refused() -> None:
     start = updyn.Model.from_groups({**plane(1.0, 1.0).groups, **slant}, plane(1.0, 1.0).dofs)
     true = start.scaled({"in x": {"stiffness": 1.2}, "slant": {"stiffness": 1.5}})
     dofs, unknowns = start.dofs.labels, updyn.parameters(start, stiffness=["in x", "slant"])
-    result = updyn.update(start, some_frf(true, dofs), unknowns, method="modal", modes=modes_of(true, 6, dofs), mac=0.0)
+    result = updyn.update(
+        start,
+        some_frf(true, dofs),
+        unknowns,
+        method="modal",
+        modes=modes_of(true, 6, dofs),
+        mac=0.0,
+    )
     assert result.status == "failed"
     assert "2 modes of the model coincide at 8.238" in result.message
     assert vector(result) == pytest.approx([1.0, 1.0])
-    apart = unknowns.with_start({"slant.stiffness": 1.1})  # the symmetry broken, as the message says
-    result = updyn.update(start, some_frf(true, dofs), apart, method="modal", modes=modes_of(true, 6, dofs), mac=0.0)
+    apart = unknowns.with_start(
+        {"slant.stiffness": 1.1}
+    )  # the symmetry broken, as the message says
+    result = updyn.update(
+        start, some_frf(true, dofs), apart, method="modal", modes=modes_of(true, 6, dofs), mac=0.0
+    )
     assert vector(result) == pytest.approx([1.2, 1.5], rel=1e-7)
 
 
@@ -197,7 +234,9 @@ def test_modes_that_resemble_the_model_only_later_join_later() -> None:
     groups["frame"] = updyn.Group(np.diag(held.ravel()), np.eye(n * n))
     start = updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n * n)])
     true = start.scaled({"left": {"stiffness": 1.2}, "right": {"stiffness": 0.9}})
-    sensors = [f"{i + 1}:Z" for i in np.sort(np.random.default_rng(0).choice(n * n, 16, replace=False))]
+    sensors = [
+        f"{i + 1}:Z" for i in np.sort(np.random.default_rng(0).choice(n * n, 16, replace=False))
+    ]
     frf = updyn.response(true, np.linspace(1.0, 2.0, 5), sensors, sensors[:1], "accelerance")
     unknowns = updyn.parameters(start, stiffness="all")
     modes = modes_of(true, 10, sensors)
@@ -210,7 +249,9 @@ def test_modes_that_resemble_the_model_only_later_join_later() -> None:
     assert at_first.noise["left_out"].endswith(" Hz")
 
 
-def test_a_measured_mode_that_resembles_none_is_left_out(chain12: Model, chain12_true: Model) -> None:
+def test_a_measured_mode_that_resembles_none_is_left_out(
+    chain12: Model, chain12_true: Model
+) -> None:
     modes = modes_of(chain12_true, 5, SENSORS)
     stray = np.random.default_rng(5).standard_normal(5)
     shapes = np.column_stack([modes.shapes, stray])
@@ -218,7 +259,10 @@ def test_a_measured_mode_that_resembles_none_is_left_out(chain12: Model, chain12
     unknowns = updyn.parameters(chain12, stiffness="all")
     known = chain12.scaled({g: {"mass": _mass(chain12_true, chain12, g)} for g in chain12.groups})
     frf = some_frf(chain12_true, SENSORS)
-    clean, result = (updyn.update(known, frf, unknowns, method="modal", modes=m, mac=0.8) for m in (modes, with_stray))
+    clean, result = (
+        updyn.update(known, frf, unknowns, method="modal", modes=m, mac=0.8)
+        for m in (modes, with_stray)
+    )
     assert result.noise["modes"] == 5
     assert "left out: 13 Hz" in result.remedy
     assert result.noise["left_out"] == "13 Hz"
@@ -245,7 +289,9 @@ def test_several_tests_with_modes_by_name() -> None:
     modes = {"bare": modes_of(true, 3, dofs), "heavy": modes_of(heavy[0], 3, dofs)}
     result = updyn.update_jointly(tests, unknowns, method="modal", modes=modes, shapes=False)
     found = result.results["bare"]
-    assert found.status == "converged"  # what was added is known: it gives the scale of mass and stiffness
+    assert (
+        found.status == "converged"
+    )  # what was added is known: it gives the scale of mass and stiffness
     assert vector(found) == pytest.approx([1.0, 1.3, 0.8, 1.1], rel=1e-8)
     # A test none of whose modes is like one of the model adds nothing.
     mixture = modes["bare"].shapes.sum(axis=1, keepdims=True)
@@ -262,13 +308,18 @@ def test_several_tests_with_modes_by_name() -> None:
 
 
 # -- how sure it is --------------------------------------------------------------------------------------------------
-def test_standard_deviations_are_those_of_the_estimates(chain12: Model, chain12_true: Model) -> None:
+def test_standard_deviations_are_those_of_the_estimates(
+    chain12: Model, chain12_true: Model
+) -> None:
     """Frequencies to 0.1 %, shapes to 1 %, the ratio that the weights take for granted; 25 draws."""
     known = chain12.scaled({g: {"mass": _mass(chain12_true, chain12, g)} for g in chain12.groups})
     unknowns = updyn.parameters(known, stiffness="all")
     exact, frf = modes_of(chain12_true, 6, SENSORS), some_frf(chain12_true, SENSORS)
     rms = np.sqrt(np.mean(np.abs(exact.shapes) ** 2, axis=0))
-    rng, truth = np.random.default_rng(11), np.array([_stiffness(chain12_true, chain12, g) for g in chain12.groups])
+    rng, truth = (
+        np.random.default_rng(11),
+        np.array([_stiffness(chain12_true, chain12, g) for g in chain12.groups]),
+    )
     scores = []
     for _ in range(25):
         shapes = exact.shapes + 0.01 * rms * rng.standard_normal(exact.shapes.shape)
@@ -304,8 +355,14 @@ def test_a_prior_holds_what_modes_leave_open(chain12: Model, chain12_true: Model
     prior = {"mass": 0.1}
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", prior_std=prior)
     exact = modes_of(chain12_true, 6, SENSORS)
-    modes = ModeSet(exact.frequency * (1 + 1e-3 * np.random.default_rng(1).standard_normal(6)), exact.shapes, SENSORS)
-    result = updyn.update(chain12, some_frf(chain12_true, SENSORS), unknowns, method="modal", modes=modes)
+    modes = ModeSet(
+        exact.frequency * (1 + 1e-3 * np.random.default_rng(1).standard_normal(6)),
+        exact.shapes,
+        SENSORS,
+    )
+    result = updyn.update(
+        chain12, some_frf(chain12_true, SENSORS), unknowns, method="modal", modes=modes
+    )
     # The four priors meet at one common factor: its deviation is that of their mean.
     assert all(np.isfinite(s) for s in result.std.values())
     assert result.std["part1.mass"] / result.values["part1.mass"] == pytest.approx(0.05, rel=0.05)
@@ -316,7 +373,9 @@ def test_a_prior_holds_what_modes_leave_open(chain12: Model, chain12_true: Model
 # -- what it refuses -------------------------------------------------------------------------------------------------
 def test_damping_is_refused_by_name(chain12: Model, chain12_frf: FRF) -> None:
     unknowns = updyn.parameters(chain12, stiffness="all", loss_factor=["part1", "part2"])
-    with pytest.raises(ParameterError, match=r"show neither damping .*\(part1.loss_factor, part2.loss_factor\)"):
+    with pytest.raises(
+        ParameterError, match=r"show neither damping .*\(part1.loss_factor, part2.loss_factor\)"
+    ):
         updyn.update(chain12, chain12_frf, unknowns, method="modal")
 
 
@@ -326,7 +385,11 @@ def test_damping_is_refused_by_name(chain12: Model, chain12_frf: FRF) -> None:
         ({"modes": "modes.unv"}, OptionError, "expected a ModeSet, found str; .*test. modes"),
         ({"shape_weight": 0.0}, OptionError, "shape_weight = 0: expected a number above 0"),
         ({"mac": 1.5}, OptionError, "mac = 1.5: expected a number from 0 to 1"),
-        ({"modes": ModeSet([1.0], [[1.0]], ["99:X"])}, DofError, "DOF of the modes 99:X is not among"),
+        (
+            {"modes": ModeSet([1.0], [[1.0]], ["99:X"])},
+            DofError,
+            "DOF of the modes 99:X is not among",
+        ),
         ({"modes": ModeSet([0.0], [[1.0]], ["2:X"])}, DataError, "a measured mode at 0 Hz"),
         (
             {"modes": ModeSet(np.arange(1.0, 14.0), np.ones((1, 13)), ["2:X"])},
@@ -340,35 +403,60 @@ def test_bad_options_are_refused(
     chain12: Model, chain12_frf: FRF, options: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        updyn.update(chain12, chain12_frf, updyn.parameters(chain12, stiffness="all"), method="modal", **options)
+        updyn.update(
+            chain12,
+            chain12_frf,
+            updyn.parameters(chain12, stiffness="all"),
+            method="modal",
+            **options,
+        )
 
 
 def test_modes_that_resemble_nothing_are_refused(chain12: Model, chain12_frf: FRF) -> None:
     modes = ModeSet([30.0], [[1.0], [0.0], [0.0], [0.0], [0.0]], SENSORS)
     with pytest.raises(
-        DataError, match="no measured mode resembles a mode of the model at its start: the largest MAC is 0"
+        DataError,
+        match="no measured mode resembles a mode of the model at its start: the largest MAC is 0",
     ):
         updyn.update(
-            chain12, chain12_frf, updyn.parameters(chain12, stiffness="all"), method="modal", modes=modes, mac=0.9
+            chain12,
+            chain12_frf,
+            updyn.parameters(chain12, stiffness="all"),
+            method="modal",
+            modes=modes,
+            mac=0.9,
         )
 
 
 # -- a run -----------------------------------------------------------------------------------------------------------
-def test_stopped_limited_and_resumed_runs(chain12: Model, chain12_true: Model, tmp_path: Path) -> None:
+def test_stopped_limited_and_resumed_runs(
+    chain12: Model, chain12_true: Model, tmp_path: Path
+) -> None:
     modes, frf = modes_of(chain12_true, 6, SENSORS), some_frf(chain12_true, SENSORS)
     unknowns = updyn.parameters(chain12, stiffness="all", mass=["part2", "part3", "part4"])
     options: dict[str, Any] = {"method": "modal", "modes": modes}
     whole = updyn.update(chain12, frf, unknowns, **options)
-    brief = updyn.update(chain12, frf, unknowns, max_iterations=2, checkpoint=tmp_path / "journal", **options)
+    brief = updyn.update(
+        chain12, frf, unknowns, max_iterations=2, checkpoint=tmp_path / "journal", **options
+    )
     assert brief.status == "max-iterations"
-    resumed = updyn.update(chain12, frf, unknowns, checkpoint=tmp_path / "journal", resume=True, **options)
+    resumed = updyn.update(
+        chain12, frf, unknowns, checkpoint=tmp_path / "journal", resume=True, **options
+    )
     assert vector(resumed).tolist() == vector(whole).tolist()
     other = ModeSet(modes.frequency * 1.01, modes.shapes, modes.dofs)
     with pytest.raises(updyn.UpdynError, match="modes"):
         updyn.update(
-            chain12, frf, unknowns, checkpoint=tmp_path / "journal", resume=True, **{**options, "modes": other}
+            chain12,
+            frf,
+            unknowns,
+            checkpoint=tmp_path / "journal",
+            resume=True,
+            **{**options, "modes": other},
         )
-    stopped = updyn.update(chain12, frf, unknowns, callback=lambda p: len(p.stage) > 0 and p.iteration >= 1, **options)
+    stopped = updyn.update(
+        chain12, frf, unknowns, callback=lambda p: len(p.stage) > 0 and p.iteration >= 1, **options
+    )
     assert stopped.status == "stopped"
 
 

@@ -21,7 +21,9 @@ def grid(m: int = 12) -> Model:
         ends = np.zeros((int(own.sum()), n))
         ends[np.arange(len(ends)), i[own]] = 1.0
         ends[np.arange(len(ends)), j[own]] -= 1.0
-        return Group(1e6 * ends.T @ ends, None if mass is None else np.diag(1.0 * mass), loss_factor=loss)
+        return Group(
+            1e6 * ends.T @ ends, None if mass is None else np.diag(1.0 * mass), loss_factor=loss
+        )
 
     groups = {
         "left": group(~half[i] & ~half[j], ~half, 0.01),
@@ -39,7 +41,9 @@ def test_a_reduced_model_is_judged_as_the_whole(add_noise, noise) -> None:
     true = model.scaled({"seam": {"stiffness": 0.8}, "left": {"stiffness": 1.1}})
     exact = updyn.response(true, np.linspace(15.0, 90.0, 60), sensors, sensors[:1])
     data = add_noise(exact, np.random.default_rng(3), 0.01)
-    held = updyn.parameters(model, stiffness=["left", "right", "support"], loss_factor=["left", "right", "support"])
+    held = updyn.parameters(
+        model, stiffness=["left", "right", "support"], loss_factor=["left", "right", "support"]
+    )
     whole, fast = (
         updyn.update(model, data, held, tier=tier, backend="superlu", starts=0, noise=noise)
         for tier in ("sparse", "reduced")
@@ -53,4 +57,6 @@ def test_a_reduced_model_is_judged_as_the_whole(add_noise, noise) -> None:
     first, other = whole.adequacy.explained_by[0], fast.adequacy.explained_by[0]
     assert (other.explains, other.energy) == pytest.approx((first.explains, first.energy), rel=0.02)
     freed = held + updyn.parameters(model, stiffness="seam")
-    assert updyn.update(model, data, freed, tier="reduced", backend="superlu", starts=0, noise=noise).adequacy.adequate
+    assert updyn.update(
+        model, data, freed, tier="reduced", backend="superlu", starts=0, noise=noise
+    ).adequacy.adequate

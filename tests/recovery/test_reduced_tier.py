@@ -31,13 +31,19 @@ def plate() -> updyn.Model:
         k = int(own.sum())
         place = (np.tile(np.arange(k), 2), np.r_[i[own], j[own]])
         ends = sp.csr_array((np.r_[np.ones(k), -np.ones(k)], place), shape=(k, n))
-        return updyn.Group(1e6 * ends.T @ ends, None if mass is None else sp.diags_array(1.0 * mass), loss_factor=loss)
+        return updyn.Group(
+            1e6 * ends.T @ ends,
+            None if mass is None else sp.diags_array(1.0 * mass),
+            loss_factor=loss,
+        )
 
     groups = {
         "left": group(~half[i] & ~half[j], ~half, 0.01),
         "right": group(half[i] & half[j], half, 0.02),
         "seam": group(half[i] != half[j], None, 0.3),
-        "support": updyn.Group(sp.diags_array(np.where(np.arange(n) < M, 1e6, 0.0)), loss_factor=0.01),
+        "support": updyn.Group(
+            sp.diags_array(np.where(np.arange(n) < M, 1e6, 0.0)), loss_factor=0.01
+        ),
     }
     return updyn.Model.from_groups(groups, [f"{d + 1}:Z" for d in range(n)])
 
@@ -45,12 +51,21 @@ def plate() -> updyn.Model:
 def measured(model: updyn.Model, noise: float) -> updyn.FRF:
     change = {"left": 1.3, "right": 0.8, "seam": 0.7, "support": 1.2}
     truth = model.scaled(
-        {g: {"stiffness": k, "loss_factor": model.group(g).loss_factor * 1.5} for g, k in change.items()}
+        {
+            g: {"stiffness": k, "loss_factor": model.group(g).loss_factor * 1.5}
+            for g, k in change.items()
+        }
     )
     frf = updyn.response(truth, BAND, SENSORS, SENSORS[:1])
     rng = np.random.default_rng(0)
     draw = rng.standard_normal((2, *frf.values.shape))
-    return updyn.FRF(BAND, frf.values * (1 + noise * (draw[0] + 1j * draw[1])), SENSORS, SENSORS[:1], "receptance")
+    return updyn.FRF(
+        BAND,
+        frf.values * (1 + noise * (draw[0] + 1j * draw[1])),
+        SENSORS,
+        SENSORS[:1],
+        "receptance",
+    )
 
 
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
@@ -132,7 +147,9 @@ def test_a_second_fit_that_is_no_better_is_not_taken(monkeypatch: pytest.MonkeyP
     assert any(abs(found.values[p.name] - p.start) > 0.05 for p in unknowns)
 
 
-def test_a_second_search_that_breaks_down_leaves_the_first_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_search_that_breaks_down_leaves_the_first_fit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     start = far_off(0)
     frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
@@ -162,7 +179,9 @@ def test_stopped_while_the_reduced_model_is_made() -> None:
     model = plate()
     frf = measured(model, 0.01)
     unknowns = updyn.parameters(model, stiffness="all")
-    result = updyn.update(model, frf, unknowns, tier="reduced", callback=lambda progress: progress.stage == "start")
+    result = updyn.update(
+        model, frf, unknowns, tier="reduced", callback=lambda progress: progress.stage == "start"
+    )
     assert result.status == "stopped"
     assert list(result.values.values()) == [1.0] * 4
 
@@ -178,7 +197,11 @@ def test_which_models_are_reduced() -> None:
         is_reduced("reduced", 150_000, 200, "equation-error")
     with pytest.raises(OptionError, match="accuracy = 2"):
         updyn.update(
-            plate(), measured(plate(), 0.0), updyn.parameters(plate(), stiffness="all"), tier="reduced", accuracy=2.0
+            plate(),
+            measured(plate(), 0.0),
+            updyn.parameters(plate(), stiffness="all"),
+            tier="reduced",
+            accuracy=2.0,
         )
 
 

@@ -21,7 +21,9 @@ def chain(n: int = 5) -> updyn.Model:
     for e in range(n):
         K, M = np.zeros((n, n)), np.zeros((n, n))
         at = [e] if e == 0 else [e - 1, e]
-        K[np.ix_(at, at)] = 3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+        K[np.ix_(at, at)] = (
+            3e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+        )
         M[e, e] = 1.0 + 0.3 * e
         groups[f"part{e + 1}"] = updyn.Group(K, M, 0.02)
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
@@ -32,7 +34,9 @@ def scores() -> dict[str, np.ndarray]:
     """Errors in standard deviations of all unknowns in all runs, with and without calibration factors."""
     model, rng = chain(), np.random.default_rng(11)
     exact = updyn.response(model.scaled(TRUE), FREQ, model.dofs, ["1:X"], "accelerance").values
-    unknowns = updyn.parameters(model, stiffness=["part1", "part2"], stiffness_damping="part2", mass_damping="part3")
+    unknowns = updyn.parameters(
+        model, stiffness=["part1", "part2"], stiffness_damping="part2", mass_damping="part3"
+    )
     out: dict[str, list[list[float]]] = {"with": [], "without": []}
     for _ in range(RUNS):
         gains = np.exp(GAIN * rng.standard_normal(5))
@@ -41,11 +45,16 @@ def scores() -> dict[str, np.ndarray]:
         frf = updyn.FRF(FREQ, values, model.dofs, ["1:X"], "accelerance")
         true = {f"{g}.{q}": v for g, change in TRUE.items() for q, v in change.items()}
         true |= {f"{i + 1}:X.calibration": gain for i, gain in enumerate(gains.tolist())}
-        for which, chosen in (("without", unknowns), ("with", unknowns + updyn.calibration(frf, prior_std=GAIN))):
+        for which, chosen in (
+            ("without", unknowns),
+            ("with", unknowns + updyn.calibration(frf, prior_std=GAIN)),
+        ):
             found = updyn.update(model, frf, chosen, noise={"relative": NOISE})
             # The stated noise counts: an inflation would hide what the factors are for.
             stated = 1.0 if which == "with" else found.noise["inflation"]
-            out[which].append([(found.values[n] - true[n]) / found.std[n] * stated for n in chosen.names])
+            out[which].append(
+                [(found.values[n] - true[n]) / found.std[n] * stated for n in chosen.names]
+            )
     return {which: np.array(rows) for which, rows in out.items()}
 
 

@@ -1,9 +1,8 @@
 """Many noisy tests of one structure: errors as small as theory allows, and error bars that say the truth.
 
-Perturb, measure with simulated noise, update, compare with the Cramer-Rao bound that is computed here from central
-differences of responses alone. Seeded; the limits leave room for 60 draws: a standard deviation estimated from them
-scatters by 9 %, a coverage of 0.95 by 0.028.
-"""
+Perturb, measure with simulated noise, update, compare with the Cramer-Rao bound that is computed
+here from central differences of responses alone. Seeded; the limits leave room for 60 draws: a
+standard deviation estimated from them scatters by 9 %, a coverage of 0.95 by 0.028."""
 
 import numpy as np
 import pytest
@@ -30,7 +29,9 @@ def cramer_rao(unknowns, start, data, exact, variance):
     for i in range(len(exact)):
         step = 1e-5 * np.eye(len(exact))[i]
         up, down = (
-            updyn.response(unknowns.apply(start, exact + s * step), data.freq, data.responses, data.references)
+            updyn.response(
+                unknowns.apply(start, exact + s * step), data.freq, data.responses, data.references
+            )
             for s in (1, -1)
         )
         J.append(((up.values - down.values) / 2e-5 / np.sqrt(variance)).ravel())
@@ -63,7 +64,9 @@ def case(chain12, chain12_true, chain12_frf):
 )
 def test_errors_reach_the_bound_and_error_bars_cover(case, add_noise, relative, floor, noise):
     start, clean, unknowns, exact = case
-    variance = (relative * np.abs(clean.values)) ** 2 + floor**2 * np.mean(np.abs(clean.values) ** 2)
+    variance = (relative * np.abs(clean.values)) ** 2 + floor**2 * np.mean(
+        np.abs(clean.values) ** 2
+    )
     bound = cramer_rao(unknowns, start, clean, exact, variance)
     values, std, statuses, chi = study(
         start, clean, unknowns, lambda seed: add_noise(clean, np.random.default_rng(seed), relative, floor),
@@ -82,7 +85,9 @@ def test_errors_reach_the_bound_and_error_bars_cover(case, add_noise, relative, 
 
 
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error"])
-def test_as_many_unknowns_as_numbers_are_not_called_certain(chain12, chain12_true, chain12_frf, add_noise, method):
+def test_as_many_unknowns_as_numbers_are_not_called_certain(
+    chain12, chain12_true, chain12_frf, add_noise, method
+):
     """Two lines of one sensor are four numbers for four unknowns: a fit without residual, far from the truth."""
     every = {"stiffness": ["part1", "part2"], "mass": ["part1", "part2"]}
     data = add_noise(chain12_frf, np.random.default_rng(0), 0.01)
@@ -110,8 +115,14 @@ def test_wrong_statement_of_the_noise_widens_the_error_bars(case, add_noise):
 def test_variance_and_coherence_with_the_data_are_as_good_as_stated_noise(case, add_noise):
     start, clean, unknowns, exact = case
     variance = (0.01 * np.abs(clean.values)) ** 2
-    coherence = np.full(clean.values.shape, 1.0 / (1.0 + 0.01**2 * 50))  # (1 - g) / (g n) = 0.01^2 with n = 50
-    kinds = [{"variance": variance}, {"coherence": coherence, "averages": 50}, {"coherence": coherence}]
+    coherence = np.full(
+        clean.values.shape, 1.0 / (1.0 + 0.01**2 * 50)
+    )  # (1 - g) / (g n) = 0.01^2 with n = 50
+    kinds = [
+        {"variance": variance},
+        {"coherence": coherence, "averages": 50},
+        {"coherence": coherence},
+    ]
     stds = []
     for extra in kinds:
         data = add_noise(clean, np.random.default_rng(1), 0.01, **extra)
@@ -120,18 +131,31 @@ def test_variance_and_coherence_with_the_data_are_as_good_as_stated_noise(case, 
         stds.append(np.array(list(found.std.values())))
         assert (np.abs(np.array(list(found.values.values())) - exact) < 4 * stds[-1]).all()
     stated = updyn.update(
-        start, add_noise(clean, np.random.default_rng(1), 0.01), unknowns, starts=0, noise={"relative": 0.01}
+        start,
+        add_noise(clean, np.random.default_rng(1), 0.01),
+        unknowns,
+        starts=0,
+        noise={"relative": 0.01},
     )
     for std in stds:
         assert std == pytest.approx(list(stated.std.values()), rel=0.1)
-    unscaled = updyn.update(start, add_noise(clean, np.random.default_rng(1), 0.01, **kinds[2]), unknowns, starts=0)
-    assert unscaled.noise["chi_square"] < 0.1  # without averages the scale is estimated, and chi-square shows it
+    unscaled = updyn.update(
+        start, add_noise(clean, np.random.default_rng(1), 0.01, **kinds[2]), unknowns, starts=0
+    )
+    assert (
+        unscaled.noise["chi_square"] < 0.1
+    )  # without averages the scale is estimated, and chi-square shows it
 
 
 def test_log_error_bars_cover_under_relative_noise(case, add_noise):
     start, clean, unknowns, exact = case
     values, std, statuses, _ = study(
-        start, clean, unknowns, lambda seed: add_noise(clean, np.random.default_rng(seed), 0.01), 30, method="log"
+        start,
+        clean,
+        unknowns,
+        lambda seed: add_noise(clean, np.random.default_rng(seed), 0.01),
+        30,
+        method="log",
     )
     assert set(statuses) == {"converged"}
     covered = np.mean(np.abs(values - exact) <= 1.96 * std, axis=0)
@@ -142,7 +166,10 @@ def test_equation_error_is_biased_by_noise_and_says_so(case, add_noise, chain12_
     """Known of the paper's residual: its errors far exceed its error bars under noise; the result warns."""
     start, _, unknowns, exact = case
     found = updyn.update(
-        start, add_noise(chain12_frf, np.random.default_rng(2), 0.01), unknowns, method="equation-error"
+        start,
+        add_noise(chain12_frf, np.random.default_rng(2), 0.01),
+        unknowns,
+        method="equation-error",
     )
     values, std = (np.array(list(d.values())) for d in (found.values, found.std))
     assert (np.abs(values - exact) > 5 * std).any()
@@ -153,7 +180,10 @@ def test_prior_tightens_and_pulls_as_bayes_says(case, add_noise):
     """Linear Gaussian limit: posterior information = data + prior, posterior mean the weighted one."""
     start, clean, unknowns, _ = case
     few = clean.select(lines=clean.freq[::5], references=["12:X"])
-    data, options = add_noise(few, np.random.default_rng(3), 0.05), {"starts": 0, "noise": {"relative": 0.05}}
+    data, options = (
+        add_noise(few, np.random.default_rng(3), 0.05),
+        {"starts": 0, "noise": {"relative": 0.05}},
+    )
     home = {"part1.loss_factor": 0.021, "part4.mass": 0.86}
     bare = updyn.update(start, data, unknowns.with_start(home), **options)
     every = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
@@ -181,7 +211,8 @@ def test_prior_tightens_and_pulls_as_bayes_says(case, add_noise):
     for name in stds:
         assert found.std[name] < bare.std[name]
         at = names.index(name)
-        # The error bars of the data are widened by what the noise does not explain; the prior's are not.
+        # The error bars of the data are widened by what the noise does not explain; the prior's are
+        # not.
         assert found.std[name] == pytest.approx(np.sqrt(posterior[at, at]), rel=0.2)
 
 
@@ -191,25 +222,35 @@ def test_prior_makes_an_open_unknown_known():
 
     def model(fa=1.0, fb=1.0):
         a = updyn.Group([[fa * ka, 0.0], [0.0, 0.0]], loss_factor=0.02)
-        b = updyn.Group(fb * kb * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([0.0, 2.0]), loss_factor=0.02)
+        b = updyn.Group(
+            fb * kb * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([0.0, 2.0]), loss_factor=0.02
+        )
         return updyn.Model.from_groups({"a": a, "b": b}, ["1:X", "2:X"])
 
     start, true = model(), model(1.0, 1.4)
     data = updyn.response(true, np.linspace(1.0, 6.0, 30), ["2:X"], ["2:X"])
     noisy = np.random.default_rng(0)
-    H = data.values * (1 + 0.01 * (noisy.standard_normal((30, 1, 1)) + 1j * noisy.standard_normal((30, 1, 1))) / 2**0.5)
+    H = data.values * (
+        1
+        + 0.01
+        * (noisy.standard_normal((30, 1, 1)) + 1j * noisy.standard_normal((30, 1, 1)))
+        / 2**0.5
+    )
     data = updyn.FRF(data.freq, H, ["2:X"], ["2:X"], "receptance")
     open_ = updyn.update(start, data, updyn.parameters(start, stiffness="all"))
     assert open_.status == "not-identifiable"
     assert open_.std == {"a.stiffness": np.inf, "b.stiffness": np.inf}
     (determined,) = open_.identifiability.determined_directions
-    # What is known: the series stiffness. ln k = ln ka + ln kb - ln(ka + kb): weights kb/(ka+kb) and ka/(ka+kb).
+    # What is known: the series stiffness. ln k = ln ka + ln kb - ln(ka + kb): weights kb/(ka+kb)
+    # and ka/(ka+kb).
     fa, fb = open_.values["a.stiffness"], open_.values["b.stiffness"]
     series = 1 / (1 / (fa * ka) + 1 / (fb * kb))
     assert series == pytest.approx(1 / (1 / ka + 1 / (1.4 * kb)), rel=0.005)
     ratio = determined["a.stiffness"] / determined["b.stiffness"]
     assert ratio == pytest.approx((fb * kb) / (fa * ka), rel=1e-5)
-    closed = updyn.update(start, data, updyn.parameters(start, stiffness="all", prior_std={"a.stiffness": 0.05}))
+    closed = updyn.update(
+        start, data, updyn.parameters(start, stiffness="all", prior_std={"a.stiffness": 0.05})
+    )
     assert np.isfinite(closed.std["a.stiffness"])
     assert closed.std["a.stiffness"] == pytest.approx(0.05, rel=0.05)
     assert closed.values["a.stiffness"] == pytest.approx(1.0, abs=0.01)

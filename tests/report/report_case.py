@@ -31,7 +31,16 @@ def chain(n=12, k=2.0e6, m=1.5, title=""):
     return Model.from_groups(groups, labels, title=title)
 
 
-def measured(model, *, n_lines=800, band=(4.0, 420.0), responses=None, references=None, noise=0.02, coherence=True):
+def measured(
+    model,
+    *,
+    n_lines=800,
+    band=(4.0, 420.0),
+    responses=None,
+    references=None,
+    noise=0.02,
+    coherence=True,
+):
     """Accelerance of the model with noise proportional to the level and a floor."""
     rng = np.random.default_rng(7)
     freq = np.linspace(*band, n_lines)
@@ -40,9 +49,20 @@ def measured(model, *, n_lines=800, band=(4.0, 420.0), responses=None, reference
     H = response(model, freq, responses, references, "accelerance").values
     floor = 0.002 * np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
     sigma = np.sqrt((noise * np.abs(H)) ** 2 + floor**2)
-    values = H + sigma * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
+    values = H + sigma * (
+        rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
+    ) / np.sqrt(2)
     gamma2 = np.clip(1.0 / (1.0 + 8 * (sigma / np.abs(H)) ** 2), 0.0, 1.0) if coherence else None
-    return FRF(freq, values, responses, references, "accelerance", coherence=gamma2, averages=8, source="impact test 3")
+    return FRF(
+        freq,
+        values,
+        responses,
+        references,
+        "accelerance",
+        coherence=gamma2,
+        averages=8,
+        source="impact test 3",
+    )
 
 
 def figures(frac, db):
@@ -64,7 +84,11 @@ def realistic(**changes):
         stiffness=["bay 2", "bay 5", "bay 8"],
         mass=["bay 5", "bay 11"],
         loss_factor=["bay 2", "bay 11"],
-        bounds={"bay 8.stiffness": (0.6, 1.6), "stiffness": (0.4, 2.5), "loss_factor": (0.001, 0.2)},
+        bounds={
+            "bay 8.stiffness": (0.6, 1.6),
+            "stiffness": (0.4, 2.5),
+            "loss_factor": (0.001, 0.2),
+        },
         prior_std={"bay 5.mass": 0.3},
     )
     ends = {p.name: truth[p.group][p.quantity] for p in chosen}
@@ -79,7 +103,9 @@ def realistic(**changes):
     covariance[:, ~np.isfinite(sigma)] = np.inf
     result = UpdateResult(
         status="not-identifiable",
-        message="The fit converged, but one combination of unknowns changes nothing that was measured.",
+        message=(
+            "The fit converged, but one combination of unknowns changes nothing that was measured."
+        ),
         remedy="Measure at 5:Z too, or hold the mass of bay 5 at its drawing value.",
         method="maximum-likelihood",
         options={"max_iterations": 50, "tolerance": 1e-8, "tier": "dense", "backend": None},
@@ -106,7 +132,13 @@ def realistic(**changes):
             advice="A sensor at 5:Z, or lines around 210 Hz, would determine what is open.",
         ),
         history=history(chosen, ends),
-        noise={"kind": "coherence", "relative": 0.02, "floor": 0.002, "chi_square": 1.08, "inflation": 1.0},
+        noise={
+            "kind": "coherence",
+            "relative": 0.02,
+            "floor": 0.002,
+            "chi_square": 1.08,
+            "inflation": 1.0,
+        },
         correlation={
             "before": figures(0.41, 7.9),
             "after": figures(0.9973, 0.21),
@@ -130,7 +162,10 @@ def left_over():
     H = sum(1.0 / (f0**2 - freq**2 + 0.02j * f0**2) for f0 in (45.0, 95.0, 140.0, 190.0))
     at = ("1:Z", "4:Z", "6:-Z", "12:Z"), ("3:Z", "12:Z")
     found = assess(e, H[:, None, None] * np.ones((4, 2)), freq, *at, n_unknowns=7, absolute=True)
-    suspects = [Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4), Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4)]
+    suspects = [
+        Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4),
+        Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4),
+    ]
     return blamed(found, suspects)
 
 
@@ -144,7 +179,17 @@ def history(chosen, ends, stages=("log", "maximum-likelihood"), n=9):
             at = at + 0.55 * (goal - at)
         stage = stages[0] if number < 5 else stages[1]
         cost = (3e5 if number < 5 else 6e3) * 0.3**number + 800.0 + (0 if accepted else 4e3)
-        out.append(Iteration(stage, number, cost, 0.5**number, 1e4, accepted, dict(zip(chosen.names, at, strict=True))))
+        out.append(
+            Iteration(
+                stage,
+                number,
+                cost,
+                0.5**number,
+                1e4,
+                accepted,
+                dict(zip(chosen.names, at, strict=True)),
+            )
+        )
     return tuple(out)
 
 
@@ -152,7 +197,11 @@ def smallest():
     """One channel, few lines, one unknown, no history, nothing held out, no noise model, no coherence."""
     start = chain(2)
     frf = measured(
-        start.scaled({"bay 1": {"stiffness": 1.2}}), n_lines=12, responses=["1:Z"], references=["2:Z"], coherence=False
+        start.scaled({"bay 1": {"stiffness": 1.2}}),
+        n_lines=12,
+        responses=["1:Z"],
+        references=["2:Z"],
+        coherence=False,
     )
     chosen = parameters(start, stiffness=["bay 1"])
     ident = Identifiability(1, 1, 1.0, (1.0,), [], [], 1.0, "")
@@ -186,10 +235,19 @@ def largest(n_responses=100, n_references=10, n_lines=2000, n_unknowns=100):
     start = chain(n_responses)
     labels = start.dofs.labels
     frf = measured(
-        start, n_lines=n_lines, responses=labels, references=labels[:: n_responses // n_references][:n_references]
+        start,
+        n_lines=n_lines,
+        responses=labels,
+        references=labels[:: n_responses // n_references][:n_references],
     )
     items = tuple(
-        Parameter(f"bay {i // 2 + 1}", ("stiffness", "loss_factor")[i % 2], (1.0, 0.01)[i % 2], 0.001, 10.0)
+        Parameter(
+            f"bay {i // 2 + 1}",
+            ("stiffness", "loss_factor")[i % 2],
+            (1.0, 0.01)[i % 2],
+            0.001,
+            10.0,
+        )
         for i in range(n_unknowns)
     )
     chosen = ParameterSet(items)

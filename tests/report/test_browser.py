@@ -16,7 +16,8 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
 
-# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as SVG, a cell of FRAC.
+# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as
+# SVG, a cell of FRAC.
 ACTIONS = """<script>
 (async () => {
   const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;

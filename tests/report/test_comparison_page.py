@@ -29,7 +29,14 @@ def found() -> Comparison:
     unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
     truth = {name: value for name, value in true_values().items() if not name.endswith("mass")}
     return updyn.compare(
-        start, data, unknowns, NAMES, truth=truth, validation=["1:RZ"], fewest=True, title="Gears <b>'\"& 1</b>"
+        start,
+        data,
+        unknowns,
+        NAMES,
+        truth=truth,
+        validation=["1:RZ"],
+        fewest=True,
+        title="Gears <b>'\"& 1</b>",
     )
 
 
@@ -81,7 +88,9 @@ def test_the_papers_figure_holds_what_the_models_answer(found, figures):
         (reduced, found["reduced-frf"].result.model),
     ):
         at = curves.lines if trace is measured else curves.freq
-        expected = np.abs(updyn.response(model, at, [curves.response], [curves.reference]).values[:, 0, 0])
+        expected = np.abs(
+            updyn.response(model, at, [curves.response], [curves.reference]).values[:, 0, 0]
+        )
         np.testing.assert_allclose(values(trace["x"]), at, rtol=1e-6)
         np.testing.assert_allclose(values(trace["y"]), expected, rtol=1e-5)
     assert measured["mode"] == "markers"  # thirty lines: nothing is drawn between them
@@ -98,13 +107,23 @@ def test_a_panel_for_each_method_that_gave_an_answer(found, figures, text):
 def test_bars(found, figures):
     error = figures["error"]
     shown = dict(zip(error["layout"]["yaxis"]["ticktext"], error["data"][0]["x"], strict=True))
-    assert list(shown) == ["equation-error", "log", "reduced-frf"]  # not what failed, not what does not apply
+    assert list(shown) == [
+        "equation-error",
+        "log",
+        "reduced-frf",
+    ]  # not what failed, not what does not apply
     for name, value in shown.items():
         assert value == pytest.approx(found[name].error_max)
     assert error["layout"]["shapes"][0]["x0"] == 0.01
     low, high = error["layout"]["xaxis"]["range"]
     assert low < np.log10(min(shown.values())) < np.log10(max(shown.values())) < high
-    work = dict(zip(figures["work"]["layout"]["yaxis"]["ticktext"], figures["work"]["data"][0]["x"], strict=True))
+    work = dict(
+        zip(
+            figures["work"]["layout"]["yaxis"]["ticktext"],
+            figures["work"]["data"][0]["x"],
+            strict=True,
+        )
+    )
     assert work["frf-sensitivity"] == found["frf-sensitivity"].lines_solved
 
 
@@ -112,11 +131,15 @@ def test_table_and_limits(found, text):
     table = re.search(r"<section id='table'>.*?</section>", text, re.DOTALL)[0]
     cells = {
         row[0]: row[1:]
-        for row in (re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", r) for r in re.findall(r"<tr.*?</tr>", table))
+        for row in (
+            re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", r) for r in re.findall(r"<tr.*?</tr>", table)
+        )
     }
     heads = cells["method"]
     assert cells["equation-error"][heads.index("unknowns")] == "12 of 12"
-    assert cells["equation-error"][heads.index("min lines")] == str(found["equation-error"].fewest.count)
+    assert cells["equation-error"][heads.index("min lines")] == str(
+        found["equation-error"].fewest.count
+    )
     assert cells["equation-error"][heads.index("held out")] == "0 dB"
     assert cells["rfm"][0] == "does not apply"
     assert "rfm needs the motion of all 7 DOFs" in text
@@ -151,7 +174,9 @@ def test_of_several_tests_the_one_with_the_worst_channel_is_drawn(found):
     curves = gather_curves(both)
     assert curves.test == "far"
     model = both["log"].result["far"].model
-    expected = updyn.response(model, curves.freq, [curves.response], [curves.reference]).values[:, 0, 0]
+    expected = updyn.response(model, curves.freq, [curves.response], [curves.reference]).values[
+        :, 0, 0
+    ]
     np.testing.assert_allclose(curves.after["log"], expected)
 
 
@@ -164,7 +189,9 @@ def test_many_lines_are_thinned_and_drawn_as_a_line(found, tmp_path):
     assert len(curves.freq) <= 1200
     assert curves.fitted.sum() == 50
     path = write_comparison(many, tmp_path / "many.html")
-    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', path.read_text(encoding="utf-8"))[1])
+    figures = json.loads(
+        re.search(r'id="updyn-figures">(.*?)</script>', path.read_text(encoding="utf-8"))[1]
+    )
     assert figures["panel-0"]["data"][0]["mode"] == "lines"
     assert figures["panel-0"]["layout"]["xaxis"]["type"] == "log"
 
@@ -178,7 +205,14 @@ def test_spacing():
 def test_fewest_lines_not_found_and_why(found, tmp_path):
     rows = (
         Row("a", "", "converged", "", updated=("x",), fewest=Fewest(None, (), ((3, 5.0),))),
-        Row("b", "", "stalled", "", updated=("x",), fewest=Fewest(None, note="its own answer is stalled")),
+        Row(
+            "b",
+            "",
+            "stalled",
+            "",
+            updated=("x",),
+            fewest=Fewest(None, note="its own answer is stalled"),
+        ),
     )
     some = Comparison(rows, found.tests, found.parameters, tolerance=0.01, rule="Rule.")
     text = write_comparison(some, tmp_path / "some.html").read_text(encoding="utf-8")

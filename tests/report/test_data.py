@@ -16,7 +16,16 @@ from updyn.report.data import data_checksum, gather, keep_lines, model_checksum
 from updyn.report.figures import all_figures, overlay
 from updyn.report.plots import numbers
 from updyn.report.unknowns import correlations
-from updyn.report.words import change, decibels, estimate, figure_of_agreement, interval, number, unit, verdict
+from updyn.report.words import (
+    change,
+    decibels,
+    estimate,
+    figure_of_agreement,
+    interval,
+    number,
+    unit,
+    verdict,
+)
 from updyn.updating.parameters import Parameter
 
 
@@ -38,7 +47,9 @@ def dense(model, freq, responses, references):
     out = []
     for omega in 2 * np.pi * freq:
         H = np.linalg.solve(Z0 - omega**2 * M, np.eye(len(M)))
-        out.append(-(omega**2) * H[np.ix_(rows.index, columns.index)] * np.outer(rows.sign, columns.sign))
+        out.append(
+            -(omega**2) * H[np.ix_(rows.index, columns.index)] * np.outer(rows.sign, columns.sign)
+        )
     return np.array(out)
 
 
@@ -72,7 +83,13 @@ def test_zero_hertz_is_left_out_and_said(result):
     from updyn.frf import FRF
 
     old = result.frf
-    frf = FRF(np.r_[0.0, old.freq], np.r_[np.ones((1, 5, 2)), old.values], old.responses, old.references, "accelerance")
+    frf = FRF(
+        np.r_[0.0, old.freq],
+        np.r_[np.ones((1, 5, 2)), old.values],
+        old.responses,
+        old.references,
+        "accelerance",
+    )
     found = gather(dataclasses.replace(result, frf=frf))
     assert found.freq[0] == old.freq[0]
     assert "The line at 0 Hz is not drawn." in found.notes
@@ -95,7 +112,8 @@ def test_thinning_keeps_ends_and_sharp_peaks():
     assert {0, 1003, 2777, n - 1} <= set(kept.tolist())
     assert np.all(np.diff(kept) > 0)
     assert np.array_equal(
-        keep_lines(level[:50, None, None].astype(complex), np.ones(50, dtype=bool), 100), np.arange(50)
+        keep_lines(level[:50, None, None].astype(complex), np.ones(50, dtype=bool), 100),
+        np.arange(50),
     )
 
 
@@ -106,7 +124,9 @@ def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
     for name in ("measured", "before", "after"):
         found = np.frombuffer(base64.b64decode(drawn[name]), "<f4").reshape(5, 2, 800, 2)
         expected = getattr(data, name)[:, 3, 1]
-        np.testing.assert_allclose(found[3, 1, :, 0] + 1j * found[3, 1, :, 1], expected, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(
+            found[3, 1, :, 0] + 1j * found[3, 1, :, 1], expected, rtol=1e-6, atol=1e-9
+        )
     assert drawn["everyLineUsed"] is False
     np.testing.assert_array_equal(data.freq[drawn["used"]], result.lines)
     thin, note = overlay(result, data, budget=200 * 10 * 28)
@@ -144,7 +164,9 @@ def test_every_figure_is_there_and_finite(result, data):
     assert cost[2]["x"] == [3, 7]
     shares = [np.sum(numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]]
     np.testing.assert_allclose(shares, 100.0)
-    factor = next(t for t in figures["factors"]["data"] if t["name"] == "not determined by the data")
+    factor = next(
+        t for t in figures["factors"]["data"] if t["name"] == "not determined by the data"
+    )
     assert "error_x" not in factor
     assert sorted(factor["x"]) == [1.1, 1.3]
 
@@ -160,11 +182,20 @@ def test_intervals():
 
 
 def test_numbers_in_words():
-    assert [estimate(1.00001, 0.0019), estimate(12.3456, 0.51), estimate(0.72, np.inf)] == ["1.0000", "12.35", "0.72"]
+    assert [estimate(1.00001, 0.0019), estimate(12.3456, 0.51), estimate(0.72, np.inf)] == [
+        "1.0000",
+        "12.35",
+        "0.72",
+    ]
     assert number(-0.00001234) == "−1.234·10⁻⁵"
     assert number(np.inf) == "∞"
     assert number(np.nan) == "–"
-    assert [figure_of_agreement(v) for v in (0.5, 0.9944, 0.9996, 1.0)] == ["0.50", "0.994", ">0.999", "1.00"]
+    assert [figure_of_agreement(v) for v in (0.5, 0.9944, 0.9996, 1.0)] == [
+        "0.50",
+        "0.994",
+        ">0.999",
+        "1.00",
+    ]
     assert decibels(0.213) == "0.21 dB"
     assert change(Parameter("a", "mass", 1.0, 0.1, 9.0), 1.234) == "+23.4 %"
     assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"
@@ -181,7 +212,10 @@ def test_verdict_says_when_it_got_worse(result):
 def test_checksums_see_every_part(result):
     frf = result.frf
     text = "\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode()
-    assert data_checksum(frf) == hashlib.sha256(text + frf.freq.tobytes() + frf.values.tobytes()).hexdigest()
+    assert (
+        data_checksum(frf)
+        == hashlib.sha256(text + frf.freq.tobytes() + frf.values.tobytes()).hexdigest()
+    )
     start = chain(3)
     seen = {
         model_checksum(m)

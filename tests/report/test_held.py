@@ -24,7 +24,9 @@ def chain():
 
 @pytest.fixture(scope="module")
 def frf(chain):
-    return updyn.response(chain.scaled({"s2": {"stiffness": 1.05}}), np.linspace(5.0, 90.0, 25), ["4:X"], ["4:X"])
+    return updyn.response(
+        chain.scaled({"s2": {"stiffness": 1.05}}), np.linspace(5.0, 90.0, 25), ["4:X"], ["4:X"]
+    )
 
 
 def fit(chain, frf, unknowns, **options):
@@ -44,7 +46,9 @@ def test_a_regularised_fit_shows_how_and_its_curve(chain, frf, how):
     assert (np.diff(shown) >= 0).all() if record["how"] == "tsvd" else (np.diff(shown) <= 0).all()
     assert shown.max() > 1.05 * shown.min()
     said = (
-        "3 of 4 directions were fitted" if how == "tsvd:3" else "pulled to their start as by one of standard deviation"
+        "3 of 4 directions were fitted"
+        if how == "tsvd:3"
+        else "pulled to their start as by one of standard deviation"
     )
     assert said in html
 

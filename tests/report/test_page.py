@@ -54,7 +54,9 @@ class Page(HTMLParser):
 
 
 def embedded(html, name):
-    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', html, re.DOTALL)
+    found = re.search(
+        rf'<script type="application/json" id="{name}">(.*?)</script>', html, re.DOTALL
+    )
     return json.loads(found[1])
 
 
@@ -81,10 +83,13 @@ def test_sections_stand_in_order_and_the_contents_lead_to_them(page):
 
 def test_policy_and_language(page):
     assert page.of("html")[0]["lang"] == "en"
-    policies = [a["content"] for a in page.of("meta") if a.get("http-equiv") == "Content-Security-Policy"]
+    policies = [
+        a["content"] for a in page.of("meta") if a.get("http-equiv") == "Content-Security-Policy"
+    ]
     assert policies == [POLICY]
     assert POLICY.startswith(
-        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; font-src data:"
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
+        " font-src data:"
     )
 
 
@@ -109,11 +114,11 @@ def test_own_scripts_and_styles_name_no_address():
 
 def test_verdict_in_two_sentences(page):
     assert (
-        "The fit settled after 6 iterations, but the data determine only 6 independent combinations of the 7 unknowns: "
-        "some of the values below are arbitrary. Median FRAC rises from 0.41 to 0.997 and the median level difference "
-        "falls from 7.9 dB to 0.21 dB; on what was held out (response 9:Z and band 300 to 420 Hz) the median FRAC is "
-        "0.991."
-    ) in page.words
+        "The fit settled after 6 iterations, but the data determine only 6 independent combinations"
+        " of the 7 unknowns: some of the values below are arbitrary. Median FRAC rises from 0.41 to"
+        " 0.997 and the median level difference falls from 7.9 dB to 0.21 dB; on what was held out"
+        " (response 9:Z and band 300 to 420 Hz) the median FRAC is 0.991." in page.words
+    )
     assert "What to do next: Measure at 5:Z too" in page.words
 
 
@@ -128,9 +133,31 @@ def test_every_status_has_its_words_and_badge(status):
 
 def test_table_of_unknowns(html):
     rows = re.findall(r"<tr[^>]*><th scope=\"row\">(.*?)</tr>", html)
-    cells = {tuple(re.split(r"<[^>]+>+", r.replace("</th>", "").replace("</td>", ""))) for r in rows}
-    assert ("bay 2", "stiffness", "1", "0.7200", "−28 %", "0.0029", "0.7144 to 0.7257", "0.4 to 2.5", "") in cells
-    assert ("bay 5", "stiffness", "1", "1.3", "+30 %", "–", "open", "0.4 to 2.5", "not determined by the data") in cells
+    cells = {
+        tuple(re.split(r"<[^>]+>+", r.replace("</th>", "").replace("</td>", ""))) for r in rows
+    }
+    assert (
+        "bay 2",
+        "stiffness",
+        "1",
+        "0.7200",
+        "−28 %",
+        "0.0029",
+        "0.7144 to 0.7257",
+        "0.4 to 2.5",
+        "",
+    ) in cells
+    assert (
+        "bay 5",
+        "stiffness",
+        "1",
+        "1.3",
+        "+30 %",
+        "–",
+        "open",
+        "0.4 to 2.5",
+        "not determined by the data",
+    ) in cells
     found = next(c for c in cells if c[:2] == ("bay 8", "stiffness"))
     assert found[-1] == "at its lower bound"
 
@@ -143,7 +170,8 @@ def test_open_and_determined_combinations_are_in_words(page):
 
 def test_units_follow_the_kind_of_each_dof():
     start = Model.from_groups(
-        {"hub": Group(stiffness=[[2e4, 1e4], [1e4, 2e4]], mass=np.eye(2), loss_factor=0.01)}, ["1:Z", "1:RX"]
+        {"hub": Group(stiffness=[[2e4, 1e4], [1e4, 2e4]], mass=np.eye(2), loss_factor=0.01)},
+        ["1:Z", "1:RX"],
     )
     chosen = ParameterSet((Parameter("hub", "stiffness", 1.0, 0.5, 2.0),))
     frf = measured(start, n_lines=20, responses=["1:Z", "1:RX"], references=["1:Z", "1:-RX"])
@@ -164,9 +192,18 @@ HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"' &am
 def hostile():
     name = "</script><b onmouseover=alert(3)>@after"
     start = chain(2)
-    start = Model.from_groups({name: start.groups["bay 1"], "bay 2": start.groups["bay 2"]}, start.dofs)
-    chosen = ParameterSet((Parameter(name, "stiffness", 1.0, 0.5, 2.0), Parameter("bay 2", "stiffness", 1.0, 0.5, 2.0)))
-    frf = dataclasses.replace(measured(start, n_lines=20, responses=["1:Z", "2:Z"], references=["2:Z"]), source=HOSTILE)
+    start = Model.from_groups(
+        {name: start.groups["bay 1"], "bay 2": start.groups["bay 2"]}, start.dofs
+    )
+    chosen = ParameterSet(
+        (
+            Parameter(name, "stiffness", 1.0, 0.5, 2.0),
+            Parameter("bay 2", "stiffness", 1.0, 0.5, 2.0),
+        )
+    )
+    frf = dataclasses.replace(
+        measured(start, n_lines=20, responses=["1:Z", "2:Z"], references=["2:Z"]), source=HOSTILE
+    )
     values = {f"{name}.stiffness": 1.1, "bay 2.stiffness": 1.0}
     return realistic(
         start=start, model=start, frf=frf, lines=frf.freq, fitted_responses=("1:Z", "2:Z"), validation_responses=(),
@@ -193,12 +230,20 @@ def test_text_of_the_user_is_never_markup():
 
 
 def test_outliers_are_named():
-    told = {"kind": "stated", "relative": 0.02, "chi_square": 1.1, "robust": "student-t", "down_weighted": 0.034}
+    told = {
+        "kind": "stated",
+        "relative": 0.02,
+        "chi_square": 1.1,
+        "robust": "student-t",
+        "down_weighted": 0.034,
+    }
     told |= {"down_weighted_lines": [50.0, 150.0], "down_weighted_channels": ["3:+Z / 2:+Z"]}
     words = Page(render(realistic(noise=told))).words
     assert "3.4 % of the values stand out and have less than a tenth of their weight." in words
     assert "at least half of the lines 50, 150 Hz and the channels 3:+Z / 2:+Z." in words
-    assert "No value stands out" in Page(render(realistic(noise=told | {"down_weighted": 0.0}))).words
+    assert (
+        "No value stands out" in Page(render(realistic(noise=told | {"down_weighted": 0.0}))).words
+    )
 
 
 def test_smallest_case_says_what_is_missing():
@@ -232,7 +277,13 @@ def test_a_model_that_cannot_be_solved_is_reported_not_raised():
     base = smallest()
     at = 1.0 / (2 * np.pi)  # its undamped natural frequency
     frf = updyn.FRF([0.5 * at, at, 2 * at], np.ones((3, 1, 1)), ["1:Z"], ["1:Z"], "receptance")
-    page = Page(render(dataclasses.replace(base, start=stuck, model=stuck, frf=frf, lines=frf.freq, status="failed")))
+    page = Page(
+        render(
+            dataclasses.replace(
+                base, start=stuck, model=stuck, frf=frf, lines=frf.freq, status="failed"
+            )
+        )
+    )
     assert "The updated model could not be computed and is not drawn" in page.words
     assert "There is no FRAC to show." in page.words
 

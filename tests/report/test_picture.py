@@ -41,7 +41,9 @@ def square(extra: dict[str, Group] | None = None) -> Model:
     } | (extra or {})
     xyz = [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1], [2, 0, 2]]
     lines = [[20, 10], [20, 30], [30, 40], [40, 50], [10, 30]]
-    return Model.from_groups(groups, ["10:X", "20:X", "30:X"], geometry=Geometry([10, 20, 30, 40, 50], xyz, lines))
+    return Model.from_groups(
+        groups, ["10:X", "20:X", "30:X"], geometry=Geometry([10, 20, 30, 40, 50], xyz, lines)
+    )
 
 
 def fitted(model: Model, values: dict[str, float], responses=("10:X",)):
@@ -58,7 +60,9 @@ def fitted(model: Model, values: dict[str, float], responses=("10:X",)):
         "lines": frf.freq,
         "fitted_responses": tuple(frf.responses.labels),
     }
-    return dataclasses.replace(smallest(), start=model, model=model, frf=frf, parameters=chosen, values=values, **found)
+    return dataclasses.replace(
+        smallest(), start=model, model=model, frf=frf, parameters=chosen, values=values, **found
+    )
 
 
 def test_a_line_belongs_to_the_group_that_couples_its_ends_most() -> None:
@@ -114,7 +118,9 @@ def test_linked_unknowns_colour_all_that_they_drive_by_their_powers() -> None:
 
 def test_the_picture_says_where_what_and_how_much() -> None:
     result = fitted(
-        square(), {"first.stiffness": 0.5, "second.stiffness": 2.0, "lump.mass": 1.0}, responses=["10:X", "20:-X"]
+        square(),
+        {"first.stiffness": 0.5, "second.stiffness": 2.0, "lump.mass": 1.0},
+        responses=["10:X", "20:-X"],
     )
     page = structure_of([result])
     picture = ET.fromstring(page[page.index("<svg") : page.index("</svg>") + 6])
@@ -143,7 +149,9 @@ def test_a_small_change_beside_a_large_one_is_not_shown_as_none() -> None:
 
 def test_a_sensor_without_a_position_is_named() -> None:
     model = square()
-    bare = dataclasses.replace(model, geometry=Geometry([10, 20], [[0, 0, 0], [1, 0, 0]], [[10, 20]]))
+    bare = dataclasses.replace(
+        model, geometry=Geometry([10, 20], [[0, 0, 0], [1, 0, 0]], [[10, 20]])
+    )
     assert "Without a position in the geometry, and not drawn: 30:-X." in structure_of(
         [fitted(bare, {"first.stiffness": 1.1})]
     )
@@ -181,7 +189,9 @@ def test_labels_keep_apart_and_inside() -> None:
         assert (np.diff(out) >= 16.0 - 1e-9).all()
         assert out.min() >= 16.0
         assert out.max() <= 640.0
-    np.testing.assert_allclose(spread(np.array([50.0, 100.0, 300.0]), 16.0, 16.0, 640.0), [50.0, 100.0, 300.0])
+    np.testing.assert_allclose(
+        spread(np.array([50.0, 100.0, 300.0]), 16.0, 16.0, 640.0), [50.0, 100.0, 300.0]
+    )
     np.testing.assert_allclose(spread(np.array([638.0, 640.0]), 16.0, 16.0, 640.0), [624.0, 640.0])
 
 

@@ -65,7 +65,9 @@ duration = 0.5
 
 def model() -> updyn.Model:
     groups = {}
-    for i, (name, J, k) in enumerate((("shaft", 0.03, 4e3), ("rim", 0.05, 2.5e3), ("dish", 1.2, 0.0))):
+    for i, (name, J, k) in enumerate(
+        (("shaft", 0.03, 4e3), ("rim", 0.05, 2.5e3), ("dish", 1.2, 0.0))
+    ):
         M, K = np.zeros((3, 3)), np.zeros((3, 3))
         M[i, i] = J
         if k:
@@ -119,7 +121,9 @@ def test_the_bode_diagram_is_that_of_model_and_plant(made, parts):
         turn = trace(figure, "plant", 1)[1]
         np.testing.assert_allclose(np.exp(1j * np.radians(turn)), G / np.abs(G), atol=1e-5)
         off = trace(figure, "error")[1]
-        np.testing.assert_allclose(off, np.maximum(np.abs(G - H) / np.abs(H).max(), 1e-7), rtol=1e-3, atol=2e-8)
+        np.testing.assert_allclose(
+            off, np.maximum(np.abs(G - H) / np.abs(H).max(), 1e-7), rtol=1e-3, atol=2e-8
+        )
         assert off.max() <= 1.05 * planted.plant.error
         np.testing.assert_allclose(trace(figure, "tolerance")[1], 0.02)
         low, high = (values(t["y"]) for t in figure["data"][:2])
@@ -191,14 +195,18 @@ def test_the_loop_is_controller_times_plant(made, parts):
     np.testing.assert_allclose(10 ** (db / 20), np.abs(L), rtol=2e-4, atol=1e-6)
     seen = np.abs(L) > 1e-3  # frequencies are drawn in single precision, and the notch is a zero
     turn = trace(parts[1]["bode-velocity"], "phase")[1]
-    np.testing.assert_allclose(np.exp(1j * np.radians(turn))[seen], L[seen] / np.abs(L[seen]), atol=2e-3)
+    np.testing.assert_allclose(
+        np.exp(1j * np.radians(turn))[seen], L[seen] / np.abs(L[seen]), atol=2e-3
+    )
     # The Nichols plot is of the same numbers, and its circle is the one of a sensitivity of 6 dB.
     figure = parts[1]["nichols-velocity"]
     x, y = trace(figure, "L, nominal")
     np.testing.assert_allclose(x, turn, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(y, db, rtol=1e-6, atol=1e-6)
     x, y = trace(figure, "|1 + L| = 0.5")
-    np.testing.assert_allclose(np.abs(1 + 10 ** (y / 20) * np.exp(1j * np.radians(x))), 0.5, rtol=1e-5)
+    np.testing.assert_allclose(
+        np.abs(1 + 10 ** (y / 20) * np.exp(1j * np.radians(x))), 0.5, rtol=1e-5
+    )
 
 
 def test_points_of_the_margins_lie_on_the_curves(made, parts):
@@ -277,8 +285,12 @@ def test_backlash_is_that_of_the_library(made, parts):
         (1.0, 90.0),
         quantity=["mobility", "receptance", "receptance"],
     )
-    cycles = updyn.limit_cycles(plant, controller(), found.law, "gap", torque="M<i>", velocity="speed", position="dish")
-    assert [c.frequency for c in found.cycles] == pytest.approx([c.frequency for c in cycles], rel=1e-6)
+    cycles = updyn.limit_cycles(
+        plant, controller(), found.law, "gap", torque="M<i>", velocity="speed", position="dish"
+    )
+    assert [c.frequency for c in found.cycles] == pytest.approx(
+        [c.frequency for c in cycles], rel=1e-6
+    )
     assert found.simulation.time[-1] == pytest.approx(0.5, abs=1e-3)
     time, twist = trace(parts[1]["nonlinear-0"], "twist")
     assert time[-1] == pytest.approx(found.simulation.time[-1], rel=1e-6)
@@ -301,19 +313,25 @@ def test_the_record_is_strict_and_holds_what_a_designer_needs(made):
     assert found["plant"]["outputs"][0]["quantity"] == "mobility"
     weight = found["family"]["weights"][0]
     s = 2j * np.pi * 20.0
-    zeros, poles = (np.array([complex(z["re"], z["im"]) for z in weight[k]]) for k in ("zeros", "poles"))
+    zeros, poles = (
+        np.array([complex(z["re"], z["im"]) for z in weight[k]]) for k in ("zeros", "poles")
+    )
     W = weight["gain"] * np.prod(s - zeros) / np.prod(s - poles)
     G = planted.family.response([20.0])[:, 0, 0, 0]
     G0 = planted.plant.response([20.0]).values[0, 0, 0]
     assert abs(W) >= np.abs(G / G0 - 1).max()
     loop = found["servo"]["velocity_loop"]
-    assert loop["margins"]["phase_margin"] == pytest.approx(planted.servo.velocity_loop.margins.phase_margin)
+    assert loop["margins"]["phase_margin"] == pytest.approx(
+        planted.servo.velocity_loop.margins.phase_margin
+    )
     assert loop["worst"]["phase_margin"]["smallest"] <= loop["margins"]["phase_margin"] + 1e-9
     # Three inertias in a row: all together, and with the first one held.
     assert found["drive"]["inertia"] == pytest.approx(0.03 + 0.05 + 1.2)
     k1, k2 = 4e3 * made[0].values["shaft.stiffness"], 2.5e3 * made[0].values["rim.stiffness"]
     squares = np.linalg.eigvals(np.array([[(k1 + k2) / 0.05, -k2 / 0.05], [-k2 / 1.2, k2 / 1.2]]))
-    assert found["drive"]["locked"] == pytest.approx(np.sort(np.sqrt(squares)) / (2 * np.pi), rel=1e-9)
+    assert found["drive"]["locked"] == pytest.approx(
+        np.sort(np.sqrt(squares)) / (2 * np.pi), rel=1e-9
+    )
 
 
 def test_names_are_escaped(made, tmp_path):
@@ -329,10 +347,17 @@ def test_names_are_escaped(made, tmp_path):
 
 def test_the_report_has_the_sections(made, tmp_path):
     result, planted = made
-    text = updyn.write_report(result, tmp_path / "report.html", None, planted).read_text(encoding="utf-8")
-    order = [text.index(f'<section id="{name}">') for name in ("unknowns", "plant", "servo", "provenance")]
+    text = updyn.write_report(result, tmp_path / "report.html", None, planted).read_text(
+        encoding="utf-8"
+    )
+    order = [
+        text.index(f'<section id="{name}">')
+        for name in ("unknowns", "plant", "servo", "provenance")
+    ]
     assert order == sorted(order)
-    assert '<section id="plant">' not in updyn.write_report(result, tmp_path / "bare.html").read_text(encoding="utf-8")
+    assert '<section id="plant">' not in updyn.write_report(
+        result, tmp_path / "bare.html"
+    ).read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")

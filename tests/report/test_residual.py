@@ -29,14 +29,20 @@ def test_the_map_has_the_misfit_of_every_channel_and_band(found):
     figure = misfit_map(found)
     heat, alike, large = figure["data"]
     assert heat["type"] == "heatmap"
-    assert 10.0 ** np.array(heat["z"]) == pytest.approx(np.clip(found.misfit.reshape(8, -1), 0.3, 10.0))
+    assert 10.0 ** np.array(heat["z"]) == pytest.approx(
+        np.clip(found.misfit.reshape(8, -1), 0.3, 10.0)
+    )
     edges = np.array(heat["x"])
     assert edges[[0, -1]].tolist() == [20.0, 220.0]
     assert (edges[1:-1] > found.bands[:-1, 1]).all()
     assert (edges[1:-1] < found.bands[1:, 0]).all()
     assert figure["layout"]["yaxis"]["ticktext"][5] == "6:-Z / 12:Z"
     (at,) = np.flatnonzero(found.bands[:, 0] == found.worst[0].low)
-    assert (alike["name"], alike["y"], alike["x"]) == ("alike from line to line", [5], [np.mean(edges[at : at + 2])])
+    assert (alike["name"], alike["y"], alike["x"]) == (
+        "alike from line to line",
+        [5],
+        [np.mean(edges[at : at + 2])],
+    )
     assert large["name"] == "too large"
     assert {*large["y"]} == {0, 5}
     assert "misfit 3.72 times the noise<br>alike over 12 lines" in heat["hovertext"][5][at]
@@ -54,7 +60,9 @@ def test_the_section_says_where_and_what_would_explain_it(found):
 
 
 def test_without_a_suspect_other_causes_are_named(found):
-    assert "look at the sensors, at joints and parts" in words(adequacy=dataclasses.replace(found, explained_by=()))
+    assert "look at the sensors, at joints and parts" in words(
+        adequacy=dataclasses.replace(found, explained_by=())
+    )
 
 
 def test_a_residual_that_was_not_tested_has_no_section():
@@ -99,16 +107,29 @@ def test_channels_without_data_are_left_out():
     e = rng.standard_normal((30, 3, 1)) + 1j * rng.standard_normal((30, 3, 1))
     e[:, 1] = np.nan
     part = assess(
-        e, np.ones(e.shape), np.arange(1.0, 31.0), ["1:X", "2:X", "3:X"], ["1:X"], n_unknowns=0, absolute=True
+        e,
+        np.ones(e.shape),
+        np.arange(1.0, 31.0),
+        ["1:X", "2:X", "3:X"],
+        ["1:X"],
+        n_unknowns=0,
+        absolute=True,
     )
     assert misfit_map(part)["layout"]["yaxis"]["ticktext"] == ["1:X / 1:X", "3:X / 1:X"]
 
 
 def test_the_page_of_several_tests_says_what_is_left_of_each_and_the_worst_of_all():
     good = realistic(adequacy=noise((40, 3, 1)))
-    both = JointResult({"free": good, "locked": realistic(), "old": realistic(adequacy=None)}, "Three tests")
+    both = JointResult(
+        {"free": good, "locked": realistic(), "old": realistic(adequacy=None)}, "Three tests"
+    )
     html = render_joint(both)
-    assert "What is left model error the model cannot follow the data everywhere" in Page(html).words
+    assert (
+        "What is left model error the model cannot follow the data everywhere" in Page(html).words
+    )
     section = html[html.index('<section id="tests">') :].split("</section>")[0]
-    last = [re.findall(r"<td[^>]*>([^<]*)</td>", row)[-1] for row in re.findall(r"<tr>.*?</tr>", section)[1:]]
+    last = [
+        re.findall(r"<td[^>]*>([^<]*)</td>", row)[-1]
+        for row in re.findall(r"<tr>.*?</tr>", section)[1:]
+    ]
     assert last == ["noise", "model error", "–"]

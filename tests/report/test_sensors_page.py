@@ -15,12 +15,18 @@ def result():
     model = chain.build()
     true = {"part1": {"stiffness": 1.1, "mass_damping": 2.0}, "part3": {"stiffness_damping": 3e-3}}
     frf = updyn.response(
-        model.scaled(true), np.linspace(0.5, 20.0, 60), ["2:X", "5:X", "10:X"], ["12:X"], "accelerance"
+        model.scaled(true),
+        np.linspace(0.5, 20.0, 60),
+        ["2:X", "5:X", "10:X"],
+        ["12:X"],
+        "accelerance",
     )
     values = frf.values.copy()
     values[:, 1] *= 1.2
     frf = updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity)
-    unknowns = updyn.parameters(model, stiffness="part1", mass_damping="part1", stiffness_damping="part3")
+    unknowns = updyn.parameters(
+        model, stiffness="part1", mass_damping="part1", stiffness_damping="part3"
+    )
     unknowns = unknowns + updyn.calibration(frf, responses=["5:X"])
     return updyn.update(model, frf, unknowns, method="log")
 
@@ -29,12 +35,18 @@ def test_each_kind_of_unknown_has_its_own_figure(result):
     figures = all_figures(result, gather(result))
     assert {"factors", "mass-dampings", "stiffness-dampings", "calibrations"} <= figures.keys()
     assert "loss-factors" not in figures
-    title = {name: figures[name]["layout"]["xaxis"]["title"]["text"] for name in ("mass-dampings", "calibrations")}
+    title = {
+        name: figures[name]["layout"]["xaxis"]["title"]["text"]
+        for name in ("mass-dampings", "calibrations")
+    }
     assert title == {
         "mass-dampings": "mass damping (1/s)",
         "calibrations": "value relative to the start (log scale)",
     }
-    assert figures["stiffness-damping-paths"]["layout"]["yaxis"]["title"]["text"] == "stiffness damping (s)"
+    assert (
+        figures["stiffness-damping-paths"]["layout"]["yaxis"]["title"]["text"]
+        == "stiffness damping (s)"
+    )
 
 
 def test_the_model_is_shown_as_the_sensors_read_it(result):

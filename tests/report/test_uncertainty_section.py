@@ -16,12 +16,20 @@ from updyn.uncertainty.profiles import Hump, Profile, Profiles
 def result():
     groups = {
         "base": updyn.Group([[1000.0, 0.0], [0.0, 0.0]], np.diag([1.0, 0.0]), loss_factor=0.03),
-        "top": updyn.Group([[600.0, -600.0], [-600.0, 600.0]], np.diag([0.0, 1.0]), loss_factor=0.05),
+        "top": updyn.Group(
+            [[600.0, -600.0], [-600.0, 600.0]], np.diag([0.0, 1.0]), loss_factor=0.05
+        ),
     }
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     frf = updyn.response(model, np.linspace(1.0, 9.0, 40), ["1:X", "2:X"], ["1:X"])
     noise = np.random.default_rng(0).normal(size=(2, *frf.values.shape)) * 0.02 / np.sqrt(2)
-    data = updyn.FRF(frf.freq, frf.values * (1 + noise[0] + 1j * noise[1]), frf.responses, frf.references, "receptance")
+    data = updyn.FRF(
+        frf.freq,
+        frf.values * (1 + noise[0] + 1j * noise[1]),
+        frf.responses,
+        frf.references,
+        "receptance",
+    )
     unknowns = updyn.parameters(model, stiffness="all", loss_factor=["top"])
     return updyn.update(model, data, unknowns, noise={"relative": 0.02}, starts=0)
 
@@ -31,7 +39,18 @@ def profiles(result, spans):
     for name, (low, high) in spans.items():
         value, at = result.values[name], np.array([low, result.values[name], high])
         hump = Hump(low, value, high, 0.0)
-        found.append(Profile(name, value, at, np.array([1.92, 0.0, 1.92]), np.ones((3, 3)), (hump,), "level", "bound"))
+        found.append(
+            Profile(
+                name,
+                value,
+                at,
+                np.array([1.92, 0.0, 1.92]),
+                np.ones((3, 3)),
+                (hump,),
+                "level",
+                "bound",
+            )
+        )
     return Profiles(tuple(found), 0.95, 1.92)
 
 
@@ -41,7 +60,13 @@ def draws(result, message=""):
     mean, std = (np.array([table[n] for n in names]) for table in (result.values, result.std))
     values = mean + std * rng.standard_normal((4, 100, 3))
     more = {k: np.ones(3) for k in ("r_hat", "ess_bulk", "ess_tail")}
-    about = (mean, std, result.parameters.lower, result.parameters.upper, result.parameters.is_factor)
+    about = (
+        mean,
+        std,
+        result.parameters.lower,
+        result.parameters.upper,
+        result.parameters.is_factor,
+    )
     return Draws("sampling", tuple(names), values, *about, more, {}, not message, message)
 
 
@@ -49,7 +74,10 @@ def test_bars_are_standard_deviations_of_laplace(result):
     factor, loss = "base.stiffness", "top.loss_factor"
     v, s = result.values, result.std
     spans = {
-        factor: (v[factor] * np.exp(-2 * s[factor] / v[factor]), v[factor] * np.exp(99 * s[factor] / v[factor])),
+        factor: (
+            v[factor] * np.exp(-2 * s[factor] / v[factor]),
+            v[factor] * np.exp(99 * s[factor] / v[factor]),
+        ),
         loss: (v[loss] - 1.5 * s[loss], v[loss] + 3 * s[loss]),
     }
     figure = intervals_figure(result, profiles(result, spans))

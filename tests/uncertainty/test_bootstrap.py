@@ -30,7 +30,9 @@ def test_its_spread_is_that_of_laplace(fit, drawn) -> None:
     """The deviation of a sample of 120 is known to 6.5 %."""
     for name in away_from_bounds(fit):
         assert drawn.deviation[name] == pytest.approx(fit.std[name], rel=0.2)
-        assert drawn.mean[name] == pytest.approx(fit.values[name], abs=4 * fit.std[name] / np.sqrt(120))
+        assert drawn.mean[name] == pytest.approx(
+            fit.values[name], abs=4 * fit.std[name] / np.sqrt(120)
+        )
     names = away_from_bounds(fit)
     at = [drawn.names.index(n) for n in names]
     C = fit.covariance[np.ix_(at, at)]
@@ -70,7 +72,10 @@ def test_bca_corrects_bias_as_its_formula_says() -> None:
         np.zeros(1, bool), {"acceleration": np.array([0.05])},
     )  # fmt: skip
     z0 = norm.ppf((values < 0).mean())
-    expected = [np.quantile(values, norm.cdf(z0 + (z0 + z) / (1 - 0.05 * (z0 + z)))) for z in (-1.95996, 1.95996)]
+    expected = [
+        np.quantile(values, norm.cdf(z0 + (z0 + z) / (1 - 0.05 * (z0 + z))))
+        for z in (-1.95996, 1.95996)
+    ]
     assert draws.intervals(0.95, "bca")["a"] == pytest.approx(expected, abs=1e-5)
 
 
@@ -112,7 +117,11 @@ def test_refits_that_fail_are_counted(fit, monkeypatch) -> None:
 
     monkeypatch.setattr(MaximumLikelihood, "fit", sometimes)
     found = updyn.bootstrap(fit, 20)
-    assert (len(found), dict(found.failed), found.converged) == (15, {"not solved: singular at 3 Hz": 5}, False)
+    assert (len(found), dict(found.failed), found.converged) == (
+        15,
+        {"not solved: singular at 3 Hz": 5},
+        False,
+    )
     assert "5 of 20 refits failed: not solved: singular at 3 Hz (5)" in found.message
     assert "not to be relied on" in found.summary()
 

@@ -26,11 +26,20 @@ def result() -> updyn.UpdateResult:
         groups[name] = updyn.Group(K, M, loss_factor=0.03)
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(N)])
     frf = updyn.response(
-        model.scaled({"far": {"stiffness": 1.1}}), np.linspace(0.5, 6.0, 25), ["60:X", "20:X"], ["60:X"]
+        model.scaled({"far": {"stiffness": 1.1}}),
+        np.linspace(0.5, 6.0, 25),
+        ["60:X", "20:X"],
+        ["60:X"],
     )
     unknowns = updyn.parameters(model, stiffness="all")
     return updyn.update(
-        model, noisy(frf, 0, 0.02), unknowns, noise={"relative": 0.02}, tier="sparse", backend="superlu", starts=0
+        model,
+        noisy(frf, 0, 0.02),
+        unknowns,
+        noise={"relative": 0.02},
+        tier="sparse",
+        backend="superlu",
+        starts=0,
     )
 
 
@@ -42,7 +51,14 @@ def test_a_bootstrap_is_made_in_a_reduced_model(result) -> None:
     for name in found.names:
         assert found.deviation[name] == pytest.approx(result.std[name], rel=0.4)
     # Those of the whole model, refit by refit.
-    whole = updyn.update(result.start, result.frf, result.parameters, noise={"relative": 0.02}, tier="dense", starts=0)
+    whole = updyn.update(
+        result.start,
+        result.frf,
+        result.parameters,
+        noise={"relative": 0.02},
+        tier="dense",
+        starts=0,
+    )
     exact = updyn.bootstrap(whole, 4)
     std = np.array([result.std[n] for n in found.names])
     assert (np.abs(exact.values - found.values[:4]) < 0.02 * std).all()

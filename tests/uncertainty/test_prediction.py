@@ -51,7 +51,9 @@ def test_it_is_the_delta_method_in_closed_form() -> None:
 
 def test_phase_and_magnitude_follow_what_the_unknowns_do(result) -> None:
     """Against differences: each unknown moved by its own share of the covariance's root."""
-    band = updyn.predict(result, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance", level=0.6826895)
+    band = updyn.predict(
+        result, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance", level=0.6826895
+    )
     names = result.parameters.names
     root = np.linalg.cholesky(result.covariance)
     here = np.array([result.values[n] for n in names])
@@ -60,7 +62,9 @@ def test_phase_and_magnitude_follow_what_the_unknowns_do(result) -> None:
         ends = []
         for side in (h, -h):
             model = result.parameters.apply(result.start, here + side * column)
-            ends.append(updyn.response(model, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance").values)
+            ends.append(
+                updyn.response(model, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance").values
+            )
         log.append(np.log(ends[0] / ends[1]) / (2 * h))
     spread = np.sqrt(np.sum(np.real(log) ** 2, axis=0))
     turn = np.sqrt(np.sum(np.imag(log) ** 2, axis=0))
@@ -93,7 +97,9 @@ def test_draws_give_the_band_of_laplace_where_that_is_right(result) -> None:
     assert np.median(other.std_real / one.std_real) == pytest.approx(1.0, abs=0.15)
     assert (other.source, one.source) == ("bootstrap", "Laplace")
     with_noise = updyn.predict(draws, LINES[::3], ["1:X", "2:X"], ["1:X"], noise=True)
-    assert np.median(with_noise.std_real / np.abs(one.frf.values)) == pytest.approx(0.03 / np.sqrt(2), rel=0.2)
+    assert np.median(with_noise.std_real / np.abs(one.frf.values)) == pytest.approx(
+        0.03 / np.sqrt(2), rel=0.2
+    )
 
 
 def test_what_is_open_has_no_band_only_where_it_moves() -> None:
@@ -111,7 +117,9 @@ def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
     plain, more = (updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=n) for n in (False, True))
     level = np.sqrt(np.mean(np.abs(result.frf.values) ** 2))
     added = np.sqrt(more.std_real**2 - plain.std_real**2)
-    np.testing.assert_allclose(added, 0.05 * level * result.noise["inflation"] / np.sqrt(2), rtol=1e-6)
+    np.testing.assert_allclose(
+        added, 0.05 * level * result.noise["inflation"] / np.sqrt(2), rtol=1e-6
+    )
     assert "of a measurement" in repr(more)
     with pytest.raises(OptionError, match="predict that quantity"):
         updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=True, quantity="mobility")
@@ -119,7 +127,9 @@ def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
 
 def test_of_several_tests_one_answers() -> None:
     one = fit(0)
-    tests = [updyn.Test(one.start, fit(seed).frf, str(seed), noise={"relative": 0.03}) for seed in (0, 1)]
+    tests = [
+        updyn.Test(one.start, fit(seed).frf, str(seed), noise={"relative": 0.03}) for seed in (0, 1)
+    ]
     joint = updyn.update_jointly(tests, one.parameters, starts=0)
     band = updyn.predict(joint, LINES, ["2:X"], ["1:X"], test="1")
     alone = updyn.predict(one, LINES, ["2:X"], ["1:X"])

@@ -14,8 +14,12 @@ from updyn.uncertainty.setting import restore
 @pytest.fixture(scope="module")
 def sure(chain12_true, chain12_frf, add_noise) -> updyn.UpdateResult:
     """The chain with so little noise that its likelihood is Gaussian."""
-    data = add_noise(chain12_frf.select(references=["2:X", "12:X"]), np.random.default_rng(0), 0.001)
-    unknowns = updyn.parameters(chain12_true, stiffness=["part1", "part3"], loss_factor=["part1", "part2"])
+    data = add_noise(
+        chain12_frf.select(references=["2:X", "12:X"]), np.random.default_rng(0), 0.001
+    )
+    unknowns = updyn.parameters(
+        chain12_true, stiffness=["part1", "part3"], loss_factor=["part1", "part2"]
+    )
     return updyn.update(chain12_true, data, unknowns, noise={"relative": 0.001}, starts=0)
 
 
@@ -47,7 +51,9 @@ def test_a_curved_likelihood_gives_its_own_interval() -> None:
     half = np.sqrt(3.841459) * sigma / np.sqrt(2 * len(frf.freq))
     (one,) = updyn.profile(result).values()
     assert one.estimate == pytest.approx(1 / (k * mean), rel=1e-4)
-    assert (one.lower, one.upper) == pytest.approx((1 / (k * (mean + half)), 1 / (k * (mean - half))), rel=1e-4)
+    assert (one.lower, one.upper) == pytest.approx(
+        (1 / (k * (mean + half)), 1 / (k * (mean - half))), rel=1e-4
+    )
     # Lopsided, as Laplace in the logarithm is not.
     assert np.log(one.upper / one.estimate) > 1.2 * np.log(one.estimate / one.lower)
     compliance = 1 / (k * one.values)
@@ -56,10 +62,13 @@ def test_a_curved_likelihood_gives_its_own_interval() -> None:
 
 
 def test_a_loss_factor_on_its_bound_gets_a_one_sided_interval() -> None:
-    result = next(r for r in map(without_loss, range(20)) if r.at_bound == {"top.loss_factor": "lower"})
+    result = next(
+        r for r in map(without_loss, range(20)) if r.at_bound == {"top.loss_factor": "lower"}
+    )
     one = updyn.profile(result)["top.loss_factor"]
     assert (one.lower, one.lower_end, one.upper_end) == (0.0, "zero", "level")
-    # The end is where the likelihood of the other unknowns fitted again has fallen by 1.92: checked by another way.
+    # The end is where the likelihood of the other unknowns fitted again has fallen by 1.92: checked
+    # by another way.
     held = result.start.scaled({"top": {"loss_factor": one.upper}})
     rest = updyn.parameters(held, stiffness="all", loss_factor=["base"])
     again = updyn.update(held, result.frf, rest, noise={"relative": 0.02}, starts=0)
@@ -73,7 +82,10 @@ def test_a_loss_factor_on_its_bound_gets_a_one_sided_interval() -> None:
 
 def test_true_zeros_are_covered_as_often_as_said() -> None:
     """The one-sided interval covers a zero in 97.5 % of draws (Self & Liang 1987); symmetric bars cannot say so."""
-    covered = [updyn.profile(without_loss(s), "top.loss_factor", starts=0)["top.loss_factor"] for s in range(40)]
+    covered = [
+        updyn.profile(without_loss(s), "top.loss_factor", starts=0)["top.loss_factor"]
+        for s in range(40)
+    ]
     assert sum(c.lower == 0.0 for c in covered) >= 36
     assert all(c.upper > 0.0 for c in covered)
 
@@ -92,7 +104,9 @@ def test_open_ends_are_said() -> None:
 def test_a_prior_closes_them() -> None:
     found = updyn.profile(in_series(prior=0.05))
     a = found["a.stiffness"]
-    assert np.log([a.lower / a.estimate, a.upper / a.estimate]) == pytest.approx([-0.098, 0.098], rel=0.02)
+    assert np.log([a.lower / a.estimate, a.upper / a.estimate]) == pytest.approx(
+        [-0.098, 0.098], rel=0.02
+    )
 
 
 def test_two_humps_are_both_found() -> None:
@@ -116,13 +130,20 @@ def test_a_better_fit_on_the_way_is_told() -> None:
     true = model.scaled({"left wall": {"stiffness": 0.7}, "right wall": {"stiffness": 1.5}})
     frf = updyn.response(true, np.linspace(2.0, 12.0, 60), ["2:X", "1:X"], ["2:X"])
     variance = np.empty(frf.values.shape)
-    variance[:, 0], variance[:, 1] = (0.05 * np.abs(frf.values[:, 0])) ** 2, (2.0 * np.abs(frf.values[:, 1])) ** 2
-    data = updyn.FRF(frf.freq, frf.values, frf.responses, frf.references, frf.quantity, variance=variance)
+    variance[:, 0], variance[:, 1] = (
+        (0.05 * np.abs(frf.values[:, 0])) ** 2,
+        (2.0 * np.abs(frf.values[:, 1])) ** 2,
+    )
+    data = updyn.FRF(
+        frf.freq, frf.values, frf.responses, frf.references, frf.quantity, variance=variance
+    )
     swapped = whole.parameters.with_start([1.45, 0.72])
     worse = updyn.update(model, data, swapped, starts=0)
     assert worse.values["left wall.stiffness"] > 1.0
     found = updyn.profile(worse)
-    assert found.better == pytest.approx({"left wall.stiffness": 0.7, "right wall.stiffness": 1.5}, rel=1e-3)
+    assert found.better == pytest.approx(
+        {"left wall.stiffness": 0.7, "right wall.stiffness": 1.5}, rel=1e-3
+    )
     assert "better fit" in found.summary()
     assert found["left wall.stiffness"].estimate == pytest.approx(0.7, rel=1e-3)
 
@@ -130,9 +151,15 @@ def test_a_better_fit_on_the_way_is_told() -> None:
 def test_several_tests_are_profiled_together() -> None:
     """Two tests of one spring narrow the interval by the root of two."""
     one, other = one_spring(0, 0.02), one_spring(1, 0.02)
-    tests = [updyn.Test(r.start, r.frf, name, noise={"floor": 0.02}) for name, r in (("1", one), ("2", other))]
+    tests = [
+        updyn.Test(r.start, r.frf, name, noise={"floor": 0.02})
+        for name, r in (("1", one), ("2", other))
+    ]
     joint = updyn.update_jointly(tests, one.parameters, starts=0)
-    widths = [np.log(p.upper / p.lower) for p in (updyn.profile(r)["spring.stiffness"] for r in (one, joint))]
+    widths = [
+        np.log(p.upper / p.lower)
+        for p in (updyn.profile(r)["spring.stiffness"] for r in (one, joint))
+    ]
     inflation = joint.first.noise["inflation"] / one.noise["inflation"]
     assert widths[1] / widths[0] == pytest.approx(inflation / np.sqrt(2), rel=0.02)
 
@@ -153,13 +180,18 @@ def test_the_caller_may_stop(sure) -> None:
         return progress.done == 1
 
     found = updyn.profile(sure, starts=0, callback=stop)
-    assert (list(found), found.missing) == (sure.parameters.names[:1], tuple(sure.parameters.names[1:]))
+    assert (list(found), found.missing) == (
+        sure.parameters.names[:1],
+        tuple(sure.parameters.names[1:]),
+    )
     assert (seen[-1].stage, seen[-1].done, seen[-1].total) == ("profile", 1, 4)
     assert "Stopped before" in found.message
 
 
 def test_what_cannot_be_profiled_is_refused(sure, chain12, chain12_frf) -> None:
-    with pytest.raises(OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"):
+    with pytest.raises(
+        OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"
+    ):
         updyn.profile(sure, ["part1.stifness"])
     with pytest.raises(OptionError, match="level = 95"):
         updyn.profile(sure, level=95)

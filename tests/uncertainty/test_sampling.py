@@ -63,7 +63,9 @@ def test_two_humps_have_their_shares() -> None:
 def test_one_hump_alone_is_what_laplace_sees() -> None:
     result = seen_from_the_middle()
     found = updyn.sample(result, 400, starts=0)
-    assert found.deviation["left wall.stiffness"] == pytest.approx(result.std["left wall.stiffness"], rel=0.1)
+    assert found.deviation["left wall.stiffness"] == pytest.approx(
+        result.std["left wall.stiffness"], rel=0.1
+    )
 
 
 def test_a_curved_posterior_is_its_closed_form() -> None:
@@ -86,7 +88,9 @@ def test_a_curved_posterior_is_its_closed_form() -> None:
 
 def test_a_bound_cuts_the_posterior() -> None:
     """At a bound the density is a truncated normal; no draw lies outside."""
-    result = next(r for r in map(without_loss, range(20)) if r.at_bound == {"top.loss_factor": "lower"})
+    result = next(
+        r for r in map(without_loss, range(20)) if r.at_bound == {"top.loss_factor": "lower"}
+    )
     found = updyn.sample(result, 800, starts=0)
     loss = found["top.loss_factor"]
     assert loss.min() >= 0.0
@@ -96,7 +100,9 @@ def test_a_bound_cuts_the_posterior() -> None:
     at = np.linspace(0.0, one.upper, 2001)
     density = np.exp(-np.interp(at, one.values, one.drop))
     share = np.cumsum(density) / density.sum()
-    assert np.quantile(loss, [0.5, 0.9]) == pytest.approx(np.interp([0.5, 0.9], share, at), rel=0.12)
+    assert np.quantile(loss, [0.5, 0.9]) == pytest.approx(
+        np.interp([0.5, 0.9], share, at), rel=0.12
+    )
 
 
 def test_a_prior_is_the_posterior_of_what_is_open() -> None:
@@ -114,9 +120,13 @@ def test_too_few_evaluations_are_told() -> None:
 
 
 def test_draws_do_not_depend_on_workers(sure) -> None:
-    here, there = (updyn.sample(sure, 50, 3, starts=0, max_evaluations=4000, engine=e) for e in (None, 2))
+    here, there = (
+        updyn.sample(sure, 50, 3, starts=0, max_evaluations=4000, engine=e) for e in (None, 2)
+    )
     np.testing.assert_array_equal(here.values, there.values)
-    assert not np.array_equal(here.values[:5], updyn.sample(sure, 50, 4, starts=0, max_evaluations=4000).values[:5])
+    assert not np.array_equal(
+        here.values[:5], updyn.sample(sure, 50, 4, starts=0, max_evaluations=4000).values[:5]
+    )
 
 
 def test_the_caller_may_stop_and_see(sure) -> None:

@@ -26,7 +26,8 @@ def model() -> updyn.Model:
 def data(**extra) -> updyn.FRF:
     frf = updyn.response(model(), LINES, ["1:X", "2:X"], ["1:X"])
     return replace(
-        noisy(frf, 3, 0.01), **{k: np.full(frf.values.shape, v) for k, v in extra.items() if k != "averages"}
+        noisy(frf, 3, 0.01),
+        **{k: np.full(frf.values.shape, v) for k, v in extra.items() if k != "averages"},
     )
 
 
@@ -56,7 +57,11 @@ def test_every_kind_of_noise(case) -> None:
         values[20] *= 3.0
         frf = replace(frf, values=values)
     result = updyn.update(
-        model(), frf, updyn.parameters(model(), stiffness="all", loss_factor="all"), noise=noise, starts=0
+        model(),
+        frf,
+        updyn.parameters(model(), stiffness="all", loss_factor="all"),
+        noise=noise,
+        starts=0,
     )
     setting = restore(result)
     top = setting.likelihood().descend(setting.x)
@@ -97,6 +102,8 @@ def test_damping_in_other_units_keeps_them() -> None:
 
 
 def test_a_regularised_fit_has_no_likelihood() -> None:
-    result = updyn.update(model(), data(), updyn.parameters(model(), stiffness="all"), regularise="gcv", starts=0)
+    result = updyn.update(
+        model(), data(), updyn.parameters(model(), stiffness="all"), regularise="gcv", starts=0
+    )
     with pytest.raises(OptionError, match="give the unknowns priors"):
         updyn.profile(result)

@@ -22,7 +22,9 @@ def springs(*pairs: tuple[int, int, float], n: int) -> np.ndarray:
 def noisy(frf: updyn.FRF, seed: int, relative: float = 0.0, floor: float = 0.0) -> updyn.FRF:
     """Add circular noise, E|dH|^2 = (relative |H|)^2 + (floor rms)^2."""
     rng = np.random.default_rng(seed)
-    std = np.sqrt((relative * np.abs(frf.values)) ** 2 + floor**2 * np.mean(np.abs(frf.values) ** 2))
+    std = np.sqrt(
+        (relative * np.abs(frf.values)) ** 2 + floor**2 * np.mean(np.abs(frf.values) ** 2)
+    )
     draw = rng.standard_normal((2, *frf.values.shape))
     values = frf.values + std * (draw[0] + 1j * draw[1]) / np.sqrt(2)
     return updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity)
@@ -31,7 +33,9 @@ def noisy(frf: updyn.FRF, seed: int, relative: float = 0.0, floor: float = 0.0) 
 def mirrored() -> updyn.Model:
     """Three masses in a row between two walls, like from both sides but for the springs to the walls."""
     groups = {
-        "inner": updyn.Group(springs((1, 2, 800.0), (2, 3, 800.0), n=3), np.eye(3), loss_factor=0.02),
+        "inner": updyn.Group(
+            springs((1, 2, 800.0), (2, 3, 800.0), n=3), np.eye(3), loss_factor=0.02
+        ),
         "left wall": updyn.Group(springs((0, 1, 1000.0), n=3), loss_factor=0.02),
         "right wall": updyn.Group(springs((0, 3, 1000.0), n=3), loss_factor=0.02),
     }
@@ -43,14 +47,18 @@ def seen_from_the_middle(relative: float = 0.05, seed: int = 3) -> updyn.UpdateR
     model = mirrored()
     true = model.scaled({"left wall": {"stiffness": 0.7}, "right wall": {"stiffness": 1.5}})
     frf = noisy(updyn.response(true, np.linspace(2.0, 12.0, 60), ["2:X"], ["2:X"]), seed, relative)
-    unknowns = updyn.parameters(model, stiffness=["left wall", "right wall"], bounds={"stiffness": (0.2, 5.0)})
+    unknowns = updyn.parameters(
+        model, stiffness=["left wall", "right wall"], bounds={"stiffness": (0.2, 5.0)}
+    )
     return updyn.update(model, frf, unknowns, noise={"relative": relative})
 
 
 def one_spring(seed: int = 0, floor: float = 0.5, lines: int = 6) -> updyn.UpdateResult:
     """H = 1 / (kappa k) at every line, with additive noise: its likelihood is known in closed form."""
     model = updyn.Model.from_groups({"spring": updyn.Group([[50.0]])}, ["1:X"])
-    frf = noisy(updyn.response(model, np.linspace(1.0, 2.0, lines), ["1:X"], ["1:X"]), seed, 0.0, floor)
+    frf = noisy(
+        updyn.response(model, np.linspace(1.0, 2.0, lines), ["1:X"], ["1:X"]), seed, 0.0, floor
+    )
     unknowns = updyn.parameters(model, stiffness="all", bounds={"stiffness": (0.05, 20.0)})
     return updyn.update(model, frf, unknowns, noise={"floor": floor}, starts=0)
 
@@ -65,7 +73,9 @@ def in_series(prior: float | None = None) -> updyn.UpdateResult:
     true = model.scaled({"b": {"stiffness": 1.4}})
     frf = noisy(updyn.response(true, np.linspace(1.0, 6.0, 30), ["2:X"], ["2:X"]), 0, 0.01)
     stds = None if prior is None else {"a.stiffness": prior}
-    unknowns = updyn.parameters(model, stiffness="all", bounds={"stiffness": (0.2, 5.0)}, prior_std=stds)
+    unknowns = updyn.parameters(
+        model, stiffness="all", bounds={"stiffness": (0.2, 5.0)}, prior_std=stds
+    )
     return updyn.update(model, frf, unknowns, noise={"relative": 0.01})
 
 
@@ -76,6 +86,8 @@ def without_loss(seed: int = 0, relative: float = 0.02) -> updyn.UpdateResult:
         "top": updyn.Group(springs((1, 2, 600.0), n=2), np.diag([0.0, 1.0])),
     }
     true = updyn.Model.from_groups(groups, ["1:X", "2:X"])
-    frf = noisy(updyn.response(true, np.linspace(1.0, 9.0, 40), ["1:X", "2:X"], ["1:X"]), seed, relative)
+    frf = noisy(
+        updyn.response(true, np.linspace(1.0, 9.0, 40), ["1:X", "2:X"], ["1:X"]), seed, relative
+    )
     unknowns = updyn.parameters(true, stiffness="all", loss_factor="all")
     return updyn.update(true, frf, unknowns, noise={"relative": relative}, starts=0)

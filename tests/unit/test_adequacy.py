@@ -10,7 +10,9 @@ from updyn.updating.whiteness import adjusted, bands, clipped, serial_p
 RNG = np.random.default_rng
 N_F, N_I, N_J = 60, 4, 2
 FREQ = np.linspace(1.0, 100.0, N_F)
-H = sum(1.0 / (f0**2 - FREQ**2 + 0.02j * f0**2) for f0 in (15.0, 40.0, 75.0))[:, None, None] * np.ones((N_I, N_J))
+H = sum(1.0 / (f0**2 - FREQ**2 + 0.02j * f0**2) for f0 in (15.0, 40.0, 75.0))[
+    :, None, None
+] * np.ones((N_I, N_J))
 RESPONSES, REFERENCES = [f"{i}:Z" for i in range(1, N_I + 1)], ["2:Z", "4:-Z"]
 
 
@@ -30,8 +32,8 @@ def look(whitened, **options):
 def test_of_two_neighbours_the_tail_is_known_in_closed_form():
     """Five values of which only two are neighbours: 2 Re(e1* e2) / |e|^2 has eigenvalues 3/4, 0, 0, 0, -3/4 of T.
 
-    P(sum a_j E_j > 0) with a = (3/4 - r, -r, -r, -r, -3/4 - r) by partial fractions; a repeated pole is split slightly.
-    """
+    P(sum a_j E_j > 0) with a = (3/4 - r, -r, -r, -r, -3/4 - r) by partial fractions; a repeated
+    pole is split slightly."""
     at = [0, 1, 10, 20, 30]
     rng = RNG(1)
     e = np.full((31, 400), np.nan, dtype=complex)
@@ -80,7 +82,9 @@ def test_too_few_values_or_none_are_not_tested():
 # -- many tests ------------------------------------------------------------------------------------------------
 def test_adjusted_p_values_by_hand():
     """Benjamini & Hochberg: p_(k) n / k, made monotone from above; Table of four by hand."""
-    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx([4 * 0.04 / 3, 0.04, 4 * 0.04 / 3, 0.5])
+    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx(
+        [4 * 0.04 / 3, 0.04, 4 * 0.04 / 3, 0.5]
+    )
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -88,7 +92,8 @@ def test_pure_noise_seldom_raises_an_alarm(absolute):
     found = [look(noise(seed), absolute=absolute) for seed in range(200)]
     assert sum(not a.adequate for a in found) <= 10  # 5 % of runs; the level is 2 %
     assert {a.verdict for a in found if a.adequate} == {
-        "What is left cannot be told from noise" + ("." if absolute else ", whose size was taken from it.")
+        "What is left cannot be told from noise"
+        + ("." if absolute else ", whose size was taken from it.")
     }
     assert all(a.worst == () and a.p_value > LEVEL for a in found if a.adequate)
 
@@ -129,7 +134,10 @@ def test_a_planted_misfit_is_named_with_place_size_and_length():
     assert found.verdict.startswith(
         f"The model cannot explain channel 3:Z (force 4:-Z) near {worst.near:.4g} Hz: misfit "
     )
-    assert f"misfit {worst.misfit:.2g} times the noise, alike over {worst.alike:.0f} lines" in found.verdict
+    assert (
+        f"misfit {worst.misfit:.2g} times the noise, alike over {worst.alike:.0f} lines"
+        in found.verdict
+    )
     at = np.argwhere(found.bands[:, 0] == worst.low)[0, 0]
     assert found.misfit[2, 1, at] == worst.misfit
     band = (found.bands[at, 0] <= FREQ) & (found.bands[at, 1] >= FREQ)
@@ -141,8 +149,16 @@ def test_p_values_of_size_are_those_of_chi_square_and_of_f():
     e = planted(2.0)
     for absolute in (True, False):
         found = look(e, absolute=absolute, n_unknowns=3)
-        square = np.stack([np.sum(np.abs(e[k]) ** 2, axis=0) for k in bands(np.log(np.abs(H[:, 0, 0])))], axis=-1)
-        count = np.stack([np.full((N_I, N_J), 2.0 * (k.stop - k.start)) for k in bands(np.log(np.abs(H[:, 0, 0])))], -1)
+        square = np.stack(
+            [np.sum(np.abs(e[k]) ** 2, axis=0) for k in bands(np.log(np.abs(H[:, 0, 0])))], axis=-1
+        )
+        count = np.stack(
+            [
+                np.full((N_I, N_J), 2.0 * (k.stop - k.start))
+                for k in bands(np.log(np.abs(H[:, 0, 0])))
+            ],
+            -1,
+        )
         if absolute:
             p = chi2.sf(square, count)
         else:
@@ -191,12 +207,18 @@ def test_what_cannot_be_tested_is_said():
 
 def test_one_channel_in_one_band():
     flat = np.ones((6, 1, 1))
-    found = assess(noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True)
+    found = assess(
+        noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True
+    )
     assert found.bands.tolist() == [[FREQ[0], FREQ[5]]]
     assert found.adequate
-    loud = assess(9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True)
+    loud = assess(
+        9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True
+    )
     assert loud.outcome == "excess"
-    relative = assess(9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=False)
+    relative = assess(
+        9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=False
+    )
     assert relative.adequate  # nothing to compare with
 
 
@@ -208,7 +230,8 @@ def test_what_would_explain_it_is_said():
     ]
     found = blamed(look(planted(4.0)), suspects)
     assert found.verdict.endswith(
-        " An error in the stiffness of gear 2 (too low) or the mass of gear 2 (too high) would explain 90 % of it."
+        " An error in the stiffness of gear 2 (too low) or the mass of gear 2 (too high) would"
+        " explain 90 % of it."
     )
     assert found.explained_by == tuple(suspects)
     e = noise(12)

@@ -13,15 +13,25 @@ from updyn.sensitivity import Unknowns
 @pytest.fixture
 def model():
     """Two groups that share DOF 2; a ground spring whose negative cancels an entry of the first."""
-    a = updyn.Group([[3.0, -1.0, 0], [-1.0, 2.0, 0], [0, 0, 0]], np.diag([1.0, 2.0, 0.0]), loss_factor=0.1)
-    b = updyn.Group([[0, 0, 0], [0, 5.0, -5.0], [0, -5.0, 5.0]], np.diag([0.0, 0.5, 4.0]), viscous=np.diag([0, 0, 7.0]))
-    c = updyn.Group([[1.0, 1.0, 0], [1.0, 1.0, 0], [0, 0, 0]])  # its off-diagonal cancels that of the first
+    a = updyn.Group(
+        [[3.0, -1.0, 0], [-1.0, 2.0, 0], [0, 0, 0]], np.diag([1.0, 2.0, 0.0]), loss_factor=0.1
+    )
+    b = updyn.Group(
+        [[0, 0, 0], [0, 5.0, -5.0], [0, -5.0, 5.0]],
+        np.diag([0.0, 0.5, 4.0]),
+        viscous=np.diag([0, 0, 7.0]),
+    )
+    c = updyn.Group(
+        [[1.0, 1.0, 0], [1.0, 1.0, 0], [0, 0, 0]]
+    )  # its off-diagonal cancels that of the first
     return updyn.Model.from_groups({"a": a, "b": b, "c": c}, ["1:X", "2:X", "3:X"])
 
 
 def dense(system, values):
     n = system.n
-    return np.stack([sp.csr_array((v, system.indices, system.indptr), shape=(n, n)).toarray() for v in values.T])
+    return np.stack(
+        [sp.csr_array((v, system.indices, system.indptr), shape=(n, n)).toarray() for v in values.T]
+    )
 
 
 def by_hand(model, omega, factors=None, loss=None):
@@ -48,7 +58,11 @@ def test_dynamic_stiffness_is_the_sum_of_groups(model):
 def test_entries_that_cancel_keep_their_place_in_the_pattern(model):
     """The cancelling entry must be there: with other factors it no longer cancels."""
     system = AffineSystem.compile(model)
-    state = State(np.where([t.group == "c" for t in system.terms], 3.0, 1.0), system.start.loss, system.start.rate)
+    state = State(
+        np.where([t.group == "c" for t in system.terms], 3.0, 1.0),
+        system.start.loss,
+        system.start.rate,
+    )
     Z = dense(system, system.values(system.coefficients(state, np.array([1.0]))))[0]
     assert pytest.approx(by_hand(model, 1.0, {("c", "stiffness"): 3.0}), rel=1e-15) == Z
     assert Z[0, 1] == pytest.approx(-1.0 - 0.1j + 3.0)
@@ -80,14 +94,22 @@ def test_terms_by_quantity_and_loss_factor_shares_the_stiffness(model):
 def test_term_times_a_field_is_the_matrix_product(n):
     """Small groups are held dense, large and empty ones sparse; both multiply complex fields as real ones."""
     rng = np.random.default_rng(1)
-    K = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
-    model = updyn.Model.from_groups({"all": updyn.Group(K, sp.eye_array(n))}, [f"{i}:X" for i in range(n)])
+    K = sp.diags_array(
+        [np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1]
+    )
+    model = updyn.Model.from_groups(
+        {"all": updyn.Group(K, sp.eye_array(n))}, [f"{i}:X" for i in range(n)]
+    )
     term = AffineSystem.compile(model).terms[0]
     assert sp.issparse(term.local) == (n == 900)
     field = rng.standard_normal((n, 3, 2)) + 1j * rng.standard_normal((n, 3, 2))
-    assert term.times(field[term.rows]) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), field), rel=1e-13)
+    assert term.times(field[term.rows]) == pytest.approx(
+        np.einsum("ij,jab->iab", K.toarray(), field), rel=1e-13
+    )
     backwards = field[:, ::-1].transpose(0, 2, 1)  # not contiguous
-    assert term.times(backwards) == pytest.approx(np.einsum("ij,jab->iab", K.toarray(), backwards), rel=1e-13)
+    assert term.times(backwards) == pytest.approx(
+        np.einsum("ij,jab->iab", K.toarray(), backwards), rel=1e-13
+    )
 
 
 @pytest.mark.parametrize("n_lines", [1, 3])
@@ -98,7 +120,11 @@ def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
     monkeypatch.setattr(affine, "_BESIDE", beside)
     rng = np.random.default_rng(2)
     A, B, C = (X @ X.T for X in rng.standard_normal((3, 4, 4)))
-    groups = {"a": updyn.Group(A, B, 0.1), "b": updyn.Group(C), "c": updyn.Group(np.diag([1.0, 0, 2.0, 0]))}
+    groups = {
+        "a": updyn.Group(A, B, 0.1),
+        "b": updyn.Group(C),
+        "c": updyn.Group(np.diag([1.0, 0, 2.0, 0])),
+    }
     full = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 5)])
     system, omega = AffineSystem.compile(full), np.array([0.5, 2.0, 7.0])[:n_lines]
     assert (system.beside is not None) == (beside > 0)
@@ -120,9 +146,12 @@ def test_real_sums_stay_real(model, beside, monkeypatch):
 
 def test_what_matrices_have_in_common_is_kept_once(model):
     n = 900
-    K = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
+    K = sp.diags_array(
+        [np.full(n - 1, -1.0), np.full(n, 2.5), np.full(n - 1, -1.0)], offsets=[-1, 0, 1]
+    )
     large = updyn.Model.from_groups(
-        {"a": updyn.Group(K, abs(K)), "b": updyn.Group(sp.eye_array(n))}, [f"{i}:X" for i in range(n)]
+        {"a": updyn.Group(K, abs(K)), "b": updyn.Group(sp.eye_array(n))},
+        [f"{i}:X" for i in range(n)],
     )
     stiffness, mass, other = AffineSystem.compile(large).terms
     assert stiffness.slots is mass.slots
@@ -131,14 +160,22 @@ def test_what_matrices_have_in_common_is_kept_once(model):
     own = large.groups["a"].stiffness.data
     assert np.shares_memory(stiffness.data, own)
     assert np.shares_memory(stiffness.local.data, own)
-    full = AffineSystem.compile(updyn.Model.from_groups({"f": updyn.Group(np.eye(2) + 1.0)}, ["1:X", "2:X"])).terms[0]
+    full = AffineSystem.compile(
+        updyn.Model.from_groups({"f": updyn.Group(np.eye(2) + 1.0)}, ["1:X", "2:X"])
+    ).terms[0]
     assert np.shares_memory(full.local, full.data)
-    assert [t.own for t in AffineSystem.compile(model).terms][:3] == [slice(0, 2), slice(0, 2), slice(1, 3)]
+    assert [t.own for t in AffineSystem.compile(model).terms][:3] == [
+        slice(0, 2),
+        slice(0, 2),
+        slice(1, 3),
+    ]
 
 
 def test_rows_apart_are_an_index():
     K = np.array([[1.0, 0, -1.0], [0, 0, 0], [-1.0, 0, 1.0]])
-    model = updyn.Model.from_groups({"a": updyn.Group(K), "b": updyn.Group(np.eye(3))}, ["1:X", "2:X", "3:X"])
+    model = updyn.Model.from_groups(
+        {"a": updyn.Group(K), "b": updyn.Group(np.eye(3))}, ["1:X", "2:X", "3:X"]
+    )
     term = AffineSystem.compile(model).terms[0]
     assert list(term.own) == [0, 2]
     assert term.times(np.array([2.0 + 1j, 5.0])[:, None])[:, 0] == pytest.approx([-3 + 1j, 3 - 1j])

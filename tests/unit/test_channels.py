@@ -38,7 +38,10 @@ def case(make_chain):
 
 def deviations(found, true):
     return np.array(
-        [(found.values[f"{g}.stiffness"] - c["stiffness"]) / found.std[f"{g}.stiffness"] for g, c in true.items()]
+        [
+            (found.values[f"{g}.stiffness"] - c["stiffness"]) / found.std[f"{g}.stiffness"]
+            for g, c in true.items()
+        ]
     )
 
 
@@ -76,9 +79,13 @@ def test_other_methods_of_the_output_know_the_factors(case, method):
     model, true, _ = case
     exact = updyn.response(model.scaled(true), FREQ, model.dofs, ["1:X"], "accelerance")
     frf = scaled(exact, rows=[(2, 1.08)])
-    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf, responses=["2:X", "3:X", "5:-X"])
+    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(
+        frf, responses=["2:X", "3:X", "5:-X"]
+    )
     # The output error has to begin close by.
-    unknowns = unknowns.with_start({f"{g}.stiffness": 1.01 * c["stiffness"] for g, c in true.items()})
+    unknowns = unknowns.with_start(
+        {f"{g}.stiffness": 1.01 * c["stiffness"] for g, c in true.items()}
+    )
     found = updyn.update(model, frf, unknowns, method=method)
     expected = {"2:X": 1.0, "3:X": 1.08, "5:X": 1.0}
     for label, factor in expected.items():
@@ -89,7 +96,9 @@ def test_factors_of_forces(case):
     model, true, _ = case
     exact = updyn.response(model.scaled(true), FREQ, model.dofs, ["1:X", "4:-X"], "mobility")
     frf = noisy(scaled(exact, columns=[(1, 0.9)]), 0.01, 3)
-    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf, responses=(), references="all")
+    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(
+        frf, responses=(), references="all"
+    )
     assert unknowns.names[-2:] == ["1:X.force_calibration", "4:X.force_calibration"]
     found = updyn.update(model, frf, unknowns, noise=NOISE)
     assert abs(found.values["4:X.force_calibration"] - 0.9) < 4 * found.std["4:X.force_calibration"]
@@ -102,7 +111,9 @@ def test_derivatives_are_those_of_differences(case):
     unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
     unknowns = unknowns + updyn.calibration(frf, references="all")
     problem = Problem.build(model, frf, unknowns)
-    x = problem.coordinates.to_x(unknowns.start) + 0.05 * np.random.default_rng(2).standard_normal(problem.n)
+    x = problem.coordinates.to_x(unknowns.start) + 0.05 * np.random.default_rng(2).standard_normal(
+        problem.n
+    )
     lines = slice(0, 20)
     block = problem.block(x, lines)
     for p in range(problem.n):
@@ -110,7 +121,9 @@ def test_derivatives_are_those_of_differences(case):
         h[p] = 1e-5
         high, low = (problem.block(x + s * h, lines, derivatives=False).H for s in (1, -1))
         difference = (high - low) / 2e-5
-        assert block.dH[p] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max()), unknowns.names[p]
+        assert block.dH[p] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max()), (
+            unknowns.names[p]
+        )
     without = Problem.build(model, frf, updyn.parameters(model, stiffness="all", loss_factor="all"))
     factor = np.exp(x[10:15])[:, None] * np.exp(x[15])
     plain = without.block(x[:10], lines, derivatives=False).H
@@ -120,7 +133,9 @@ def test_derivatives_are_those_of_differences(case):
 def test_lines_are_chosen_and_data_held_out_with_factors(case):
     model, true, frf = case
     unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf)
-    found = updyn.update(model, frf, unknowns, noise=NOISE, lines="d-optimal:25", validation=["4:X"])
+    found = updyn.update(
+        model, frf, unknowns, noise=NOISE, lines="d-optimal:25", validation=["4:X"]
+    )
     assert len(found.lines) == 25
     assert np.abs(deviations(found, true)).max() < 4
     # What was held out says nothing about its own sensor: that stays at its prior.
@@ -133,7 +148,9 @@ def test_a_common_level_is_seen_only_against_mass(case):
     """Free masses and stiffnesses take up the level of all sensors: an open direction, and the prior decides."""
     model, _, frf = case
     shared = updyn.link(model, "all.size", {"*.stiffness": 1, "*.mass": 1})
-    unknowns = updyn.parameters(model, stiffness=["part2", "part3"]) + shared + updyn.calibration(frf)
+    unknowns = (
+        updyn.parameters(model, stiffness=["part2", "part3"]) + shared + updyn.calibration(frf)
+    )
     found = updyn.update(model, frf, unknowns, noise=NOISE)
     assert found.status == "not-identifiable"
     (null,) = found.identifiability.null_directions
@@ -147,7 +164,9 @@ def test_tests_share_the_factor_of_a_sensor(case):
     tests = []
     for seed, (name, band) in enumerate({"low": FREQ[:30], "high": FREQ[30:]}.items()):
         exact = updyn.response(model.scaled(true), band, ["1:X", "3:X"], ["1:X"], "accelerance")
-        tests.append(updyn.Test(model, noisy(scaled(exact, rows=[(1, 1.08)]), 0.01, seed), name, noise=NOISE))
+        tests.append(
+            updyn.Test(model, noisy(scaled(exact, rows=[(1, 1.08)]), 0.01, seed), name, noise=NOISE)
+        )
     unknowns = updyn.parameters(model, stiffness=["part1", "part2"]) + updyn.calibration(
         tests[0].frf, responses=["3:X"]
     )
@@ -177,7 +196,10 @@ def test_methods_of_the_plain_measurement_refuse_factors(case):
     model, _, frf = case
     unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf)
     for method in ("equation-error", "rfm"):
-        with pytest.raises(OptionError, match=f"method '{method}' takes the measurement as it is and knows no calib"):
+        with pytest.raises(
+            OptionError,
+            match=f"method '{method}' takes the measurement as it is and knows no calib",
+        ):
             updyn.update(model, frf, unknowns, method=method)
 
 
@@ -185,12 +207,18 @@ def test_bad_choices_are_refused(case):
     model, _, frf = case
     for given, text in [
         ({"responses": ["7:X"]}, "calibration: 7:X is no response of the measurement"),
-        ({"responses": "1:X"}, "calibration: responses = '1:X'; expected 'all' or labels in a list"),
+        (
+            {"responses": "1:X"},
+            "calibration: responses = '1:X'; expected 'all' or labels in a list",
+        ),
         ({"responses": ()}, "calibration: no sensor is chosen"),
         ({"references": ["2:X"]}, "calibration: 2:X is no reference of the measurement; .*'1:X'"),
         ({"prior_std": 0.0}, r"unknown '1:X.calibration': prior_std 0; expected a number above 0"),
         ({"prior_std": None}, r"unknown '1:X.calibration': a calibration factor needs a prior_std"),
-        ({"bounds": (0.0, 1.0)}, r"unknown '1:X.calibration' is a factor: its lower bound 0 must be above 0"),
+        (
+            {"bounds": (0.0, 1.0)},
+            r"unknown '1:X.calibration' is a factor: its lower bound 0 must be above 0",
+        ),
     ]:
         with pytest.raises(ParameterError, match=text):
             updyn.calibration(frf, **given)
@@ -198,15 +226,21 @@ def test_bad_choices_are_refused(case):
         updyn.calibration(model)
     other = updyn.response(model, FREQ, ["1:X", "2:X"], ["1:X"])
     unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf, responses=["3:X"])
-    with pytest.raises(ParameterError, match=r"unknown '3:X.calibration': '3:X' is no response of the measurement"):
+    with pytest.raises(
+        ParameterError, match=r"unknown '3:X.calibration': '3:X' is no response of the measurement"
+    ):
         updyn.update(model, other, unknowns)
 
 
 def test_sensors_and_the_model_do_not_share_an_unknown():
     from updyn.updating.parameters import Drive, Parameter
 
-    with pytest.raises(ParameterError, match=r"unknown 'a.b' acts on sensors and on the model; use two unknowns"):
-        Parameter("a", "b", 1.0, 0.5, 2.0, 0.1, (Drive("2:X", "calibration"), Drive("part1", "stiffness")))
+    with pytest.raises(
+        ParameterError, match=r"unknown 'a.b' acts on sensors and on the model; use two unknowns"
+    ):
+        Parameter(
+            "a", "b", 1.0, 0.5, 2.0, 0.1, (Drive("2:X", "calibration"), Drive("part1", "stiffness"))
+        )
 
 
 def test_a_prediction_is_that_of_the_structure_unless_a_measurement_is_meant(case):

@@ -55,7 +55,11 @@ def test_a_bad_value_in_a_soft_dof_of_other_units_is_found():
     """Rotations and translations: the sizes of rows differ by 1e8, so that only scaled they compare."""
     A, X, B = system(r=4)
     d = np.where(np.arange(90) % 2, 1e4, 1.0)
-    A, X, B = sp.csc_array(sp.diags_array(d) @ A @ sp.diags_array(d)), X / d[:, None], B * d[:, None]
+    A, X, B = (
+        sp.csc_array(sp.diags_array(d) @ A @ sp.diags_array(d)),
+        X / d[:, None],
+        B * d[:, None],
+    )
     assert (accuracy(A, X, B)[0] < 1e-11).all()
     X[40, 2] *= 1.001
     assert list(np.flatnonzero(accuracy(A, X, B)[0] > check.RESIDUAL)) == [2]

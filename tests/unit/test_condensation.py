@@ -43,14 +43,22 @@ def test_all_dofs_retained_is_the_dynamic_stiffness():
     model = updyn.Model.from_groups({"g": group}, ["1:X", "2:X"])
     for tier in ("dense", "sparse"):
         Z = updyn.condense(model, [1 / (2 * np.pi)], ["2:X", "1:-X"], tier=tier).Z[0]
-        assert pytest.approx(np.array([[2 * (1 + 0.1j) - 1, 1 + 0.1j], [1 + 0.1j, 3 * (1 + 0.1j) - 1]]), rel=1e-14) == Z
+        assert (
+            pytest.approx(
+                np.array([[2 * (1 + 0.1j) - 1, 1 + 0.1j], [1 + 0.1j, 3 * (1 + 0.1j) - 1]]),
+                rel=1e-14,
+            )
+            == Z
+        )
 
 
 def test_static_condensation_of_two_springs_in_series():
     """At 0 Hz the inner DOF of two springs k1, k2 in series leaves k1 k2 / (k1 + k2)."""
     K = np.array([[300.0 + 200.0, -200.0], [-200.0, 200.0]])
     model = updyn.Model.from_groups({"g": updyn.Group(K, np.diag([5.0, 1.0]))}, ["1:X", "2:X"])
-    assert updyn.condense(model, [0.0], ["2:X"]).Z[0, 0, 0] == pytest.approx(300.0 * 200.0 / 500.0, rel=1e-14)
+    assert updyn.condense(model, [0.0], ["2:X"]).Z[0, 0, 0] == pytest.approx(
+        300.0 * 200.0 / 500.0, rel=1e-14
+    )
 
 
 def test_refusals(gear_train):

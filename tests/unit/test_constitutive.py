@@ -79,15 +79,21 @@ def test_the_functional_is_the_least_of_its_definition(small):
 def test_the_gradient_is_that_of_central_differences(small, weight):
     _, problem, *_ = small
     error = _at_start(problem, weight)
-    x = problem.coordinates.to_x(problem.coordinates.parameters.start) + 0.1 * RNG(1).standard_normal(problem.n)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start) + 0.1 * RNG(
+        1
+    ).standard_normal(problem.n)
     local = solved(error, problem, x)
     for i in range(problem.n):
         step = 1e-6 * np.eye(problem.n)[i]
         slope = (cost(problem, error, x + step) - cost(problem, error, x - step)) / 2e-6
-        assert local.gradient[i] == pytest.approx(slope, rel=1e-5, abs=1e-7 * np.abs(local.gradient).max())
+        assert local.gradient[i] == pytest.approx(
+            slope, rel=1e-5, abs=1e-7 * np.abs(local.gradient).max()
+        )
 
 
-def test_with_all_dofs_measured_and_full_weight_it_is_the_equation_error_in_the_norm_of_energy(small):
+def test_with_all_dofs_measured_and_full_weight_it_is_the_equation_error_in_the_norm_of_energy(
+    small,
+):
     model, _, K, M, D = small
     labels = model.dofs.labels
     rng = RNG(5)
@@ -96,7 +102,12 @@ def test_with_all_dofs_measured_and_full_weight_it_is_the_equation_error_in_the_
     problem = Problem.build(model, frf, updyn.parameters(model, stiffness="a"))
     omega = 2.0 * np.pi * 0.3
     Z = (1 + 0.1j) * K + (1 + 0.03j) * 2 * D - omega**2 * (M + 0.5 * np.eye(6)) + 0.01j * omega * M
-    W = (1 + 0.1**2) * K + (1 + 0.03**2) * 2 * D + omega**2 * (M + 0.5 * np.eye(6)) + 0.01 * omega * M
+    W = (
+        (1 + 0.1**2) * K
+        + (1 + 0.03**2) * 2 * D
+        + omega**2 * (M + 0.5 * np.eye(6))
+        + 0.01 * omega * M
+    )
     broken = Z @ values[0, :, 0] - np.eye(6)[0]
     expected = 0.5 * (broken.conj() @ np.linalg.solve(W, broken)).real
     error = ConstitutiveError(np.zeros((1, 6)), 1.0)
@@ -114,7 +125,9 @@ def test_with_little_weight_it_is_the_output_error(small):
 
 def test_tiers_agree(small):
     model, problem, *_ = small
-    other = Problem.build(model, problem.frf, problem.coordinates.parameters, tier="sparse", backend="superlu")
+    other = Problem.build(
+        model, problem.frf, problem.coordinates.parameters, tier="sparse", backend="superlu"
+    )
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     error = _at_start(problem, 0.5)
     assert _at_start(other, 0.5).slack == pytest.approx(error.slack)
@@ -127,7 +140,9 @@ def test_tiers_agree(small):
 @pytest.mark.parametrize("weight", [0.1, 0.5, 0.9])
 def test_exact_data_give_the_chain_exactly(chain12, chain12_true, weight):
     sensors = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
-    frf = updyn.response(chain12_true, np.linspace(2.0, 22.0, 60), sensors, sensors[:2], "accelerance")
+    frf = updyn.response(
+        chain12_true, np.linspace(2.0, 22.0, 60), sensors, sensors[:2], "accelerance"
+    )
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
     result = updyn.update(chain12, frf, unknowns, method="constitutive", weight=weight)
     assert result.status == "converged", result.message
@@ -175,7 +190,9 @@ def test_several_tests_at_once(chain12, chain12_true):
     b = updyn.response(chain12_true.scaled(heavy), freq, sensors[:3], sensors[:2])
     base = chain12_true.scaled({"part1": {"stiffness": 0.9}, "part3": {"stiffness": 1.15}})
     tests = [updyn.Test(base, a, "bare"), updyn.Test(base.scaled(heavy), b, "loaded")]
-    result = updyn.update_jointly(tests, updyn.parameters(base, stiffness="all"), method="constitutive")
+    result = updyn.update_jointly(
+        tests, updyn.parameters(base, stiffness="all"), method="constitutive"
+    )
     assert result.status == "converged"
     assert result.values["part1.stiffness"] == pytest.approx(1.0 / 0.9)
     assert result.values["part3.stiffness"] == pytest.approx(1.0 / 1.15)
@@ -185,7 +202,9 @@ def test_priors_count(chain12_true):
     sensors = [f"{i}:X" for i in (2, 5, 12)]
     start = chain12_true.scaled({"part1": {"stiffness": 0.9}})
     frf = updyn.response(chain12_true, np.linspace(2.0, 22.0, 40), sensors, sensors[:1])
-    held = updyn.parameters(start, stiffness=["part1", "part2"], prior_std={"part1.stiffness": 1e-12})
+    held = updyn.parameters(
+        start, stiffness=["part1", "part2"], prior_std={"part1.stiffness": 1e-12}
+    )
     result = updyn.update(start, frf, held, method="constitutive")
     assert result.values["part1.stiffness"] == pytest.approx(1.0, abs=1e-6)
 
@@ -210,11 +229,15 @@ def test_what_it_cannot_do_is_refused(chain12_true):
     sensors = ["2:X", "12:X"]
     unknowns = updyn.parameters(chain12_true, stiffness="all")
     still = updyn.response(chain12_true, [0.0, 2.0, 5.0], sensors, sensors, "accelerance")
-    with pytest.raises(DataError, match="constitutive: the 0 Hz line of accelerance holds no receptance"):
+    with pytest.raises(
+        DataError, match="constitutive: the 0 Hz line of accelerance holds no receptance"
+    ):
         updyn.update(chain12_true, still, unknowns, method="constitutive")
     frf = updyn.response(chain12_true, [2.0, 5.0], sensors, sensors)
     for weight in (0.0, 1.5):
-        with pytest.raises(OptionError, match="the weight of the measurement is above 0 and at most 1"):
+        with pytest.raises(
+            OptionError, match="the weight of the measurement is above 0 and at most 1"
+        ):
             updyn.update(chain12_true, frf, unknowns, method="constitutive", weight=weight)
     with pytest.raises(OptionError, match="tier 'reduced' holds no fields of all DOFs"):
         updyn.update(chain12_true, frf, unknowns, method="constitutive", tier="reduced")

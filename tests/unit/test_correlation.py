@@ -37,7 +37,9 @@ def test_cross_orthogonality_of_modes_of_one_structure():
     assert found == pytest.approx(np.diag([1.0, -1.0, 1.0]), abs=1e-14)
     from scipy.sparse import csr_array
 
-    assert co.cross_orthogonality(shapes, csr_array(M), shapes) == pytest.approx(np.eye(3), abs=1e-14)
+    assert co.cross_orthogonality(shapes, csr_array(M), shapes) == pytest.approx(
+        np.eye(3), abs=1e-14
+    )
 
 
 def test_pairing_of_swapped_modes_is_the_best_in_sum():
@@ -96,12 +98,18 @@ def test_comac_and_ecomac_known_values():
     [
         (lambda: co.mac(np.ones((3, 1)), np.ones((4, 1))), "shapes at 3 and at 4 DOFs"),
         (lambda: co.mac(np.ones((3, 2)) * [1, 0], np.ones((3, 1))), "A: shape 2 is zero"),
-        (lambda: co.mac(np.full((3, 1), np.nan), np.ones((3, 1))), "shape 1 holds a number not finite"),
+        (
+            lambda: co.mac(np.full((3, 1), np.nan), np.ones((3, 1))),
+            "shape 1 holds a number not finite",
+        ),
         (lambda: co.mac(np.ones((2, 2, 2)), np.ones((3, 1))), "expected shapes as columns"),
         (lambda: co.mac(["a"], [1.0]), "expected numbers"),
         (lambda: co.comac(np.ones((3, 1)), np.ones((3, 2))), "expected paired modes"),
         (lambda: co.cross_orthogonality(np.ones(3), np.eye(2), np.ones(3)), "mass of shape"),
-        (lambda: co.cross_orthogonality(np.ones(2), np.zeros((2, 2)), np.ones(2)), "shape 1 of A moves no mass"),
+        (
+            lambda: co.cross_orthogonality(np.ones(2), np.zeros((2, 2)), np.ones(2)),
+            "shape 1 of A moves no mass",
+        ),
         (lambda: co.frac(H, H[:, :2]), "expected the same lines, responses and references"),
         (lambda: co.csac(H, H * np.inf), "HA: line 1, response 1, reference 1 is not finite"),
         (lambda: co.fdac(H, H[:, :, :1]), "expected the same lines, responses and references"),
@@ -127,7 +135,9 @@ def test_what_each_metric_is_blind_to():
     channel = np.array([[2.0, -1.0], [0.5, 1j], [3.0, 1 + 1j]])
     assert co.frac(H, H * channel) == pytest.approx(np.ones((3, 2)))  # a gain error of a channel
     line = np.exp(1j * np.arange(9)) * np.arange(1, 10)
-    assert co.csac(H, H * line[:, None, None]) == pytest.approx(np.ones(9))  # a factor common to a line
+    assert co.csac(H, H * line[:, None, None]) == pytest.approx(
+        np.ones(9)
+    )  # a factor common to a line
     assert co.csf(H, H * np.exp(1j * np.arange(9))[:, None, None]) == pytest.approx(np.ones(9))
     assert co.csf(H, 3 * H) == pytest.approx(np.full(9, 2 * 3 / (1 + 9)))
     assert co.db_error(H, -10j * H) == pytest.approx(np.full(H.shape, 20.0))
@@ -149,7 +159,11 @@ def test_known_values():
 
 def test_fdac_ridge_follows_a_frequency_shift():
     f = np.linspace(1, 20, 96)
-    base = lambda x: np.stack([1 / (25 - x**2 + 0.5j), 1 / (64 - x**2 + 0.8j), 1 / (196 - x**2 + 1j)], -1)[:, :, None]  # noqa: E731
+
+    def base(x):
+        modes = [1 / (25 - x**2 + 0.5j), 1 / (64 - x**2 + 0.8j), 1 / (196 - x**2 + 1j)]
+        return np.stack(modes, -1)[:, :, None]
+
     shifted = co.fdac(base(f), base(f / 1.1))  # the computed one comes 10 % higher
     lines = f[np.argmax(shifted[20:80], axis=1)]
     assert lines == pytest.approx(f[20:80] / 1.1, abs=0.11)
@@ -183,7 +197,14 @@ def test_a_model_against_its_own_response():
     frf = updyn.response(two_masses(), FREQ, ["2:Z", "1:-Z"], ["2:-Z"], "mobility")
     found = updyn.correlate(two_masses(), frf)
     assert found.figures() == pytest.approx(
-        {"frac_median": 1, "frac_min": 1, "csac_mean": 1, "csf_mean": 1, "db_error_median": 0, "db_error_p95": 0},
+        {
+            "frac_median": 1,
+            "frac_min": 1,
+            "csac_mean": 1,
+            "csf_mean": 1,
+            "db_error_median": 0,
+            "db_error_p95": 0,
+        },
         abs=1e-9,
     )
     assert all(type(v) is float for v in found.figures().values())
@@ -204,7 +225,10 @@ def test_figures_of_a_changed_model_are_those_of_the_arrays():
     assert found.db_error == pytest.approx(level, rel=1e-9)
     figures = found.figures()
     assert figures["db_error_median"] == pytest.approx(np.median(level))
-    assert figures["db_error_p95"] == np.sort(found.db_error.ravel())[int(np.ceil(0.95 * level.size)) - 1]
+    assert (
+        figures["db_error_p95"]
+        == np.sort(found.db_error.ravel())[int(np.ceil(0.95 * level.size)) - 1]
+    )
     for i in range(2):
         for j in range(2):
             one = np.abs(np.vdot(x[:, i, j], a[:, i, j])) ** 2
@@ -231,7 +255,10 @@ def test_two_frfs_with_other_order_signs_and_quantity():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.select(band=(1, 6)), "differ in lines: 18 lines, 1-5.79487 Hz and 40 lines, 1-12 Hz"),
+        (
+            lambda f: f.select(band=(1, 6)),
+            "differ in lines: 18 lines, 1-5.79487 Hz and 40 lines, 1-12 Hz",
+        ),
         (
             lambda f: updyn.FRF(f.freq * 1.001, f.values, f.responses, f.references, f.quantity),
             r"line 1 is 1\.001 Hz and 1 Hz",
@@ -255,4 +282,6 @@ def test_what_is_neither_model_nor_frf_is_refused():
     with pytest.raises(DataError, match="expected a measured FRF, found Model"):
         updyn.correlate(frf, two_masses())
     with pytest.raises(DofError, match="response 7:Z is not among"):
-        updyn.correlate(two_masses(), updyn.FRF([1.0], np.ones((1, 1, 1)), ["7:Z"], ["1:Z"], "mobility"))
+        updyn.correlate(
+            two_masses(), updyn.FRF([1.0], np.ones((1, 1, 1)), ["7:Z"], ["1:Z"], "mobility")
+        )

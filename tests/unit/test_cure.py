@@ -41,8 +41,13 @@ def test_advice_under_noise_does_not_promise_too_much(gear_train):
     found = gear_train_identifiability(gear_train, omega, relative=0.05)
     assert found.rank < 17
     for f in np.geomspace(0.7 * 10 / HZ, 1.5 * 100 / HZ, 12):
-        assert gear_train_identifiability(gear_train, np.append(omega, HZ * f), relative=0.05).rank < 18
-    assert found.advice.startswith("No single further line or sensor on this model would determine all unknowns. Less")
+        assert (
+            gear_train_identifiability(gear_train, np.append(omega, HZ * f), relative=0.05).rank
+            < 18
+        )
+    assert found.advice.startswith(
+        "No single further line or sensor on this model would determine all unknowns. Less"
+    )
     assert f"Fix {18 - found.rank} of the unknowns" in found.advice
 
 
@@ -61,7 +66,8 @@ def test_springs_in_series_are_cured_by_a_sensor_between_them_and_by_no_line():
     model, data, unknowns = springs_in_series()
     found = identifiability(model, data, unknowns, noise={"relative": 0.01})
     assert found.rank == 1
-    # 1/k = 1/ka + 1/kb stays while d ln ka / ka = - d ln kb / kb: weights as ka to -kb, here 1 to -0.5.
+    # 1/k = 1/ka + 1/kb stays while d ln ka / ka = - d ln kb / kb: weights as ka to -kb, here 1 to
+    # -0.5.
     (direction,) = found.null_directions
     assert direction["a.stiffness"] == pytest.approx(1.0)
     assert direction["b.stiffness"] == pytest.approx(-0.5, rel=1e-6)
@@ -77,16 +83,22 @@ def test_unknown_that_nothing_sees_is_named_and_no_measurement_promised():
     b = updyn.Group(np.diag([0.0, 500.0]), np.diag([0.0, 1.0]), loss_factor=0.05)
     model = updyn.Model.from_groups({"a": a, "b": b}, ["1:X", "2:X"])
     data = updyn.response(model, np.linspace(1.0, 9.0, 9), ["1:X"], ["1:X"])
-    found = identifiability(model, data, updyn.parameters(model, stiffness="all"), noise={"relative": 0.001})
+    found = identifiability(
+        model, data, updyn.parameters(model, stiffness="all"), noise={"relative": 0.001}
+    )
     assert found.rank == 1
     assert found.null_directions == [{"b.stiffness": 1.0}]
-    assert found.advice.startswith("The data do not see b.stiffness at all. No single further line or sensor")
+    assert found.advice.startswith(
+        "The data do not see b.stiffness at all. No single further line or sensor"
+    )
     assert ". Fix 1 of the unknowns in the open combination at known values" in found.advice
 
 
 def test_accuracy_that_the_cure_needs_is_said(gear_train):
     found = gear_train_identifiability(gear_train, np.array([10.0, 20.0, 50.0, 100.0]))
-    shares = [float(v) for v in re.findall(r"to 10 % if it is measured to ([\d.e-]+) %", found.advice)]
+    shares = [
+        float(v) for v in re.findall(r"to 10 % if it is measured to ([\d.e-]+) %", found.advice)
+    ]
     assert shares
     assert all(0 < s < 10 for s in shares)
 

@@ -22,7 +22,9 @@ def chain(n=4, **damping):
     for e in range(n):
         K, M, C = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
         at = [e] if e == 0 else [e - 1, e]
-        K[np.ix_(at, at)] = 4e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+        K[np.ix_(at, at)] = (
+            4e4 * (1 + 0.2 * e) * (np.ones((1, 1)) if e == 0 else np.array([[1, -1], [-1, 1]]))
+        )
         M[e, e] = 1.0 + 0.3 * e
         C[np.ix_(at, at)] = K[np.ix_(at, at)] * 2e-4
         groups[f"part{e + 1}"] = updyn.Group(K, M, 0.02, C, **(damping if e == 0 else {}))
@@ -39,7 +41,9 @@ def stiffness_by_hand(model, f):
     w, Z = 2 * np.pi * f, 0.0
     for g in model.groups.values():
         K, M, C = (getattr(g, name).toarray() for name in ("stiffness", "mass", "viscous"))
-        relative = 1.0 if g.loss_table is None else np.interp(f, g.loss_table.freq, g.loss_table.relative)
+        relative = (
+            1.0 if g.loss_table is None else np.interp(f, g.loss_table.freq, g.loss_table.relative)
+        )
         C1 = C + g.mass_damping * M + g.stiffness_damping * K
         Z = Z + K * (1 + 1j * g.loss_factor * relative) + 1j * w * C1 - w**2 * M
     return Z
@@ -79,12 +83,15 @@ def test_the_sums_hold_all_viscous_damping(damped):
     D = damped.structural_at(55.0).toarray() - chain().structural.toarray()
     assert (
         pytest.approx(D, rel=1e-12)
-        == 0.02 * (1.0 + 3.0 * 45.0 / 90.0) * first.stiffness.toarray() - 0.02 * first.stiffness.toarray()
+        == 0.02 * (1.0 + 3.0 * 45.0 / 90.0) * first.stiffness.toarray()
+        - 0.02 * first.stiffness.toarray()
     )
 
 
 def test_a_course_over_frequency_is_refused_where_one_number_is_needed(damped):
-    with pytest.raises(ModelError, match=r"group 'part1': its loss factor depends on frequency.*structural_at"):
+    with pytest.raises(
+        ModelError, match=r"group 'part1': its loss factor depends on frequency.*structural_at"
+    ):
         _ = damped.structural
     with pytest.raises(ModelError, match=r"group 'part1'.*complex=False"):
         updyn.modes(damped, 2, complex=True)
@@ -93,13 +100,18 @@ def test_a_course_over_frequency_is_refused_where_one_number_is_needed(damped):
 def test_modes_take_the_loss_factor_at_their_own_frequency():
     """One group, so that the loss factor of a mode is the group's."""
     K, M = 4e4 * np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2)
-    model = updyn.Model.from_groups({"one": updyn.Group(K, M, 0.03, loss_table=TABLE)}, ["1:X", "2:X"])
+    model = updyn.Model.from_groups(
+        {"one": updyn.Group(K, M, 0.03, loss_table=TABLE)}, ["1:X", "2:X"]
+    )
     found = updyn.modes(model, 2)
     assert found.loss_factor == pytest.approx(0.03 * np.interp(found.frequency, *TABLE), rel=1e-10)
 
 
 def test_nothing_is_extrapolated(damped):
-    with pytest.raises(ModelError, match=r"group 'part1': 120 Hz is outside its loss table, which goes from 1 to 100"):
+    with pytest.raises(
+        ModelError,
+        match=r"group 'part1': 120 Hz is outside its loss table, which goes from 1 to 100",
+    ):
         updyn.response(damped, [50.0, 120.0], ["1:X"], ["1:X"])
     stiff = chain(loss_table=([1.0, 2.0], [1.0, 1.0]))
     with pytest.raises(ModelError, match=r"group 'part1': .* Hz is outside its loss table"):
@@ -125,14 +137,20 @@ def test_constraints_keep_all_damping(damped):
 
 def test_turned_degrees_of_freedom_keep_all_damping():
     K = np.diag([3e4, 5e4])
-    group = updyn.Group(K, np.eye(2), 0.02, mass_damping=2.0, stiffness_damping=1e-4, loss_table=TABLE)
-    model = updyn.Model.from_groups({"one": group}, ["1:X", "1:Y"], geometry=updyn.Geometry([1], [[0.0, 0.0, 0.0]]))
+    group = updyn.Group(
+        K, np.eye(2), 0.02, mass_damping=2.0, stiffness_damping=1e-4, loss_table=TABLE
+    )
+    model = updyn.Model.from_groups(
+        {"one": group}, ["1:X", "1:Y"], geometry=updyn.Geometry([1], [[0.0, 0.0, 0.0]])
+    )
     s = np.sqrt(0.5)
     frf = updyn.FRF([10.0, 20.0], np.ones((2, 1, 1)), ["1:X"], ["1:X"], "receptance")
     turned = updyn.match(model, frf, directions={"1:X": [s, s, 0.0]}).model
     H = updyn.response(model, FREQ, ["1:X", "1:Y"], ["1:X", "1:Y"]).values
     along = 0.5 * H.sum(axis=(1, 2))
-    assert updyn.response(turned, FREQ, ["1:X"], ["1:X"]).values[:, 0, 0] == pytest.approx(along, rel=1e-12)
+    assert updyn.response(turned, FREQ, ["1:X"], ["1:X"]).values[:, 0, 0] == pytest.approx(
+        along, rel=1e-12
+    )
 
 
 # -- unknowns ----------------------------------------------------------------------------------------------
@@ -153,7 +171,9 @@ def test_derivatives_are_those_of_differences(damped):
     for p in range(len(unknowns)):
         h = np.zeros(len(x))
         h[p] = 1e-5
-        high, low = (problem.block(x + s * h, slice(0, len(FREQ)), derivatives=False).H for s in (1, -1))
+        high, low = (
+            problem.block(x + s * h, slice(0, len(FREQ)), derivatives=False).H for s in (1, -1)
+        )
         difference = (high - low) / 2e-5
         scale = np.abs(difference).max()
         assert block.dH[p] == pytest.approx(difference, abs=2e-6 * scale), unknowns.names[p]
@@ -205,7 +225,10 @@ def test_many_lines_tell_all_damping(method):
     found = updyn.update(model, frf, unknowns, method=method)
     for group, quantities in change.items():
         for quantity, value in quantities.items():
-            assert found.values[f"{group}.{quantity}"] == pytest.approx(value, rel=1e-8), (group, quantity)
+            assert found.values[f"{group}.{quantity}"] == pytest.approx(value, rel=1e-8), (
+                group,
+                quantity,
+            )
     assert found.model.groups["part1"].mass_damping == pytest.approx(3.0, rel=1e-8)
 
 
@@ -229,7 +252,10 @@ def test_tests_of_different_bands_share_their_coordinates():
     unknowns = updyn.parameters(model, loss_factor="part2", stiffness_damping="part2")
     tests = [
         updyn.Test(model, updyn.response(true, band, true.dofs, ["1:X"]), name)
-        for name, band in (("low", np.linspace(2.0, 20.0, 12)), ("high", np.linspace(30.0, 60.0, 12)))
+        for name, band in (
+            ("low", np.linspace(2.0, 20.0, 12)),
+            ("high", np.linspace(30.0, 60.0, 12)),
+        )
     ]
     found = updyn.update_jointly(tests, unknowns)
     assert found.values["part2.stiffness_damping"] == pytest.approx(4e-4, rel=1e-8)
@@ -239,7 +265,9 @@ def test_tests_of_different_bands_share_their_coordinates():
 def test_a_prior_is_in_the_unit_of_the_unknown():
     """Where the data say nothing, the posterior is the prior."""
     model = chain()
-    unknowns = updyn.parameters(model, stiffness_damping="part2", prior_std={"stiffness_damping": 3e-5})
+    unknowns = updyn.parameters(
+        model, stiffness_damping="part2", prior_std={"stiffness_damping": 3e-5}
+    )
     frf = updyn.response(model, FREQ, model.dofs, ["1:X"])
     found = updyn.update(model, frf, unknowns, noise={"relative": 1e6})
     assert found.std["part2.stiffness_damping"] == pytest.approx(3e-5, rel=1e-3)
@@ -253,7 +281,9 @@ def test_a_linked_unknown_may_be_a_rayleigh_coefficient():
     assert found.values["all.beta"] == pytest.approx(2e-4, rel=1e-8)
     assert not linked[0].is_factor
     assert linked[0].value_unit == "s"
-    with pytest.raises(ParameterError, match="acts on stiffness dampings and on other quantities; use two unknowns"):
+    with pytest.raises(
+        ParameterError, match="acts on stiffness dampings and on other quantities; use two unknowns"
+    ):
         updyn.link(model, "mixed.beta", ["part1.stiffness_damping", "part2.loss_factor"])
 
 
@@ -268,7 +298,10 @@ def test_a_linked_unknown_may_be_a_rayleigh_coefficient():
         ({"loss_table": ([1.0, 2.0], [1.0])}, "loss_table: relative: expected two or more"),
         ({"loss_table": ([1.0, 2.0], [1.0, 2.0, 3.0])}, "loss_table: 2 lines, but 3 factors"),
         ({"loss_table": ([2.0, 1.0], [1.0, 1.0])}, "loss_table: line 1 Hz stands behind 2 Hz"),
-        ({"loss_table": ([1.0, 2.0], [1.0, -1.0])}, "loss_table: relative: expected two or more finite numbers"),
+        (
+            {"loss_table": ([1.0, 2.0], [1.0, -1.0])},
+            "loss_table: relative: expected two or more finite numbers",
+        ),
         ({"loss_table": (["a", "b"], [1.0, 1.0])}, "loss_table: freq is not a row of numbers"),
     ],
 )
@@ -278,13 +311,17 @@ def test_bad_damping_is_refused(damping, text):
 
 
 def test_damping_of_nothing_is_refused():
-    with pytest.raises(ModelError, match=r"mass_damping 1: the group has no mass that it could act on"):
+    with pytest.raises(
+        ModelError, match=r"mass_damping 1: the group has no mass that it could act on"
+    ):
         updyn.Group([[1.0]], mass_damping=1.0)
     with pytest.raises(ModelError, match=r"stiffness_damping 1: the group has no stiffness"):
         updyn.Group(mass=[[1.0]], stiffness_damping=1.0)
     with pytest.raises(ModelError, match=r"loss_table: the group has no stiffness"):
         updyn.Group(mass=[[1.0]], loss_table=TABLE)
-    heavy = updyn.Model.from_groups({"one": updyn.Group([[1.0]], [[1.0]]), "m": updyn.Group(mass=[[1.0]])}, ["1:X"])
+    heavy = updyn.Model.from_groups(
+        {"one": updyn.Group([[1.0]], [[1.0]]), "m": updyn.Group(mass=[[1.0]])}, ["1:X"]
+    )
     with pytest.raises(ModelError, match=r"group 'm' has no stiffness to change"):
         heavy.scaled({"m": {"stiffness_damping": 1.0}})
     with pytest.raises(ParameterError, match=r"stiffness_damping: group 'm' has no stiffness"):
@@ -305,9 +342,16 @@ def test_what_is_compiled_tells_models_apart(damped):
 
     def told(model):
         frf = updyn.response(chain(), FREQ, model.dofs, ["1:X"])
-        return fingerprint(Problem.build(model, frf, updyn.parameters(model, mass="all")), [frf], {})["model"]
+        return fingerprint(
+            Problem.build(model, frf, updyn.parameters(model, mass="all")), [frf], {}
+        )["model"]
 
-    others = [chain(), chain(mass_damping=3.0), chain(loss_table=TABLE), chain(loss_table=([1, 100], [0.5, 4.0]))]
+    others = [
+        chain(),
+        chain(mass_damping=3.0),
+        chain(loss_table=TABLE),
+        chain(loss_table=([1, 100], [0.5, 4.0])),
+    ]
     assert len({told(m) for m in [*others, damped]}) == 5
     assert AffineSystem.compile(damped).start.rate[1] == 3.0
     assert told(damped) == told(chain(mass_damping=3.0, stiffness_damping=2e-4, loss_table=TABLE))
@@ -338,14 +382,19 @@ def test_uncertainty_is_in_the_unit_of_the_unknown():
 
 
 def test_a_model_that_was_read_gets_other_damping(damped):
-    changed = damped.with_damping({"part1": {"loss_table": None, "mass_damping": 0.0}, "part2": {"loss_table": TABLE}})
+    changed = damped.with_damping(
+        {"part1": {"loss_table": None, "mass_damping": 0.0}, "part2": {"loss_table": TABLE}}
+    )
     assert changed.groups["part1"].damping == {"loss_factor": 0.02, "stiffness_damping": 2e-4}
     assert changed.groups["part2"].loss_table.freq.tolist() == TABLE[0]
     assert changed.groups["part2"].stiffness is damped.groups["part2"].stiffness
     for damping, text in [
         ({"part9": {}}, "no group 'part9'"),
         ({"part1": {"loss": 1.0}}, "group 'part1': no damping 'loss'; .*'loss_factor'"),
-        ({"part1": {"mass_damping": -1.0}}, "group 'part1': mass_damping -1.0: expected a finite number of at least 0"),
+        (
+            {"part1": {"mass_damping": -1.0}},
+            "group 'part1': mass_damping -1.0: expected a finite number of at least 0",
+        ),
         ({"part1": 0.1}, "group 'part1': expected a mapping of damping by name, found 0.1"),
         (0.1, "damping: expected a mapping of group to damping, found float"),
     ]:
@@ -357,9 +406,14 @@ def test_a_model_that_was_read_gets_other_damping(damped):
 def test_large_models_are_fitted_with_all_damping(tier):
     """The tiers of large models on a small one: the same answer as the dense one."""
     model = chain(12, loss_table=TABLE)
-    change = {"part1": {"loss_factor": 0.06, "mass_damping": 3.0}, "part2": {"stiffness_damping": 4e-4}}
+    change = {
+        "part1": {"loss_factor": 0.06, "mass_damping": 3.0},
+        "part2": {"stiffness_damping": 4e-4},
+    }
     frf = updyn.response(model.scaled(change), FREQ, ["3:X", "12:X"], ["12:X"], "accelerance")
-    unknowns = updyn.parameters(model, loss_factor="part1", mass_damping="part1", stiffness_damping="part2")
+    unknowns = updyn.parameters(
+        model, loss_factor="part1", mass_damping="part1", stiffness_damping="part2"
+    )
     found = updyn.update(model, frf, unknowns, tier=tier, accuracy=1e-8)
     for group, quantities in change.items():
         for quantity, value in quantities.items():

@@ -165,7 +165,10 @@ def test_a_set_is_not_hashable(some):
 
 def test_repr_shows_the_first_six(some):
     assert repr(some) == "DofSet([3:Z, 1:-X, 2:RY, 1:Y], n=4)"
-    assert repr(DofSet([f"{i}:X" for i in range(9)])) == "DofSet([0:X, 1:X, 2:X, 3:X, 4:X, 5:X, ...], n=9)"
+    assert (
+        repr(DofSet([f"{i}:X" for i in range(9)]))
+        == "DofSet([0:X, 1:X, 2:X, 3:X, 4:X, 5:X, ...], n=9)"
+    )
 
 
 @pytest.mark.parametrize("again", ["1:X", "1:-X", Dof(1, "X")])
@@ -208,7 +211,10 @@ def test_a_set_does_not_follow_the_arrays_it_came_from():
     assert dofs.labels == ["1:X", "2:X"]
 
 
-@pytest.mark.parametrize("through", [lambda d: pickle.loads(pickle.dumps(d)), copy.deepcopy, copy.copy, DofSet])  # noqa: S301
+@pytest.mark.parametrize(
+    "through",
+    [lambda d: pickle.loads(pickle.dumps(d)), copy.deepcopy, copy.copy, DofSet],  # noqa: S301
+)
 def test_copies_are_equal_and_read_only(some, through):
     other = through(some)
     assert other == some
@@ -273,7 +279,10 @@ def test_match_of_nothing(some):
     ("wanted", "text"),
     [
         (["2:RX"], "response 2:RX is not among the 4 DOFs; nearest: 2:RY, 3:Z, 1:-X"),
-        (["9:-X", "1:Y", "8:X"], "response 9:-X is not among the 4 DOFs (2 such); nearest: 3:Z, 2:RY, 1:-X"),
+        (
+            ["9:-X", "1:Y", "8:X"],
+            "response 9:-X is not among the 4 DOFs (2 such); nearest: 3:Z, 2:RY, 1:-X",
+        ),
     ],
 )
 def test_match_names_the_nearest(some, wanted, text):

@@ -10,7 +10,16 @@ from updyn import errors
 
 
 @pytest.mark.parametrize(
-    "name", ["DofError", "ModelError", "DataError", "FormatError", "ParameterError", "OptionError", "JobError"]
+    "name",
+    [
+        "DofError",
+        "ModelError",
+        "DataError",
+        "FormatError",
+        "ParameterError",
+        "OptionError",
+        "JobError",
+    ],
 )
 def test_input_errors_are_updyn_errors_and_value_errors(name):
     kind = getattr(errors, name)
@@ -34,7 +43,11 @@ def test_the_tree_in_the_docstring_names_every_class():
 @pytest.mark.parametrize("kind", [errors.FormatError, errors.JobError])
 @pytest.mark.parametrize(
     ("path", "line", "text"),
-    [(None, None, "bad"), ("a/test.uff", None, "a/test.uff: bad"), ("a/test.uff", 12, "a/test.uff:12: bad")],
+    [
+        (None, None, "bad"),
+        ("a/test.uff", None, "a/test.uff: bad"),
+        ("a/test.uff", 12, "a/test.uff:12: bad"),
+    ],
 )
 def test_file_errors_start_with_the_place(kind, path, line, text):
     error = kind("bad", path, line)

@@ -16,7 +16,9 @@ FREQ = np.linspace(2.0, 22.0, 60)
 
 @pytest.fixture(scope="module")
 def data(chain12_true, add_noise):
-    return add_noise(updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2]), np.random.default_rng(7), 0.01)
+    return add_noise(
+        updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2]), np.random.default_rng(7), 0.01
+    )
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,10 @@ def test_a_group_held_wrong_is_named_by_the_result(missed):
     assert missed.remedy.startswith("Free part3.stiffness if it can be wrong, and run again.")
     text = missed.summary()
     first = found.worst[0]
-    assert f"  {first.response} (force {first.reference}), {first.low:.4g} to {first.high:.4g} Hz: " in text
+    assert (
+        f"  {first.response} (force {first.reference}), {first.low:.4g} to {first.high:.4g} Hz: "
+        in text
+    )
     assert "  an error in part3.stiffness would explain " in text
     assert text.count(found.verdict) == 1
 
@@ -80,7 +85,9 @@ def test_other_methods_are_looked_at_the_same_way(method, wrong, data):
 def test_data_without_noise_leave_nothing_to_test(chain12_true):
     exact = updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2])
     unknowns = updyn.parameters(chain12_true, stiffness="all")
-    result = updyn.update(chain12_true.scaled({"part1": {"stiffness": 1.1}}), exact, unknowns, starts=0)
+    result = updyn.update(
+        chain12_true.scaled({"part1": {"stiffness": 1.1}}), exact, unknowns, starts=0
+    )
     assert result.adequacy.outcome == "exact"
     assert "nothing is left to test" in result.summary()
 
@@ -100,9 +107,14 @@ def test_outliers_count_in_full_though_the_fit_was_robust(chain12_true, data):
 
 def test_each_of_several_tests_is_judged_by_itself(chain12_true, wrong, data, add_noise):
     """The second test's structure has part 3 as stiff as the model says."""
-    other = add_noise(updyn.response(wrong[0], FREQ, SENSORS[:3], SENSORS[:1]), np.random.default_rng(9), 0.01)
+    other = add_noise(
+        updyn.response(wrong[0], FREQ, SENSORS[:3], SENSORS[:1]), np.random.default_rng(9), 0.01
+    )
     noise = {"relative": 0.01}
-    tests = [updyn.Test(wrong[0], data, "as built", noise=noise), updyn.Test(wrong[0], other, "as drawn", noise=noise)]
+    tests = [
+        updyn.Test(wrong[0], data, "as built", noise=noise),
+        updyn.Test(wrong[0], other, "as drawn", noise=noise),
+    ]
     held = updyn.parameters(wrong[0], loss_factor="part1", prior_std={"loss_factor": 1e-9})
     result = updyn.update_jointly(tests, held, starts=0)
     assert result["as built"].adequacy.outcome == "structure"
@@ -126,7 +138,10 @@ def test_a_fit_that_failed_or_was_stopped_at_once_is_not_looked_at(wrong, data):
 def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wrong, data):
     noise = {"relative": 0.01}
     whole = updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise)
-    cut = {n: updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise, max_iterations=n) for n in (1, 12)}
+    cut = {
+        n: updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise, max_iterations=n)
+        for n in (1, 12)
+    }
     assert {result.status for result in cut.values()} == {"max-iterations"}
     assert cut[1].adequacy is None
     assert cut[12].adequacy.outcome == "structure"
@@ -140,7 +155,9 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
     from updyn.updating.examine import examine
 
     variance = (0.01 * np.abs(data.values)) ** 2
-    frf = updyn.FRF(data.freq, data.values, data.responses, data.references, data.quantity, variance=variance)
+    frf = updyn.FRF(
+        data.freq, data.values, data.responses, data.references, data.quantity, variance=variance
+    )
     unknowns = updyn.parameters(chain12_true, loss_factor="part1")
     problem = Problem.build(chain12_true, frf, unknowns)
 

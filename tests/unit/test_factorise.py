@@ -15,7 +15,9 @@ INSTALLED = [b for b in factorise.BACKENDS if factorise._module(b).available()]
 
 def symmetric(n, seed=0):
     rng = np.random.default_rng(seed)
-    A = sp.random_array((n, n), density=3.0 / n, rng=rng) + 1j * sp.random_array((n, n), density=3.0 / n, rng=rng)
+    A = sp.random_array((n, n), density=3.0 / n, rng=rng) + 1j * sp.random_array(
+        (n, n), density=3.0 / n, rng=rng
+    )
     return sp.csc_array(A + A.T + (4 + 1j) * sp.eye_array(n))
 
 
@@ -23,7 +25,9 @@ def symmetric(n, seed=0):
 def test_solution_against_dense(backend):
     A, rng = symmetric(80), np.random.default_rng(3)
     B = rng.standard_normal((80, 4)) + 1j * rng.standard_normal((80, 4))
-    assert SparseSolver(backend).solve(A, B, 1.0) == pytest.approx(np.linalg.solve(A.toarray(), B), rel=1e-11)
+    assert SparseSolver(backend).solve(A, B, 1.0) == pytest.approx(
+        np.linalg.solve(A.toarray(), B), rel=1e-11
+    )
 
 
 @pytest.mark.parametrize("backend", INSTALLED)
@@ -31,7 +35,9 @@ def test_zero_on_the_diagonal(backend):
     """A massless mechanism has zeros on the diagonal that pivoting must step around."""
     A = sp.csc_array(np.array([[0, 1.0, 0], [1.0, 0, 2.0], [0, 2.0, 1.0]], dtype=complex))
     B = np.eye(3, dtype=complex)
-    assert SparseSolver(backend).solve(A, B, 1.0) == pytest.approx(np.linalg.solve(A.toarray(), B), abs=1e-14)
+    assert SparseSolver(backend).solve(A, B, 1.0) == pytest.approx(
+        np.linalg.solve(A.toarray(), B), abs=1e-14
+    )
 
 
 @pytest.mark.parametrize("backend", INSTALLED)
@@ -39,7 +45,9 @@ def test_zero_on_the_diagonal(backend):
 def test_singular_matrix_is_found_and_the_line_named(backend, lost):
     """Exactly singular, and singular but for rounding: the residual alone shows neither."""
     A = sp.csc_array(np.array([[1.0 + lost, -1.0], [-1.0, 1.0]], dtype=complex))
-    with pytest.raises(SolverError, match=r"singular at 12\.5 Hz: a natural frequency without damping"):
+    with pytest.raises(
+        SolverError, match=r"singular at 12\.5 Hz: a natural frequency without damping"
+    ):
         SparseSolver(backend).solve(A, np.eye(2, dtype=complex), 12.5)
 
 
@@ -190,7 +198,9 @@ def test_inertia_counts_negative_eigenvalues(backend):
 @pytest.mark.parametrize("backend", INSTALLED)
 def test_inertia_with_pivots_off_the_diagonal(backend):
     """Eigenvalues of 1 and -1; with its rows exchanged, the factor of an LU is the unit matrix."""
-    A = sp.csc_array((np.array([0.0, 1, 1, 0]), np.array([0, 1, 0, 1]), np.array([0, 2, 4])), shape=(2, 2))
+    A = sp.csc_array(
+        (np.array([0.0, 1, 1, 0]), np.array([0, 1, 0, 1]), np.array([0, 2, 4])), shape=(2, 2)
+    )
     assert SparseSolver(backend, real=True).factorise(A, 1.0).negative in (1, None)
 
 
@@ -262,7 +272,9 @@ def test_sent_to_another_process_it_begins_anew(backend, real):
 
 # -- what happened -------------------------------------------------------------------------------------------
 def test_solves_are_counted_by_backend(monkeypatch):
-    sloppy = type("Sloppy", (Fake,), {"answer": staticmethod(lambda A, B: exact(A, B) * (1 + 1e-5))})
+    sloppy = type(
+        "Sloppy", (Fake,), {"answer": staticmethod(lambda A, B: exact(A, B) * (1 + 1e-5))}
+    )
     monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", sloppy)
     monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
     A, B = symmetric(6), np.eye(6, dtype=complex)
@@ -337,7 +349,10 @@ def test_too_little_memory_is_not_answered_by_a_backend_that_needs_more(fake, mo
 
     monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", type("Short", (Fake,), {"factor": short}))
     monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
-    with pytest.raises(SolverError, match=r"pardiso: not enough memory to factorise 5 DOFs \(PARDISO needs 17.4 GB\)"):
+    with pytest.raises(
+        SolverError,
+        match=r"pardiso: not enough memory to factorise 5 DOFs \(PARDISO needs 17.4 GB\)",
+    ):
         SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
     assert other.analyses == 0
 
@@ -348,7 +363,8 @@ def test_peak_memory_is_that_of_the_backend_that_needs_most(monkeypatch):
     solver.solve(symmetric(5), np.eye(5), 2.0)
     assert solver.peak_bytes is None
     monkeypatch.setattr(
-        "updyn.linalg.superlu.SuperLU", type("Tells", (Fake,), {"peak_bytes": 7, "answer": staticmethod(exact)})
+        "updyn.linalg.superlu.SuperLU",
+        type("Tells", (Fake,), {"peak_bytes": 7, "answer": staticmethod(exact)}),
     )
     solver.release()
     solver.solve(symmetric(5), np.eye(5), 2.0)
@@ -383,9 +399,13 @@ def test_backend_names(monkeypatch):
     monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: False)
     monkeypatch.setattr("updyn.linalg.mumps.available", lambda: False)
     assert factorise.check_backend(None) == "superlu"
-    with pytest.raises(OptionError, match=r"'pardiso' is not installed; pip install 'updyn\[mkl\]'"):
+    with pytest.raises(
+        OptionError, match=r"'pardiso' is not installed; pip install 'updyn\[mkl\]'"
+    ):
         factorise.check_backend("pardiso")
-    with pytest.raises(OptionError, match=r"'mumps' is not installed; .*libmumps.*pip install 'updyn\[mumps\]'"):
+    with pytest.raises(
+        OptionError, match=r"'mumps' is not installed; .*libmumps.*pip install 'updyn\[mumps\]'"
+    ):
         factorise.check_backend("mumps")
     monkeypatch.setattr("updyn.linalg.mumps.available", lambda: True)
     assert factorise.check_backend(None) == "mumps"

@@ -46,7 +46,9 @@ def test_tier_by_fill(share, tier):
     n = fields.DENSE_LIMIT + 50
     K = np.eye(n)
     K[: int(share * n), : int(share * n)] += 1.0
-    system = AffineSystem.compile(updyn.Model.from_groups({"g": updyn.Group(K)}, [f"{i + 1}:X" for i in range(n)]))
+    system = AffineSystem.compile(
+        updyn.Model.from_groups({"g": updyn.Group(K)}, [f"{i + 1}:X" for i in range(n)])
+    )
     assert LineSolver.choose(system).tier == tier
 
 
@@ -54,7 +56,8 @@ def full(n):
     """Masses that are all tied to each other."""
     A = np.random.default_rng(3).standard_normal((n, n))
     return updyn.Model.from_groups(
-        {"g": updyn.Group(1e4 * A @ A.T, np.eye(n), loss_factor=0.02)}, [f"{i + 1}:X" for i in range(n)]
+        {"g": updyn.Group(1e4 * A @ A.T, np.eye(n), loss_factor=0.02)},
+        [f"{i + 1}:X" for i in range(n)],
     )
 
 
@@ -68,7 +71,9 @@ def test_solve_against_the_full_inverse(make, tier):
     assert X.shape == (9, 3, 2)
     K, M, D = model.stiffness.toarray(), model.mass.toarray(), 0.02 * model.stiffness.toarray()
     for i, w in enumerate(omega):
-        assert X[:, i] == pytest.approx(np.linalg.solve(K + 1j * D - w**2 * M, np.eye(9)[:, [4, 0]]), rel=1e-10)
+        assert X[:, i] == pytest.approx(
+            np.linalg.solve(K + 1j * D - w**2 * M, np.eye(9)[:, [4, 0]]), rel=1e-10
+        )
 
 
 @pytest.mark.parametrize("tier", fields.EXACT_TIERS)
@@ -94,9 +99,13 @@ def test_natural_frequency_with_retained_dofs_held_is_named(tier):
     """DOF 2 alone, DOF 1 held: k/m = (2 pi)^2 2, so f = sqrt(2) Hz. The receptance itself is finite there."""
     K, M = np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2)
     model = updyn.Model.from_groups({"g": updyn.Group(K * (2 * np.pi) ** 2, M)}, ["1:X", "2:X"])
-    with pytest.raises(SolverError, match=r"with the retained DOFs held is singular at 1\.41421 Hz"):
+    with pytest.raises(
+        SolverError, match=r"with the retained DOFs held is singular at 1\.41421 Hz"
+    ):
         updyn.condense(model, [np.sqrt(2.0)], ["1:X"], tier=tier)
-    assert np.isfinite(updyn.response(model, [np.sqrt(2.0)], ["1:X"], ["1:X"], tier=tier).values).all()
+    assert np.isfinite(
+        updyn.response(model, [np.sqrt(2.0)], ["1:X"], ["1:X"], tier=tier).values
+    ).all()
 
 
 @pytest.mark.parametrize("tier", fields.EXACT_TIERS)

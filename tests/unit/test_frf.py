@@ -63,7 +63,9 @@ def test_known_quantities(quantity):
 def test_inverses_are_refused_with_the_reason(quantity, partner):
     with raises(f"quantity {quantity!r} is a force over a motion. One measured element") as caught:
         check_quantity(quantity)
-    assert f"the inverse of one {partner} (all other DOFs would have to be held)" in str(caught.value)
+    assert f"the inverse of one {partner} (all other DOFs would have to be held)" in str(
+        caught.value
+    )
 
 
 @pytest.mark.parametrize(
@@ -132,8 +134,14 @@ def test_freq_is_checked(freq, text):
             "values: expected shape (lines, responses, references) = (4, 3, 2), found (4, 2, 3)",
         ),
         ({"values": [[1], [1, 2]]}, "values: not an array of numbers"),
-        ({"values": np.full((4, 3, 2), "1")}, "values: expected complex or real numbers, found <U1"),
-        ({"values": np.ma.masked_greater(np.arange(24.0).reshape(4, 3, 2), 20)}, "values: holds masked values"),
+        (
+            {"values": np.full((4, 3, 2), "1")},
+            "values: expected complex or real numbers, found <U1",
+        ),
+        (
+            {"values": np.ma.masked_greater(np.arange(24.0).reshape(4, 3, 2), 20)},
+            "values: holds masked values",
+        ),
         (
             {"coherence": np.ones((4, 3))},
             "coherence: expected shape (lines, responses, references) = (4, 3, 2), found (4, 3)",
@@ -260,7 +268,8 @@ def test_conversion_to_itself_changes_nothing(frf):
 
 
 @pytest.mark.parametrize(
-    ("start", "end"), [("receptance", "mobility"), ("accelerance", "receptance"), ("mobility", "accelerance")]
+    ("start", "end"),
+    [("receptance", "mobility"), ("accelerance", "receptance"), ("mobility", "accelerance")],
 )
 def test_the_0_hz_line_is_refused(start, end):
     with raises(f"the 0 Hz line cannot be converted from {start} to {end}") as caught:
@@ -318,7 +327,10 @@ def test_lines_are_found_in_any_order_and_kept_ascending(frf):
 def test_lines_match_to_rounding_and_come_back_as_the_data_have_them(frf):
     assert frf.select(lines=[2.5 * (1 + 5e-10)]).freq.tolist() == [2.5]
     assert frf.select(lines=[2.5 * (1 - 5e-10)]).freq.tolist() == [2.5]
-    with raises("line 2.50000001 Hz is not in the data (1 such); nearest: 2.5 and 4 Hz. Lines are not interpolated"):
+    with raises(
+        "line 2.50000001 Hz is not in the data (1 such); nearest: 2.5 and 4 Hz. Lines are not"
+        " interpolated"
+    ):
         frf.select(lines=[2.5 * (1 + 4e-9)])
 
 
@@ -380,8 +392,16 @@ def test_the_opposite_sign_turns_the_values(frf, response, reference, sign):
 @pytest.mark.parametrize(
     ("asked", "kind", "text"),
     [
-        ({"responses": ["1:Y"]}, DofError, "response 1:Y is not among the 3 DOFs; nearest: 1:X, 2:-Y, 3:RZ"),
-        ({"references": ["2:X"]}, DofError, "reference 2:X is not among the 2 DOFs; nearest: 1:X, 9:Z"),
+        (
+            {"responses": ["1:Y"]},
+            DofError,
+            "response 1:Y is not among the 3 DOFs; nearest: 1:X, 2:-Y, 3:RZ",
+        ),
+        (
+            {"references": ["2:X"]},
+            DofError,
+            "reference 2:X is not among the 2 DOFs; nearest: 1:X, 9:Z",
+        ),
         ({"responses": "1:X"}, DofError, "DOFs '1:X': expected a list of labels, found one text"),
         ({"responses": []}, DataError, "responses: expected at least one DOF, found none"),
     ],
@@ -436,7 +456,10 @@ def test_dimensions_come_in_any_order(frf):
 def test_a_dataset_that_does_not_say_what_it_measured(frf):
     data = frf.to_xarray()
     del data.attrs["quantity"]
-    with raises("the dataset does not say what it measured: give quantity='receptance', 'mobility' or 'accelerance'"):
+    with raises(
+        "the dataset does not say what it measured: give quantity='receptance', 'mobility' or"
+        " 'accelerance'"
+    ):
         FRF.from_xarray(data)
     assert FRF.from_xarray(data, quantity="mobility").quantity == "mobility"
 
@@ -450,7 +473,10 @@ def test_a_contradiction_is_an_error(frf):
 def test_a_dataset_without_its_parts(frf):
     with raises("dataset: no variable 'frf'; did you mean 'frff'?"):
         FRF.from_xarray(frf.to_xarray().rename(frf="frff"))
-    with raises("dataset: 'frf' has dimensions ('freq', 'response'); expected ('freq', 'response', 'reference')"):
+    with raises(
+        "dataset: 'frf' has dimensions ('freq', 'response'); expected ('freq', 'response',"
+        " 'reference')"
+    ):
         FRF.from_xarray(frf.to_xarray().assign(frf=(("freq", "response"), np.ones((4, 3)))))
     data = frf.to_xarray()
     data["freq"].attrs["units"] = "rad/s"

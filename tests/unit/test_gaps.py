@@ -31,7 +31,9 @@ def test_every_value_comes_back_once(seed, share):
     values = np.where(rng.uniform(size=shape) < share, np.nan, whole)
     values[0, 0, 0] = whole[0, 0, 0]
     freq, rows, columns = 1.0 + np.arange(5), ["1:X", "2:X", "3:X"], ["1:X", "3:X"]
-    parts = updyn.complete_parts(freq, values, rows, columns, "receptance", coherence=np.abs(whole) / 10)
+    parts = updyn.complete_parts(
+        freq, values, rows, columns, "receptance", coherence=np.abs(whole) / 10
+    )
     labels = [updyn.DofSet(d).labels for d in (rows, columns)]
     back, seen = pieces(parts, shape, freq, *labels)
     assert np.array_equal(seen, ~np.isnan(values))
@@ -41,7 +43,9 @@ def test_every_value_comes_back_once(seed, share):
 
 def test_without_a_gap_it_is_the_frf(chain12_frf):
     f = chain12_frf
-    (one,) = updyn.complete_parts(f.freq, f.values, f.responses, f.references, f.quantity, source="run 3")
+    (one,) = updyn.complete_parts(
+        f.freq, f.values, f.responses, f.references, f.quantity, source="run 3"
+    )
     assert np.array_equal(one.values, f.values)
     assert one.source == "run 3"
 
@@ -50,7 +54,9 @@ def test_a_sensor_that_dropped_out(chain12_frf):
     f = chain12_frf
     values = f.values.copy()
     values[40:57, 3, :] = np.nan
-    rest, broken = updyn.complete_parts(f.freq, values, f.responses, f.references, f.quantity, averages=4, source="a")
+    rest, broken = updyn.complete_parts(
+        f.freq, values, f.responses, f.references, f.quantity, averages=4, source="a"
+    )
     assert rest.values.shape == (60, 4, 5)
     assert broken.values.shape == (43, 1, 5)
     assert broken.responses == updyn.DofSet([f.responses[3]])
@@ -60,7 +66,10 @@ def test_a_sensor_that_dropped_out(chain12_frf):
     again = updyn.complete_parts(f.freq, masked, f.responses, f.references, f.quantity)
     assert [p.values.shape for p in again] == [(60, 4, 5), (43, 1, 5)]
     values[:, 2, 0] = np.nan  # never mounted for the first force
-    shapes = [p.values.shape for p in updyn.complete_parts(f.freq, values, f.responses, f.references, f.quantity)]
+    shapes = [
+        p.values.shape
+        for p in updyn.complete_parts(f.freq, values, f.responses, f.references, f.quantity)
+    ]
     assert shapes == [(60, 3, 5), (60, 1, 4), (43, 1, 5)]
 
 
@@ -81,7 +90,9 @@ def test_the_fit_of_the_parts_is_as_good_as_the_data(chain12, chain12_true, chai
         values = data.values.copy()
         values[30:, 1, 0] = np.nan
         values[:30, 4, 1] = np.nan
-        parts = updyn.complete_parts(data.freq, values, data.responses, data.references, data.quantity)
+        parts = updyn.complete_parts(
+            data.freq, values, data.responses, data.references, data.quantity
+        )
         assert len(parts) == 5
         found = updyn.update_jointly([updyn.Test(chain12, p) for p in parts], unknowns, starts=0)
         whole = updyn.update(chain12, data, unknowns, starts=0)
@@ -103,7 +114,10 @@ def test_the_fit_of_the_parts_is_as_good_as_the_data(chain12, chain12_true, chai
             r"values at 2 Hz, response 1:X, reference 2:X is infinite",
         ),
         ({"values": np.ones((2, 1))}, r"values: expected shape .* = \(2, 1, 1\), found \(2, 1\)"),
-        ({"coherence": np.ones((2, 1))}, r"coherence: expected shape .* = \(2, 1, 1\), found \(2, 1\)"),
+        (
+            {"coherence": np.ones((2, 1))},
+            r"coherence: expected shape .* = \(2, 1, 1\), found \(2, 1\)",
+        ),
         ({"coherence": np.full((2, 1, 1), np.nan)}, r"coherence at 1 Hz, .* is not finite"),
         ({"freq": [2.0, 1.0]}, r"lines must increase"),
         ({"quantity": "impedance"}, r"quantity 'impedance'"),
@@ -111,7 +125,9 @@ def test_the_fit_of_the_parts_is_as_good_as_the_data(chain12, chain12_true, chai
 )
 def test_refusals(change, message):
     given = {"freq": [1.0, 2.0], "values": np.ones((2, 1, 1)), "quantity": "receptance"} | change
-    with pytest.raises(DataError, match=message.replace("1:X", r"1:\+?X").replace("2:X", r"2:\+?X")):
+    with pytest.raises(
+        DataError, match=message.replace("1:X", r"1:\+?X").replace("2:X", r"2:\+?X")
+    ):
         updyn.complete_parts(responses=["1:X"], references=["2:X"], **given)
 
 
@@ -122,6 +138,8 @@ def test_labels_are_read_as_ever():
 
 def test_an_frf_with_a_gap_says_where_to_go():
     with pytest.raises(DataError, match="complete_parts"):
-        updyn.FRF([1.0, 2.0], np.array([1.0, np.nan]).reshape(2, 1, 1), ["1:X"], ["2:X"], "receptance")
+        updyn.FRF(
+            [1.0, 2.0], np.array([1.0, np.nan]).reshape(2, 1, 1), ["1:X"], ["2:X"], "receptance"
+        )
     with pytest.raises(DataError, match="complete_parts"):
         updyn.FRF([1.0], np.ma.masked_all((1, 1, 1)), ["1:X"], ["2:X"], "receptance")

@@ -18,7 +18,10 @@ TURNED = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 @pytest.fixture
 def three() -> Geometry:
     return Geometry(
-        [7, 3, 5], [[0, 0, 0], [1, 0, 0], [1, 2, 0]], lines=[[7, 3], [3, 5]], axes=[np.eye(3), TURNED, np.eye(3)]
+        [7, 3, 5],
+        [[0, 0, 0], [1, 0, 0], [1, 2, 0]],
+        lines=[[7, 3], [3, 5]],
+        axes=[np.eye(3), TURNED, np.eye(3)],
     )
 
 
@@ -63,20 +66,44 @@ def test_position_in_an_empty_geometry():
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (([1, 2], [[0, 0, 0]]), "expected n node numbers and (n, 3) positions, found (2,) and (1, 3)"),
+        (
+            ([1, 2], [[0, 0, 0]]),
+            "expected n node numbers and (n, 3) positions, found (2,) and (1, 3)",
+        ),
         (([1], [[0, 0]]), "found (1,) and (1, 2)"),
-        (([1.5], [[0, 0, 0]]), "geometry: nodes: expected whole numbers of at most 1e+17 in size, found 1.5"),
+        (
+            ([1.5], [[0, 0, 0]]),
+            "geometry: nodes: expected whole numbers of at most 1e+17 in size, found 1.5",
+        ),
         ((["a"], [[0, 0, 0]]), "geometry: nodes: expected whole numbers, found <U1"),
         (([1], [["a", 0, 0]]), "geometry: positions are not an array of numbers"),
         (([4, 1], [[0, 0, 0], [0, np.nan, 0]]), "geometry: the position of node 1 is not finite"),
         (([4, 4], np.zeros((2, 3))), "geometry: node 4 stands twice"),
-        (([1, 2], np.zeros((2, 3)), [[1, 3]]), "geometry: a line names node 3, which has no position"),
-        (([1, 2], np.zeros((2, 3)), [1, 2, 1]), "geometry: expected lines as (m, 2) node numbers, found (3,)"),
-        (([1, 2], np.zeros((2, 3)), [1, 2, 2, 1]), "geometry: expected lines as (m, 2) node numbers, found (4,)"),
+        (
+            ([1, 2], np.zeros((2, 3)), [[1, 3]]),
+            "geometry: a line names node 3, which has no position",
+        ),
+        (
+            ([1, 2], np.zeros((2, 3)), [1, 2, 1]),
+            "geometry: expected lines as (m, 2) node numbers, found (3,)",
+        ),
+        (
+            ([1, 2], np.zeros((2, 3)), [1, 2, 2, 1]),
+            "geometry: expected lines as (m, 2) node numbers, found (4,)",
+        ),
         (([1, 2], np.zeros((2, 3)), [[1, 1.5]]), "geometry: lines: expected whole numbers"),
-        (([1], [[0, 0, 0]], None, np.eye(3)), "geometry: expected axes of shape (1, 3, 3), found (3, 3)"),
-        (([8], [[0, 0, 0]], None, [np.diag([1, 1, np.nan])]), "the axes of node 8 are not three perpendicular"),
-        (([8], [[0, 0, 0]], None, [np.diag([1, 1, 1.01])]), "the axes of node 8 are not three perpendicular"),
+        (
+            ([1], [[0, 0, 0]], None, np.eye(3)),
+            "geometry: expected axes of shape (1, 3, 3), found (3, 3)",
+        ),
+        (
+            ([8], [[0, 0, 0]], None, [np.diag([1, 1, np.nan])]),
+            "the axes of node 8 are not three perpendicular",
+        ),
+        (
+            ([8], [[0, 0, 0]], None, [np.diag([1, 1, 1.01])]),
+            "the axes of node 8 are not three perpendicular",
+        ),
         (([8], [[0, 0, 0]], None, [[[1, 0, 0], [0.1, 1, 0], [0, 0, 1]]]), "directions of length 1"),
     ],
 )

@@ -30,7 +30,9 @@ def test_standard_deviations_are_those_of_the_information():
     assert found.report.singular_values == pytest.approx(s, rel=1e-12)
     assert found.report.condition == pytest.approx(s[0] / s[-1], rel=1e-12)
     assert found.report.collinearity == pytest.approx(1 / s[-1], rel=1e-12)
-    assert analyse(R, NAMES, inflation=2.0).covariance == pytest.approx(4 * found.covariance, rel=1e-12)
+    assert analyse(R, NAMES, inflation=2.0).covariance == pytest.approx(
+        4 * found.covariance, rel=1e-12
+    )
 
 
 def test_unknown_without_effect():
@@ -62,11 +64,19 @@ def test_two_open_combinations_read_as_simple_ones():
     R = np.array([[10.0, 10.0, 0.0, 0.0], [0.0, 0.0, 10.0, -10.0]])
     found = analyse(R, ["a", "b", "c", "d"])
     assert found.report.rank == 2
-    assert sorted(tuple(sorted(d)) for d in found.report.null_directions) == [("a", "b"), ("c", "d")]
+    assert sorted(tuple(sorted(d)) for d in found.report.null_directions) == [
+        ("a", "b"),
+        ("c", "d"),
+    ]
     by_pair = {tuple(sorted(d)): d for d in found.report.null_directions}
     assert by_pair["a", "b"]["a"] == pytest.approx(-by_pair["a", "b"]["b"])
     assert by_pair["c", "d"]["c"] == pytest.approx(by_pair["c", "d"]["d"])
-    assert all(w == pytest.approx(1.0) for d in found.report.determined_directions for w in d.values() if w > 0)
+    assert all(
+        w == pytest.approx(1.0)
+        for d in found.report.determined_directions
+        for w in d.values()
+        if w > 0
+    )
 
 
 def test_direction_open_by_noise():
@@ -82,7 +92,9 @@ def test_direction_open_by_noise():
 
 def test_unknown_that_hardly_takes_part_in_an_uncertain_direction_keeps_its_standard_deviation():
     """Along (1, 0.02, 0) the data leave 1.5: `a` is open, `b` is known to 0.03 and must not be called unknown."""
-    found = analyse(from_directions([[1, 0.02, 0], [-0.02, 1, 0], [0, 0, 1]], [1.5, 0.005, 0.01]), NAMES)
+    found = analyse(
+        from_directions([[1, 0.02, 0], [-0.02, 1, 0], [0, 0, 1]], [1.5, 0.005, 0.01]), NAMES
+    )
     assert found.report.rank == 2
     assert list(found.involved) == [True, False, False]
     assert np.sqrt(found.covariance[1, 1]) == pytest.approx(np.hypot(0.03, 0.005), rel=1e-3)
@@ -106,10 +118,15 @@ def test_rank_does_not_depend_on_the_units_of_the_unknowns():
 def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_reference, residual):
     """Four lines determine 17 of 18 unknowns; per unit of Y6 the others move as computed in 60 digits."""
     unknowns = updyn.parameters(gear_train, stiffness="all", mass="all", loss_factor="all")
-    exact = {k.replace("u", "unit "): w for k, w in gear_train_reference["null_direction_4_lines"].items()}
+    exact = {
+        k.replace("u", "unit "): w
+        for k, w in gear_train_reference["null_direction_4_lines"].items()
+    }
 
     def analysed(omega):
-        data = updyn.response(gear_train, np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
+        data = updyn.response(
+            gear_train, np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"]
+        )
         problem = Problem.build(gear_train, data, unknowns)
         local = residual.local(problem, problem.coordinates.to_x(unknowns.start))
         return analyse(1e9 * local.R, unknowns.names), local

@@ -35,7 +35,11 @@ def train(locked: bool) -> updyn.Model:
     return updyn.Model.from_groups(held, ["2:RZ"])
 
 
-CHANGES = {"motor": {"mass": 1.3}, "shaft": {"stiffness": 0.8, "loss_factor": 0.05}, "load": {"mass": 1.1}}
+CHANGES = {
+    "motor": {"mass": 1.3},
+    "shaft": {"stiffness": 0.8, "loss_factor": 0.05},
+    "load": {"mass": 1.1},
+}
 BANDS = {True: np.linspace(2.0, 15.0, 50), False: np.linspace(10.0, 70.0, 70)}
 
 
@@ -57,7 +61,9 @@ def both(noise: float = 0.0, seed: int = 0) -> list[updyn.Test]:
 
 
 def unknowns() -> updyn.updating.parameters.ParameterSet:
-    return updyn.parameters(train(False), stiffness="shaft", mass=["motor", "load"], loss_factor="shaft")
+    return updyn.parameters(
+        train(False), stiffness="shaft", mass=["motor", "load"], loss_factor="shaft"
+    )
 
 
 TRUE = {"motor.mass": 1.3, "shaft.stiffness": 0.8, "shaft.loss_factor": 0.05, "load.mass": 1.1}
@@ -81,7 +87,9 @@ def test_both_together_find_what_the_locked_rotor_cannot() -> None:
 
 @pytest.mark.parametrize("method", ["log", "output-error"])
 def test_other_methods(method: str) -> None:
-    near = unknowns().with_start({"motor.mass": 1.28, "shaft.stiffness": 0.81, "shaft.loss_factor": 0.045})
+    near = unknowns().with_start(
+        {"motor.mass": 1.28, "shaft.stiffness": 0.81, "shaft.loss_factor": 0.045}
+    )
     result = updyn.update_jointly(both(), near, method)
     assert result.values == pytest.approx(TRUE, rel=1e-6)
 
@@ -92,8 +100,12 @@ def test_the_sum_is_that_of_the_parts() -> None:
     sum_ = LogError().local(Joint(tuple(parts)), x)
     each = [LogError().local(part, x) for part in parts]
     assert sum_.cost == pytest.approx(sum(e.cost for e in each), rel=1e-12)
-    np.testing.assert_allclose(sum_.R.T @ sum_.R, sum(e.R.T @ e.R for e in each), rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(sum_.R.T @ sum_.q, sum(e.R.T @ e.q for e in each), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(
+        sum_.R.T @ sum_.R, sum(e.R.T @ e.R for e in each), rtol=1e-10, atol=1e-10
+    )
+    np.testing.assert_allclose(
+        sum_.R.T @ sum_.q, sum(e.R.T @ e.q for e in each), rtol=1e-10, atol=1e-10
+    )
     assert not each[0].R[:, 0].any()  # the motor is not in the model of the locked rotor
 
 
@@ -104,7 +116,10 @@ def test_noise_is_each_test_s_own_and_errors_are_as_stated() -> None:
         off.append([(result.values[n] - TRUE[n]) / result.std[n] for n in NAMES])
     rms = np.sqrt(np.mean(np.square(off)))
     assert 0.75 < rms < 1.3  # 80 values: a standard error of 8 %
-    noisy = [updyn.Test(train(True), measured(True, 0.05), "a"), updyn.Test(train(False), measured(False, 0.005), "b")]
+    noisy = [
+        updyn.Test(train(True), measured(True, 0.05), "a"),
+        updyn.Test(train(False), measured(False, 0.005), "b"),
+    ]
     result = updyn.update_jointly(noisy, unknowns())
     assert result["a"].noise["relative"] == pytest.approx(0.05, rel=0.3)
     assert result["b"].noise["relative"] == pytest.approx(0.005, rel=0.3)
@@ -145,7 +160,10 @@ def test_the_reduced_tier_and_processes_give_the_same() -> None:
 
 
 def test_what_is_open_in_all_tests_is_said_with_the_test_that_would_cure_it() -> None:
-    locked = [updyn.Test(train(True), measured(True), "a"), updyn.Test(train(True), measured(True, 0.01), "b")]
+    locked = [
+        updyn.Test(train(True), measured(True), "a"),
+        updyn.Test(train(True), measured(True, 0.01), "b"),
+    ]
     with pytest.raises(InputError, match="no group 'motor'"):
         updyn.update_jointly(locked, unknowns())
     with pytest.raises(InputError, match="two tests are called 'a'"):

@@ -63,12 +63,20 @@ def evaluated(monkeypatch):
 
 def same(a, b):
     return len(a) == len(b) and all(
-        x.dtype == y.dtype and x.shape == y.shape and x.tobytes() == y.tobytes() for x, y in zip(a, b, strict=True)
+        x.dtype == y.dtype and x.shape == y.shape and x.tobytes() == y.tobytes()
+        for x, y in zip(a, b, strict=True)
     )
 
 
 def outcome(result):
-    return result.status, result.values, result.std, result.history, result.correlation, result.noise
+    return (
+        result.status,
+        result.values,
+        result.std,
+        result.history,
+        result.correlation,
+        result.noise,
+    )
 
 
 def known(file):
@@ -122,7 +130,10 @@ def test_objects_are_not_unpickled(file):
     payload = np_bytes((np.array([{}], dtype=object),))
     with file.open("ab") as out:
         out.write(_framed(b"9" * 16 + payload))
-    with closing(Journal(file, HEAD, resume=True)) as journal, pytest.raises(ValueError, match="allow_pickle"):
+    with (
+        closing(Journal(file, HEAD, resume=True)) as journal,
+        pytest.raises(ValueError, match="allow_pickle"),
+    ):
         journal.get(b"9" * 16)
 
 
@@ -180,7 +191,9 @@ def test_a_full_disk_does_not_end_the_run(file):
     journal = Journal(file, HEAD, resume=True)
     journal._file.close()
     journal._file = open("/dev/full", "r+b", buffering=0)  # noqa: PTH123, SIM115
-    with pytest.warns(UpdynWarning, match="cannot be written .*; the run goes on, but cannot be resumed"):
+    with pytest.warns(
+        UpdynWarning, match="cannot be written .*; the run goes on, but cannot be resumed"
+    ):
         journal.put(b"7" * 16, (np.ones(3),))
     journal.put(b"8" * 16, (np.ones(3),))
     assert len(journal) == 3
@@ -208,21 +221,27 @@ def test_a_run_that_is_resumed_after_its_end_solves_nothing_and_answers_the_same
     assert outcome(kept) == outcome(plain)
     size = path.stat().st_size
     evaluated.clear()
-    again = updyn.update(chain12, data, unknowns, method=method, checkpoint=path, resume=True, **options)
+    again = updyn.update(
+        chain12, data, unknowns, method=method, checkpoint=path, resume=True, **options
+    )
     assert outcome(again) == outcome(plain)
     assert evaluated == []
     assert path.stat().st_size == size
 
 
 @pytest.mark.parametrize(("method", "options"), METHODS)
-def test_a_run_that_broke_off_anywhere_goes_on_to_the_same_answer(chain12, data, unknowns, tmp_path, method, options):
+def test_a_run_that_broke_off_anywhere_goes_on_to_the_same_answer(
+    chain12, data, unknowns, tmp_path, method, options
+):
     path = tmp_path / "run.journal"
     full = updyn.update(chain12, data, unknowns, method=method, checkpoint=path, **options)
     whole = path.read_bytes()
     start = whole.index(b"\x93NUMPY") - 24
     for end in np.linspace(start, len(whole), 5).astype(int)[:-1]:
         path.write_bytes(whole[:end])
-        found = updyn.update(chain12, data, unknowns, method=method, checkpoint=path, resume=True, **options)
+        found = updyn.update(
+            chain12, data, unknowns, method=method, checkpoint=path, resume=True, **options
+        )
         assert outcome(found) == outcome(full)
         assert path.read_bytes() == whole
 
@@ -235,7 +254,11 @@ def test_a_stopped_run_goes_on_to_the_same_answer(chain12, data, unknowns, tmp_p
     for number in (0, 3, 20, 60):
         seen = []
         stopped = updyn.update(
-            chain12, data, unknowns, checkpoint=path, callback=lambda p, n=number, s=seen: s.append(p) or len(s) > n
+            chain12,
+            data,
+            unknowns,
+            checkpoint=path,
+            callback=lambda p, n=number, s=seen: s.append(p) or len(s) > n,
         )
         assert stopped.status == "stopped"
         found = updyn.update(chain12, data, unknowns, checkpoint=path, resume=True)
@@ -260,7 +283,9 @@ def test_more_steps_than_were_allowed_at_first(chain12, data, unknowns, tmp_path
 def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns, tmp_path):
     path = tmp_path / "run.journal"
     updyn.update(chain12, data, unknowns, method="log", checkpoint=path)
-    moved = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all", prior_std={"part1.mass": 0.1})
+    moved = updyn.parameters(
+        chain12, stiffness="all", mass="all", loss_factor="all", prior_std={"part1.mass": 0.1}
+    )
     coherent = replace(data, coherence=np.full(data.values.shape, 0.9))
     for changes, message in (
         ({"model": chain12.scaled({"part1": {"mass": 1.01}})}, "the model differs"),
@@ -269,13 +294,22 @@ def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns
         ({"frf": coherent}, "the data differ"),
         ({"parameters": moved}, r"the unknowns differ \(part1.mass\)"),
         ({"seed": 1}, r"the options differ \(seed\)"),
-        ({"method": "output-error"}, r"the options differ \(continuation, inflate, method, seed, starts\)"),
+        (
+            {"method": "output-error"},
+            r"the options differ \(continuation, inflate, method, seed, starts\)",
+        ),
         ({"lines": data.freq[::2]}, r"the options differ \(lines\)"),
         ({"noise": {"relative": 0.1}}, r"the options differ \(noise\)"),
         ({"validation": ["2:X"]}, r"the options differ \(validation\)"),
         ({"tier": "sparse"}, r"the options differ \(backend, tier\)"),
     ):
-        arguments = {"model": chain12, "frf": data, "parameters": unknowns, "method": "log", **changes}
+        arguments = {
+            "model": chain12,
+            "frf": data,
+            "parameters": unknowns,
+            "method": "log",
+            **changes,
+        }
         with pytest.raises(OptionError, match=message):
             updyn.update(**arguments, checkpoint=path, resume=True)
 

@@ -31,12 +31,16 @@ def full(chain12_true, chain12_frf):
 @pytest.fixture(scope="module")
 def close(chain12_true):
     """So close to the truth that every one of them arrives."""
-    return chain12_true.scaled({g: {"stiffness": 1.003, "mass": 0.998} for g in chain12_true.groups})
+    return chain12_true.scaled(
+        {g: {"stiffness": 1.003, "mass": 0.998} for g in chain12_true.groups}
+    )
 
 
 def chosen(model, name):
     """The unknowns that a method can update."""
-    return updyn.parameters(model, **{q: v for q, v in EVERY.items() if q not in method_class(name).cannot})
+    return updyn.parameters(
+        model, **{q: v for q, v in EVERY.items() if q not in method_class(name).cannot}
+    )
 
 
 def run(model, data, name, **options):
@@ -55,7 +59,9 @@ def outcome(result):
 
 # -- amounts ---------------------------------------------------------------------------------------------------------
 def test_stiffness_and_its_loss_factor_are_a_pair(chain12):
-    both = updyn.parameters(chain12, stiffness=["part1", "part3"], mass="all", loss_factor=["part3", "part4"])
+    both = updyn.parameters(
+        chain12, stiffness=["part1", "part3"], mass="all", loss_factor=["part3", "part4"]
+    )
     pair = both.names.index("part3.stiffness"), both.names.index("part3.loss_factor")
     assert Amounts.find(both).pairs == (pair,)
 
@@ -63,7 +69,9 @@ def test_stiffness_and_its_loss_factor_are_a_pair(chain12):
 def test_a_loss_factor_of_a_linked_stiffness_is_a_pair_only_where_the_law_is_linear(chain12):
     loss = updyn.parameters(chain12, loss_factor=["part1"])
     for power, pairs in ((1.0, ((1, 0),)), (3.0, ())):
-        linked = updyn.link(chain12, "plate.thickness", {"part1.stiffness": power, "part2.stiffness": 1.0})
+        linked = updyn.link(
+            chain12, "plate.thickness", {"part1.stiffness": power, "part2.stiffness": 1.0}
+        )
         assert Amounts.find(loss + linked).pairs == pairs
 
 
@@ -87,14 +95,18 @@ def test_basic_solution_leaves_what_is_not_determined():
 def test_separate_steps_are_taken_in_turn(chain12, full):
     """Stiffness first, mass with the stiffness found, damping with both (Gauss-Seidel, not Jacobi)."""
     problem = Problem.build(
-        chain12, full, updyn.parameters(chain12, mass=["part1"], stiffness=["part1"], loss_factor=["part2"])
+        chain12,
+        full,
+        updyn.parameters(chain12, mass=["part1"], stiffness=["part1"], loss_factor=["part2"]),
     )
     A = np.array([[3.0, 1.0, 0.5], [1.0, 4.0, 1.0], [0.5, 2.0, 2.0]])
     b = np.array([0.1, 0.2, 0.3])
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     start = problem.coordinates.parameters.start
     names = problem.coordinates.parameters.names
-    kappa, mu, gamma = (names.index(name) for name in ("part1.stiffness", "part1.mass", "part2.loss_factor"))
+    kappa, mu, gamma = (
+        names.index(name) for name in ("part1.stiffness", "part1.mass", "part2.loss_factor")
+    )
     wanted, left = np.zeros(3), b.copy()
     for i in (kappa, mu, gamma):
         wanted[i] = A[:, i] @ left / (A[:, i] @ A[:, i])
@@ -120,7 +132,10 @@ def test_the_identity_holds_for_a_change_of_any_size(chain12, chain12_true, full
         level = np.sqrt(np.mean(np.abs(full.values) ** 2))
         assert r[i] == pytest.approx(H @ (Z[1] - Z[0]) @ full.values[i] / level, rel=1e-9)
         name = "part2.stiffness"
-        at, K = problem.coordinates.parameters.names.index(name), chain12.group("part2").stiffness.toarray()
+        at, K = (
+            problem.coordinates.parameters.names.index(name),
+            chain12.group("part2").stiffness.toarray(),
+        )
         assert J[at, i] == pytest.approx(-(1 + 0.03j) * H @ K @ full.values[i] / level, rel=1e-9)
 
 
@@ -137,13 +152,17 @@ def test_where_the_model_is_true_its_slope_is_that_of_the_output_error(chain12_t
 
 # -- what is refused -------------------------------------------------------------------------------------------------
 def test_quantities_that_a_method_cannot_update(chain12, full):
-    with pytest.raises(ParameterError, match=r"'rfm' cannot update loss_factor \(unknown 'part1.loss_factor'\)"):
+    with pytest.raises(
+        ParameterError, match=r"'rfm' cannot update loss_factor \(unknown 'part1.loss_factor'\)"
+    ):
         updyn.update(chain12, full, updyn.parameters(chain12, loss_factor="all"), method="rfm")
     assert {"loss_factor", "viscous"} <= set(method_class("rfm").cannot)
     damper = updyn.Model.from_groups({"a": updyn.Group([[1e4]], [[1.0]], viscous=[[3.0]])}, ["1:X"])
     data = updyn.response(damper, [5.0, 12.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(damper, viscous="all")
-    with pytest.raises(ParameterError, match=r"'complex-rfm' cannot update viscous \(unknown 'a.viscous'\)"):
+    with pytest.raises(
+        ParameterError, match=r"'complex-rfm' cannot update viscous \(unknown 'a.viscous'\)"
+    ):
         updyn.update(damper, data, unknowns, method="complex-rfm")
     assert "viscous" in method_class("complex-rfm").cannot
     assert "loss_factor" not in method_class("complex-rfm").cannot
@@ -153,7 +172,9 @@ def test_quantities_that_a_method_cannot_update(chain12, full):
 def test_a_viscous_damper_is_found_where_the_method_can(name):
     groups = {"a": updyn.Group([[1e4]], [[1.0]], viscous=[[3.0]])}
     start = updyn.Model.from_groups(groups, ["1:X"])
-    data = updyn.response(start.scaled({"a": {"viscous": 1.02}}), [5.0, 12.0, 15.0], ["1:X"], ["1:X"])
+    data = updyn.response(
+        start.scaled({"a": {"viscous": 1.02}}), [5.0, 12.0, 15.0], ["1:X"], ["1:X"]
+    )
     result = updyn.update(start, data, updyn.parameters(start, viscous="all"), method=name)
     assert result.values == pytest.approx({"a.viscous": 1.02}, rel=1e-9)
 
@@ -161,10 +182,20 @@ def test_a_viscous_damper_is_found_where_the_method_can(name):
 def test_all_damping_of_a_group_is_found_in_one_solve_where_the_equation_is_linear():
     """Loss factor and Rayleigh damping are relative to stiffness and mass: linear as products with them."""
     K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
-    group = updyn.Group(K, np.diag([1.0, 2.0]), loss_factor=0.01, mass_damping=0.1, stiffness_damping=1e-4)
+    group = updyn.Group(
+        K, np.diag([1.0, 2.0]), loss_factor=0.01, mass_damping=0.1, stiffness_damping=1e-4
+    )
     start = updyn.Model.from_groups({"a": group}, ["1:X", "2:X"])
-    truth = {"stiffness": 1.8, "mass": 0.6, "loss_factor": 0.05, "mass_damping": 0.4, "stiffness_damping": 3e-4}
-    data = updyn.response(start.scaled({"a": truth}), [2.0, 7.0, 11.0, 20.0, 31.0], ["1:X", "2:X"], ["1:X"])
+    truth = {
+        "stiffness": 1.8,
+        "mass": 0.6,
+        "loss_factor": 0.05,
+        "mass_damping": 0.4,
+        "stiffness_damping": 3e-4,
+    }
+    data = updyn.response(
+        start.scaled({"a": truth}), [2.0, 7.0, 11.0, 20.0, 31.0], ["1:X", "2:X"], ["1:X"]
+    )
     chosen = updyn.parameters(start, **dict.fromkeys(truth, "all"))
     assert len(Amounts.find(chosen).pairs) == 3
     result = updyn.update(start, data, chosen, method="reduced-frf", separate=False)
@@ -179,14 +210,21 @@ def test_a_loss_factor_that_depends_on_frequency(name):
     K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
     group = updyn.Group(K, np.diag([1.0, 2.0]), loss_factor=0.02, loss_table=table)
     start = updyn.Model.from_groups({"a": group}, ["1:X", "2:X"])
-    data = updyn.response(start.scaled({"a": {"loss_factor": 0.05}}), [2.0, 7.0, 20.0], ["1:X", "2:X"], ["1:X"])
+    data = updyn.response(
+        start.scaled({"a": {"loss_factor": 0.05}}), [2.0, 7.0, 20.0], ["1:X", "2:X"], ["1:X"]
+    )
     result = run(start, data, name)
-    assert result.values == pytest.approx({"a.stiffness": 1.0, "a.mass": 1.0, "a.loss_factor": 0.05}, rel=1e-9)
+    assert result.values == pytest.approx(
+        {"a.stiffness": 1.0, "a.mass": 1.0, "a.loss_factor": 0.05}, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", ["rfm", "complex-rfm"])
 def test_full_coordinates_are_asked_for(chain12, chain12_frf, name):
-    with pytest.raises(DataError, match=rf"{name} needs .* all 12 DOFs .*; 7 were not measured \(1:X, 3:.*, \.\.\.\)"):
+    with pytest.raises(
+        DataError,
+        match=rf"{name} needs .* all 12 DOFs .*; 7 were not measured \(1:X, 3:.*, \.\.\.\)",
+    ):
         run(chain12, chain12_frf, name)
 
 
@@ -199,7 +237,11 @@ def test_priors_are_refused_by_plain_iterations(chain12, full, name):
 
 def test_the_trust_region_takes_priors_and_bounds(chain12, full):
     unknowns = updyn.parameters(
-        chain12, stiffness="all", mass="all", bounds={"stiffness": (0.9, 1.1)}, prior_std={"mass": 0.3}
+        chain12,
+        stiffness="all",
+        mass="all",
+        bounds={"stiffness": (0.9, 1.1)},
+        prior_std={"mass": 0.3},
     )
     held = updyn.update(chain12, full, unknowns, method="rfm", solver="trust-region")
     assert "part1.stiffness" in held.at_bound
@@ -219,7 +261,9 @@ def test_options_are_checked():
         make_method("complex-rfm", {"solver": "gauss"})
     with pytest.raises(OptionError, match="option expand = 1: expected bool"):
         make_method("rfm", {"expand": 1})
-    with pytest.raises(OptionError, match=r"option frequency = -1.0: expected a number of at least 0"):
+    with pytest.raises(
+        OptionError, match=r"option frequency = -1.0: expected a number of at least 0"
+    ):
         make_method("reduced-frf", {"frequency": -1.0})
 
 
@@ -231,7 +275,9 @@ def test_the_reduced_tier_is_refused_with_the_reason(chain12, full, name):
 
 @pytest.mark.parametrize("name", ["complex-rfm", "reduced-frf"])
 def test_a_line_at_0_hz_is_refused_where_it_holds_no_receptance(chain12, full, name):
-    still = updyn.FRF([0.0, *full.freq[:3]], full.values[:4], full.responses, full.references, "accelerance")
+    still = updyn.FRF(
+        [0.0, *full.freq[:3]], full.values[:4], full.responses, full.references, "accelerance"
+    )
     with pytest.raises(DataError, match="the 0 Hz line of accelerance holds no receptance"):
         run(chain12, still, name)
 
@@ -245,7 +291,9 @@ def test_a_force_without_a_sensor_is_refused_by_the_reduced_method(chain12, chai
 def test_no_transformation_at_a_frequency_of_the_held_structure():
     """DOFs 2 and 3 hang between held sensors: they resonate at sqrt(k / m)."""
     K = 1e4 * np.array([[1.0, -1.0, 0], [-1.0, 2.0, -1.0], [0, -1.0, 1.0]])
-    free = updyn.Model.from_groups({"c": updyn.Group(K, np.eye(3), loss_factor=0.05)}, ["1:X", "2:X", "3:X"])
+    free = updyn.Model.from_groups(
+        {"c": updyn.Group(K, np.eye(3), loss_factor=0.05)}, ["1:X", "2:X", "3:X"]
+    )
     data = updyn.response(free, [3.0, 9.0], ["1:X", "3:X"], ["1:X"])
     unknowns = updyn.parameters(free, stiffness="all")
     at = float(np.sqrt(2e4) / (2 * np.pi))
@@ -269,7 +317,9 @@ def one_unknown(chain12, full):
 
 def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
     problem, monitor = one_unknown
-    x, reason = Plain(50, 1e-6, "").run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
+    x, reason = Plain(50, 1e-6, "").run(
+        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
+    )
     assert reason == "converged"
     steps = [h.step for h in monitor.history]
     assert steps[-1] <= 1e-6 < steps[-2]
@@ -279,27 +329,37 @@ def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
 def test_a_short_step_that_gets_no_shorter_is_rounding(one_unknown):
     problem, monitor = one_unknown
     sign = iter((-1.0) ** np.arange(50))
-    x, reason = Plain(50, 0.0, "").run(problem, bowl, lambda _, x: x + 1e-8 * next(sign), np.array([0.03]), monitor)
+    x, reason = Plain(50, 0.0, "").run(
+        problem, bowl, lambda _, x: x + 1e-8 * next(sign), np.array([0.03]), monitor
+    )
     assert (reason, len(monitor.history)) == ("converged", 3)
     assert x[0] == pytest.approx(0.03)
 
 
 def test_the_largest_number_of_steps_is_kept(one_unknown):
     problem, monitor = one_unknown
-    _, reason = Plain(4, 0.0, "").run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
+    _, reason = Plain(4, 0.0, "").run(
+        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
+    )
     assert (reason, len(monitor.history)) == ("max-iterations", 5)
 
 
 def test_unknowns_without_bounds_are_a_divergence(one_unknown):
     problem, monitor = one_unknown
-    with pytest.raises(SolverError, match=r"grow beyond all bounds in step 11: .* diverged. Do this"):
-        Plain(50, 0.0, "Do this.").run(problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor)
+    with pytest.raises(
+        SolverError, match=r"grow beyond all bounds in step 11: .* diverged. Do this"
+    ):
+        Plain(50, 0.0, "Do this.").run(
+            problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor
+        )
 
 
 def test_a_step_that_helps_nowhere_has_stalled(one_unknown):
     problem, monitor = one_unknown
     start = np.array([0.03])
-    x, reason = Plain(50, 0.0, "", halving=True).run(problem, bowl, lambda _, x: 100.0 + 0 * x, start, monitor)
+    x, reason = Plain(50, 0.0, "", halving=True).run(
+        problem, bowl, lambda _, x: 100.0 + 0 * x, start, monitor
+    )
     assert (x, reason) == (start, "stalled")
 
 
@@ -392,7 +452,9 @@ def test_two_tests_are_fitted_together(close, chain12_true, full, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_linked_unknown_of_a_power_is_linearised(close, full, chain12_true, name):
-    linked = updyn.link(chain12_true, "plate.thickness", {"part1.stiffness": 3.0, "part1.mass": 1.0})
+    linked = updyn.link(
+        chain12_true, "plate.thickness", {"part1.stiffness": 3.0, "part1.mass": 1.0}
+    )
     true = linked.apply(chain12_true, [1.01])
     data = updyn.response(true, full.freq, ALL, ["2:X", "12:X"])
     options = {"separate": False} if name == "reduced-frf" else {}
@@ -405,5 +467,7 @@ def test_what_is_sent_to_workers_can_be_sent(chain12, full):
     problem = Problem.build(chain12, full, chosen(chain12, "rfm"))
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     residual, there = pickle.loads(pickle.dumps((ResponseEquation("rfm", expand=True), problem)))  # noqa: S301
-    for a, b in zip(residual.block(there, x, slice(0, 4)), residual.block(problem, x, slice(0, 4)), strict=True):
+    for a, b in zip(
+        residual.block(there, x, slice(0, 4)), residual.block(problem, x, slice(0, 4)), strict=True
+    ):
         assert np.array_equal(a, b)

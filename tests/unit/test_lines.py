@@ -54,7 +54,9 @@ def test_all_lines_or_a_list(problem):
     ],
 )
 def test_text_that_is_not_understood(problem, text):
-    with pytest.raises(OptionError, match="expected 'd-optimal:N' or 'a-optimal:N' with a whole number N"):
+    with pytest.raises(
+        OptionError, match="expected 'd-optimal:N' or 'a-optimal:N' with a whole number N"
+    ):
         choose_lines(text, problem)
 
 
@@ -70,7 +72,10 @@ def test_d_optimal_beats_random_and_even_choices(chain12, problem, count):
     assert len(set(chosen)) == count
     assert (np.diff(chosen) > 0).all()
     best, rng = log_determinant(chain12, problem, chosen), np.random.default_rng(0)
-    others = [log_determinant(chain12, problem, np.sort(rng.choice(60, count, replace=False))) for _ in range(60)]
+    others = [
+        log_determinant(chain12, problem, np.sort(rng.choice(60, count, replace=False)))
+        for _ in range(60)
+    ]
     assert best > max(others)
     assert best > log_determinant(chain12, problem, np.round(np.linspace(0, 59, count)).astype(int))
 
@@ -81,9 +86,13 @@ def test_d_optimal_of_all_lines_is_all_lines(problem):
 
 def test_d_optimal_of_a_single_oscillator_takes_the_half_power_flanks():
     """Loss factor and stiffness of one resonance: steepest at the peak and its flanks, not out in the band."""
-    model = updyn.Model.from_groups({"o": updyn.Group([[(2 * np.pi * 10) ** 2]], [[1.0]], 0.04)}, ["1:X"])
+    model = updyn.Model.from_groups(
+        {"o": updyn.Group([[(2 * np.pi * 10) ** 2]], [[1.0]], 0.04)}, ["1:X"]
+    )
     data = updyn.response(model, np.linspace(5, 15, 201), ["1:X"], ["1:X"])
-    problem = Problem.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
+    problem = Problem.build(
+        model, data, updyn.parameters(model, stiffness="all", loss_factor="all")
+    )
     freq = data.freq[d_optimal(problem, 6)]
     assert (np.abs(freq - 10.0) < 10 * 0.04).all()
 
@@ -94,7 +103,9 @@ def test_d_optimal_does_not_depend_on_units(mixed_model):
     for scale in (1.0, 1e-3, 1e3):
         model = mixed_model(scale)
         data = updyn.response(model, np.linspace(2, 60, 80), ["1:Y", "2:RZ", "3:Y"], ["1:Y"])
-        problem = Problem.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
+        problem = Problem.build(
+            model, data, updyn.parameters(model, stiffness="all", loss_factor="all")
+        )
         chosen.append(list(d_optimal(problem, 10)))
     assert chosen[0] == chosen[1] == chosen[2]
 
@@ -124,7 +135,10 @@ def test_the_exchange_reaches_the_best_of_all_sets():
 def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):
     for count in (8, 15, 25):
         of_all = np.diag(covariance(problem, np.arange(60)))
-        a, d = (np.mean(np.diag(covariance(problem, f(problem, count))) / of_all) for f in (a_optimal, d_optimal))
+        a, d = (
+            np.mean(np.diag(covariance(problem, f(problem, count))) / of_all)
+            for f in (a_optimal, d_optimal)
+        )
         assert a < d
 
 
@@ -137,8 +151,14 @@ def test_lines_for_some_unknowns(problem):
         for others in (a_optimal(problem, 10), d_optimal(problem, 10)):
             assert covariance(problem, own)[i, i] < covariance(problem, others)[i, i]
     assert list(choose_lines("a-optimal:9:part1.*, part4.mass", problem)) == list(
-        a_optimal(problem, 9, [i for i, n in enumerate(names) if n.startswith("part1.") or n == "part4.mass"])
+        a_optimal(
+            problem,
+            9,
+            [i for i, n in enumerate(names) if n.startswith("part1.") or n == "part4.mass"],
+        )
     )
     assert list(choose_lines("a-optimal:9", problem)) == list(a_optimal(problem, 9))
-    with pytest.raises(OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"):
+    with pytest.raises(
+        OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"
+    ):
         choose_lines("a-optimal:9:part1.stifness", problem)

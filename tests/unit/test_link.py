@@ -50,7 +50,13 @@ def everything(model: updyn.Model):
 
 def test_the_laws(model: updyn.Model) -> None:
     unknowns = everything(model)
-    assert unknowns.names == ["dish.thickness", "sides.stiffness", "sides.loss", "dish.E", "skin.viscous"]
+    assert unknowns.names == [
+        "dish.thickness",
+        "sides.stiffness",
+        "sides.loss",
+        "dish.E",
+        "skin.viscous",
+    ]
     assert unknowns.is_factor.tolist() == [True, True, False, True, True]
     changed = unknowns.changes([1.1, 0.8, 0.07, 0.9, 2.0])
     assert changed["membrane"]["stiffness"] == pytest.approx(1.1 * 0.9, rel=1e-15)
@@ -72,24 +78,34 @@ def test_derivatives_equal_central_differences(model: updyn.Model, tier: str) ->
 
     def both(v: np.ndarray, derivatives: bool = False):
         H = sensitivity.receptance(solver, at, v, freq, rows, columns, derivatives=derivatives)
-        P = sensitivity.condensed_product(solver, at, v, freq, rows, motion, derivatives=derivatives)
+        P = sensitivity.condensed_product(
+            solver, at, v, freq, rows, motion, derivatives=derivatives
+        )
         return H, P
 
     exact = both(values, derivatives=True)
     for i in range(len(unknowns)):
         step = np.zeros(5)
         step[i] = 1e-5
-        for (plus, _), (minus, _), (_, slope) in zip(both(values + step), both(values - step), exact, strict=True):
-            np.testing.assert_allclose(slope[i], (plus - minus) / 2e-5, rtol=0, atol=1e-7 * np.abs(slope[i]).max())
+        for (plus, _), (minus, _), (_, slope) in zip(
+            both(values + step), both(values - step), exact, strict=True
+        ):
+            np.testing.assert_allclose(
+                slope[i], (plus - minus) / 2e-5, rtol=0, atol=1e-7 * np.abs(slope[i]).max()
+            )
 
 
 def test_a_thickness_is_found(model: updyn.Model) -> None:
-    unknowns = thickness(model) + updyn.link(model, "sides.stiffness", ["left.stiffness", "right.stiffness"])
+    unknowns = thickness(model) + updyn.link(
+        model, "sides.stiffness", ["left.stiffness", "right.stiffness"]
+    )
     truth = unknowns.apply(model, [1.25, 0.7])
     data = updyn.response(truth, np.linspace(0.5, 12.0, 40), LABELS[:3], LABELS[:1])
     result = updyn.update(model, data, unknowns)
     assert result.ok, result.summary()
-    assert result.values == pytest.approx({"dish.thickness": 1.25, "sides.stiffness": 0.7}, rel=1e-8)
+    assert result.values == pytest.approx(
+        {"dish.thickness": 1.25, "sides.stiffness": 0.7}, rel=1e-8
+    )
 
 
 def test_globs_stand_for_what_is_there(model: updyn.Model) -> None:
@@ -99,7 +115,9 @@ def test_globs_stand_for_what_is_there(model: updyn.Model) -> None:
 
 
 def test_what_does_not_fit_is_refused(model: updyn.Model) -> None:
-    def refused(match: str, name: str = "a.b", drives: object = ("left.stiffness",), **options: object) -> None:
+    def refused(
+        match: str, name: str = "a.b", drives: object = ("left.stiffness",), **options: object
+    ) -> None:
         with pytest.raises(ParameterError, match=match):
             updyn.link(model, name, drives, **options)
 
@@ -110,8 +128,12 @@ def test_what_does_not_fit_is_refused(model: updyn.Model) -> None:
     refused("loss factors and on other", drives=["left.stiffness", "left.loss_factor"])
     refused("power 2; expected 1", drives={"left.loss_factor": 2})
     refused("power 0; expected", drives={"left.stiffness": 0})
-    refused(r"start at \[0.02, 0.05\]; give start", drives=["left.loss_factor", "bending.loss_factor"])
+    refused(
+        r"start at \[0.02, 0.05\]; give start", drives=["left.loss_factor", "bending.loss_factor"]
+    )
     refused("nominal -1", nominal=-1.0)
     refused("'left.stiffness' twice", drives={"left.stiffness": 1, "l*.stiffness": 1})
     with pytest.raises(ParameterError, match="set by two unknowns"):
-        updyn.link(model, "a.loss", ["left.loss_factor"]) + updyn.parameters(model, loss_factor="left")
+        updyn.link(model, "a.loss", ["left.loss_factor"]) + updyn.parameters(
+            model, loss_factor="left"
+        )

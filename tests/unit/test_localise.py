@@ -41,7 +41,9 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     weight = np.sqrt(2.0) / (noise["relative"] * np.abs(H))
     whitened = weight * (frf.values - H)
     beyond = float(np.sum(np.abs(whitened) ** 2)) - 2 * problem.n_values + problem.n
-    found = localise(problem, x, Each((OutputError(weight),)), [whitened], beyond if stated is None else None)
+    found = localise(
+        problem, x, Each((OutputError(weight),)), [whitened], beyond if stated is None else None
+    )
     return result, found
 
 
@@ -56,7 +58,15 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     ],
 )
 def test_the_wrong_group_of_a_chain_is_named(chain12_true, wrong, quantity, factor, relative):
-    _, found = fitted(chain12_true, chain(chain12_true), wrong, quantity, factor, relative, np.random.default_rng(1))
+    _, found = fitted(
+        chain12_true,
+        chain(chain12_true),
+        wrong,
+        quantity,
+        factor,
+        relative,
+        np.random.default_rng(1),
+    )
     first = found[0]
     assert first.group == wrong
     assert first.name == f"{wrong}.{quantity}"
@@ -70,15 +80,21 @@ def test_the_wrong_group_of_a_chain_is_named(chain12_true, wrong, quantity, fact
 @pytest.mark.parametrize("wrong", ["unit 2", "unit 3", "unit 5"])
 def test_the_wrong_unit_of_the_gear_train_is_named(wrong, relative):
     true = true_model()
-    _, found = fitted(true, gears(true), wrong, "stiffness", 1.2, relative, np.random.default_rng(2))
+    _, found = fitted(
+        true, gears(true), wrong, "stiffness", 1.2, relative, np.random.default_rng(2)
+    )
     assert found[0].name == f"{wrong}.stiffness"
     assert found[0].change == pytest.approx(np.log(1.2), rel=0.5)
 
 
 def test_where_the_size_of_the_noise_is_not_known_the_share_is_told_from_likeness(chain12_true):
     exact = chain(chain12_true)
-    _, known = fitted(chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1))
-    _, found = fitted(chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1), "not")
+    _, known = fitted(
+        chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1)
+    )
+    _, found = fitted(
+        chain12_true, exact, "part2", "stiffness", 1.2, 0.01, np.random.default_rng(1), "not"
+    )
     assert [s.name for s in found] == [s.name for s in known]
     assert found[0].change == known[0].change
     assert known[0].explains <= found[0].explains <= 1.0
@@ -86,7 +102,9 @@ def test_where_the_size_of_the_noise_is_not_known_the_share_is_told_from_likenes
 
 def test_a_good_fit_has_no_suspects(chain12_true):
     """All groups but one are fitted, and that one is right."""
-    _, found = fitted(chain12_true, chain(chain12_true), "part2", "stiffness", 1.0, 0.02, np.random.default_rng(3))
+    _, found = fitted(
+        chain12_true, chain(chain12_true), "part2", "stiffness", 1.0, 0.02, np.random.default_rng(3)
+    )
     assert found == ()
 
 
@@ -97,7 +115,9 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
     others = ["part1", "part3", "part4"]
     cost, noise = [], {"relative": 0.001}
     for free in (others, [*others, "part2"]):
-        result = updyn.update(wrong, exact, updyn.parameters(wrong, stiffness=free), starts=0, noise=noise)
+        result = updyn.update(
+            wrong, exact, updyn.parameters(wrong, stiffness=free), starts=0, noise=noise
+        )
         cost.append(2.0 * result.history[-1].cost)
     unknowns = updyn.parameters(wrong, stiffness=others)
     result = updyn.update(wrong, exact, unknowns, starts=0, noise=noise)
@@ -139,19 +159,25 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     P = np.linalg.solve(Z, np.eye(n)[:, rows])
     S = P.T @ W @ P.conj()
     theta = (np.sum(np.abs(misfit) ** 2) - 3 * sigma2) / np.trace(S).real
-    # Unknown fields u and lambda: Z u - theta W lambda = force, Z^H lambda + (Pi u - h) / sigma^2 on the responses = 0.
+    # Unknown fields u and lambda: Z u - theta W lambda = force, Z^H lambda + (Pi u - h) / sigma^2
+    # on the responses = 0.
     Pi = np.eye(n)[rows]
     force = np.eye(n)[:, 0]
     both = np.block([[Z, -theta * W], [Pi.T @ Pi / sigma2, Z.conj().T]])
     field = np.linalg.solve(both, np.concatenate([force, Pi.T @ measured[0, :, 0] / sigma2]))[n:]
-    expected = [a * ((theta * field).conj() @ m @ (theta * field)).real for a, m in zip(w[:, 0], matrices, strict=True)]
+    expected = [
+        a * ((theta * field).conj() @ m @ (theta * field)).real
+        for a, m in zip(w[:, 0], matrices, strict=True)
+    ]
     assert found == pytest.approx(expected)
 
 
 def test_most_of_the_energy_lies_in_the_wrong_group(chain12_true):
     exact = chain(chain12_true)
     for wrong in ("part1", "part4"):
-        _, found = fitted(chain12_true, exact, wrong, "stiffness", 1.2, 0.01, np.random.default_rng(5))
+        _, found = fitted(
+            chain12_true, exact, wrong, "stiffness", 1.2, 0.01, np.random.default_rng(5)
+        )
         assert found[0].group == wrong
         assert found[0].energy > 0.25
 
@@ -163,7 +189,10 @@ def test_two_tests_point_at_one_group(chain12_true):
     names = ["part1", "part2", "part4"]
     unknowns = updyn.parameters(wrong, stiffness=names)
     problems, weights, whitened = [], [], []
-    for name, own, true in (("bare", wrong, chain12_true), ("loaded", wrong.scaled(heavy), chain12_true.scaled(heavy))):
+    for name, own, true in (
+        ("bare", wrong, chain12_true),
+        ("loaded", wrong.scaled(heavy), chain12_true.scaled(heavy)),
+    ):
         frf = chain(true)
         problems.append(Problem.build(own, frf, unknowns, name=name))
         H = problems[-1].responses(np.zeros(3))
@@ -171,7 +200,9 @@ def test_two_tests_point_at_one_group(chain12_true):
         whitened.append(weights[-1] * (frf.values - H))
     task = together(problems)
     residual = Each(tuple(OutputError(w) for w in weights))
-    found = localise(task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened)))
+    found = localise(
+        task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened))
+    )
     assert found[0].name == "part3.stiffness"
 
 
@@ -186,5 +217,7 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (exact.values - H)
-    found = localise(problem, x, Each((OutputError(weight),)), [whitened], float(np.sum(np.abs(whitened) ** 2)))
+    found = localise(
+        problem, x, Each((OutputError(weight),)), [whitened], float(np.sum(np.abs(whitened) ** 2))
+    )
     assert {s.name for s in found[:2]} == {"part1.stiffness", "part2.stiffness"}

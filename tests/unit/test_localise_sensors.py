@@ -26,10 +26,16 @@ def test_a_sensor_of_wrong_gain_is_named(make_chain):
 
 
 def test_an_error_of_the_model_is_not_blamed_on_a_sensor(make_chain):
-    found = fitted(make_chain(6), {"part1": {"stiffness": 1.1}, "part4": {"stiffness": 0.93}}, np.ones(6))
+    found = fitted(
+        make_chain(6), {"part1": {"stiffness": 1.1}, "part4": {"stiffness": 0.93}}, np.ones(6)
+    )
     best = found.adequacy.explained_by[0]
     assert best.name == "part4.stiffness"
-    assert all(s.explains < 0.5 * best.explains for s in found.adequacy.explained_by if "calibration" in s.quantity)
+    assert all(
+        s.explains < 0.5 * best.explains
+        for s in found.adequacy.explained_by
+        if "calibration" in s.quantity
+    )
 
 
 def test_a_sensor_whose_factor_is_an_unknown_is_no_suspect(make_chain):

@@ -40,22 +40,37 @@ def structure(directions: tuple[str, ...] = DIRECTIONS, axes: Any = None, nodes:
     for name, own in (("left", np.arange(2 * n // 3)), ("right", np.arange(n // 3, n))):
         K, M, C, at = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.ix_(own, own)
         A, B = rng.standard_normal((2, len(own), len(own)))
-        K[at], M[at], C[at] = 1e4 * (A @ A.T + np.eye(len(own))), B @ B.T + np.eye(len(own)), np.eye(len(own))
+        K[at], M[at], C[at] = (
+            1e4 * (A @ A.T + np.eye(len(own))),
+            B @ B.T + np.eye(len(own)),
+            np.eye(len(own)),
+        )
         groups[name] = Group(K, M, 0.03, C)
-    return Model.from_groups(groups, dofs, geometry=Geometry(range(11, 11 + nodes), CORNERS[:nodes], axes=axes))
+    return Model.from_groups(
+        groups, dofs, geometry=Geometry(range(11, 11 + nodes), CORNERS[:nodes], axes=axes)
+    )
 
 
 def receptance(model: Model) -> np.ndarray:
     """Return H of all DOFs at `LINES` by dense solves, shape (n_f, N, N)."""
     K = model.stiffness.toarray() + 1j * model.structural.toarray()
     w = 2 * np.pi * LINES[:, None, None]
-    return np.linalg.solve(K + 1j * w * model.viscous.toarray() - w**2 * model.mass.toarray(), np.eye(model.n_dofs))
+    return np.linalg.solve(
+        K + 1j * w * model.viscous.toarray() - w**2 * model.mass.toarray(), np.eye(model.n_dofs)
+    )
 
 
 def data(responses: list[str], references: list[str], geometry: Geometry | None = None) -> FRF:
     rng = np.random.default_rng(1)
     shape = (len(LINES), len(responses), len(references))
-    return FRF(LINES, rng.standard_normal(shape) + 1j, responses, references, "receptance", geometry=geometry)
+    return FRF(
+        LINES,
+        rng.standard_normal(shape) + 1j,
+        responses,
+        references,
+        "receptance",
+        geometry=geometry,
+    )
 
 
 def unit(*vector: float) -> np.ndarray:
@@ -75,7 +90,9 @@ def along(model: Model, node: int, vector: np.ndarray, part: int = 0) -> np.ndar
     return out
 
 
-def check_exact(model: Model, found: Matching, readings: dict[str, np.ndarray], loads: dict[str, np.ndarray]) -> None:
+def check_exact(
+    model: Model, found: Matching, readings: dict[str, np.ndarray], loads: dict[str, np.ndarray]
+) -> None:
     """Compare the matched model with combinations of the responses of the model as it was given."""
     got = updyn.response(found.model, LINES, found.frf.responses, found.frf.references).values
     R, L = (np.array(list(v.values())) for v in (readings, loads))
@@ -91,7 +108,9 @@ def test_by_label_nothing_changes() -> None:
     assert found.plain
     assert found.frf.responses.labels == ["11:X", "12:-RZ"]
     assert rows(found) == {"11:X": "11:X", "12:RZ": "12:RZ", "13:Y": "13:Y"}
-    assert str(found).splitlines()[0] == "Matched by label: 3 sensors and forces are DOFs of the model"
+    assert (
+        str(found).splitlines()[0] == "Matched by label: 3 sensors and forces are DOFs of the model"
+    )
 
 
 def test_table_of_labels_and_of_nodes_with_signs() -> None:
@@ -100,28 +119,66 @@ def test_table_of_labels_and_of_nodes_with_signs() -> None:
     assert found.frf.responses.labels == ["13:X", "13:-Y", "11:-X", "12:X"]
     assert found.frf.references.labels == ["11:X"]
     np.testing.assert_array_equal(found.frf.values, frf.values)
-    assert [m.role for m in found.table] == ["response"] * 2 + ["response and reference", "response"]
-    assert match(structure(), frf, table={"1": 13, "2:-Z": "11:X"}).frf.responses == found.frf.responses  # type: ignore[dict-item]
+    assert [m.role for m in found.table] == ["response"] * 2 + [
+        "response and reference",
+        "response",
+    ]
+    assert (
+        match(structure(), frf, table={"1": 13, "2:-Z": "11:X"}).frf.responses
+        == found.frf.responses
+    )  # type: ignore[dict-item]
 
 
 @pytest.mark.parametrize(
     ("table", "directions", "message", "place"),
     [
-        ({"9:X": "11:X"}, {}, "'9:X' is no response or reference of the measurement; valid: '11:X'", ("table", "9:X")),
+        (
+            {"9:X": "11:X"},
+            {},
+            "'9:X' is no response or reference of the measurement; valid: '11:X'",
+            ("table", "9:X"),
+        ),
         ({"11:x": "11:X"}, {}, "did you mean '11:X'", ("table", "11:x")),
         ({"11:X": "12:X", "11:-X": "13:X"}, {}, "already has an entry", ("table", "11:-X")),
         ({"7": "12"}, {}, "node 7 holds no response or reference", ("table", "7")),
-        ({"11": "12:X"}, {}, "11 is a node: expected a node of the model, found '12:X'", ("table", "11")),
-        ({"11:X": "12:Y"}, {}, "DOF 12:Y stands twice: responses 11:X and 12:Y would be the same", ("table",)),
+        (
+            {"11": "12:X"},
+            {},
+            "11 is a node: expected a node of the model, found '12:X'",
+            ("table", "11"),
+        ),
+        (
+            {"11:X": "12:Y"},
+            {},
+            "DOF 12:Y stands twice: responses 11:X and 12:Y would be the same",
+            ("table",),
+        ),
         ({}, {"12:X": [1, 0, 0]}, "'12:X' is no response or reference", ("directions", "12:X")),
-        ({}, {"11:X": [0, 0, 0]}, "expected three finite numbers, not all 0", ("directions", "11:X")),
+        (
+            {},
+            {"11:X": [0, 0, 0]},
+            "expected three finite numbers, not all 0",
+            ("directions", "11:X"),
+        ),
         ({}, {"11:X": [1, 2]}, r"found \[1, 2\]", ("directions", "11:X")),
         ({}, {"11:X": "up"}, "direction of 11:X: expected three numbers", ("directions", "11:X")),
-        ({}, {"11:X": [1, 0, 0], "11:-X": [1, 0, 0]}, "already has a direction", ("directions", "11:-X")),
-        ({"11:X": "13:-X"}, {"11:X": [1, 0, 1]}, "the sign of 13:-X in table besides", ("directions", "11:X")),
+        (
+            {},
+            {"11:X": [1, 0, 0], "11:-X": [1, 0, 0]},
+            "already has a direction",
+            ("directions", "11:-X"),
+        ),
+        (
+            {"11:X": "13:-X"},
+            {"11:X": [1, 0, 1]},
+            "the sign of 13:-X in table besides",
+            ("directions", "11:X"),
+        ),
     ],
 )
-def test_what_is_said_wrongly(table: Any, directions: Any, message: str, place: tuple[str, ...]) -> None:
+def test_what_is_said_wrongly(
+    table: Any, directions: Any, message: str, place: tuple[str, ...]
+) -> None:
     with pytest.raises(MatchError, match=message) as caught:
         match(structure(), data(["11:X", "12:Y"], ["13:Y"]), table=table, directions=directions)
     assert caught.value.place == place
@@ -172,7 +229,12 @@ def test_oblique_sensors_and_forces_read_the_combination_of_three_dofs(axes: Any
     def reads(node: int, vector: np.ndarray, part: int = 0) -> np.ndarray:
         return along(model, node, frames[node - 11] @ vector, part)
 
-    readings = {"11:X": reads(11, A), "11:-Y": -reads(11, B), "12:RX": reads(12, B, 3), "13:X": reads(13, C)}
+    readings = {
+        "11:X": reads(11, A),
+        "11:-Y": -reads(11, B),
+        "12:RX": reads(12, B, 3),
+        "13:X": reads(13, C),
+    }
     loads = {"11:Z": reads(11, C), "11:X": reads(11, A), "14:Y": reads(14, A)}
     check_exact(model, found, readings, loads)
     assert not found.plain
@@ -192,7 +254,9 @@ def test_any_directions_at_one_node(seed: int) -> None:
         some = [unit(*rng.standard_normal(3)) for _ in range(rng.integers(1, 4))]
         if rng.random() < 0.5:
             some[0] = rng.choice([-1, 1]) * frames[1][rng.integers(3)]
-        while np.linalg.svd(np.array(some), compute_uv=False)[-1] < 0.05:  # nearly of one plane: refused
+        while (
+            np.linalg.svd(np.array(some), compute_uv=False)[-1] < 0.05
+        ):  # nearly of one plane: refused
             some[-1] = unit(*rng.standard_normal(3))
         directions |= {f"12:{part}{'XYZ'[k]}": v for k, v in enumerate(some)}
     labels = [f"{d[:3]}{rng.choice(['', '-'])}{d[3:]}" for d in directions]
@@ -203,7 +267,9 @@ def test_any_directions_at_one_node(seed: int) -> None:
         plain = label.replace("-", "")
         a = directions.get(plain, np.eye(3)[2] @ frames[3])
         node = int(plain[:2])
-        return (-1.0 if "-" in label else 1.0) * along(model, node, frames[node - 11] @ a, 3 if "R" in plain else 0)
+        return (-1.0 if "-" in label else 1.0) * along(
+            model, node, frames[node - 11] @ a, 3 if "R" in plain else 0
+        )
 
     check_exact(model, found, {x: vector(x) for x in labels}, {x: vector(x) for x in loads})
 
@@ -218,7 +284,9 @@ def test_the_whole_model_is_the_same_in_other_coordinates() -> None:
         assert changed.loss_factor == group.loss_factor
         for what in ("stiffness", "mass", "viscous"):
             before, after = (getattr(g, what).toarray() for g in (group, changed))
-            np.testing.assert_array_equal(after[12:, 12:], before[12:, 12:])  # other nodes: to the last bit
+            np.testing.assert_array_equal(
+                after[12:, 12:], before[12:, 12:]
+            )  # other nodes: to the last bit
             np.testing.assert_array_equal(after, after.T)
 
 
@@ -234,8 +302,18 @@ def test_directions_at_right_angles_are_told_by_the_geometry() -> None:
     R = Rotation.from_euler("zyx", [30, 20, -10], degrees=True).as_matrix()
     model = structure()
     directions = {"11:X": R[0], "11:Y": R[1], "11:Z": R[2]}
-    found = match(model, data(["11:X", "11:Y", "11:Z", "11:RX"], ["12:X"]), directions=directions | {"11:RX": R[0]})
-    assert rows(found) == {"11:X": "11:X", "11:Y": "11:Y", "11:Z": "11:Z", "11:RX": "11:RX", "12:X": "12:X"}
+    found = match(
+        model,
+        data(["11:X", "11:Y", "11:Z", "11:RX"], ["12:X"]),
+        directions=directions | {"11:RX": R[0]},
+    )
+    assert rows(found) == {
+        "11:X": "11:X",
+        "11:Y": "11:Y",
+        "11:Z": "11:Z",
+        "11:RX": "11:RX",
+        "12:X": "12:X",
+    }
     np.testing.assert_allclose(found.model.geometry.axes[0], R, atol=1e-12)
     np.testing.assert_array_equal(found.model.geometry.axes[1:], np.tile(np.eye(3), (3, 1, 1)))
     assert found.model.title == ""
@@ -250,7 +328,9 @@ def test_directions_not_at_right_angles_are_told_by_the_title() -> None:
     found = match(structure(), data(["11:X", "11:Z"], ["12:X"]), directions={"11:Z": [1, 0, 1]})
     assert found.model.geometry.axes is None
     assert found.model.title == "(turned DOFs: 11:Z along (0.7071, 0, 0.7071))"
-    assert found.notes == ("Not told by the geometry of the model: DOFs 11:Z along (0.7071, 0, 0.7071)",)
+    assert found.notes == (
+        "Not told by the geometry of the model: DOFs 11:Z along (0.7071, 0, 0.7071)",
+    )
     assert "turned along (0.7071, 0, 0.7071)" in str(found)
     assert [round(m.angle, 9) for m in found.table] == [0.0, 45.0, 0.0]
 
@@ -260,9 +340,17 @@ def test_a_label_stays_where_it_is_readable() -> None:
     model = structure()
     halfway = match(model, data(["11:Z"], ["12:X"]), directions={"11:Z": [1, 0, 1]})
     assert rows(halfway)["11:Z"] == "11:Z"
-    assert rows(match(model, data(["11:X"], ["12:X"]), directions={"11:X": [1, 0, 1]}))["11:X"] == "11:X"
-    assert rows(match(model, data(["11:X"], ["12:X"]), directions={"11:X": [0.3, 0, -1]}))["11:X"] == "11:-Z"
-    model_axis = match(model, data(["11:X", "11:Y"], ["12:X"]), directions={"11:X": [0, 0, 1], "11:Y": [0, -1, 0]})
+    assert (
+        rows(match(model, data(["11:X"], ["12:X"]), directions={"11:X": [1, 0, 1]}))["11:X"]
+        == "11:X"
+    )
+    assert (
+        rows(match(model, data(["11:X"], ["12:X"]), directions={"11:X": [0.3, 0, -1]}))["11:X"]
+        == "11:-Z"
+    )
+    model_axis = match(
+        model, data(["11:X", "11:Y"], ["12:X"]), directions={"11:X": [0, 0, 1], "11:Y": [0, -1, 0]}
+    )
     assert rows(model_axis) == {"11:X": "11:Z", "11:Y": "11:-Y", "12:X": "12:X"}
     assert model_axis.model is model
 
@@ -270,12 +358,22 @@ def test_a_label_stays_where_it_is_readable() -> None:
 def test_a_planar_model_stays_planar() -> None:
     model = structure(("X", "Z", "RY"))
     found = match(model, data(["11:X"], ["12:X"]), directions={"11:X": [0.6, 0, 0.8]})
-    check_exact(model, found, {"11:X": along(model, 11, unit(0.6, 0, 0.8))}, {"12:X": along(model, 12, np.eye(3)[0])})
+    check_exact(
+        model,
+        found,
+        {"11:X": along(model, 11, unit(0.6, 0, 0.8))},
+        {"12:X": along(model, 12, np.eye(3)[0])},
+    )
     assert np.abs(found.model.geometry.axes[0][1]).tolist() == [0, 1, 0]
-    text = r"12:X along \(0\.7071, 0\.7071, 0\) is 45 degrees off 12:X, and a part of 0\.707 is along what node 12 of "
+    text = (
+        r"12:X along \(0\.7071, 0\.7071, 0\) is 45 degrees off 12:X, and a part of 0\.707 is along"
+        r" what node 12 of "
+    )
     with pytest.raises(MatchError, match=text + r"the model lacks; it has 12:X, 12:Z, 12:RY"):
         match(model, data(["11:X"], ["12:X"]), directions={"12:X": [1, 1, 0]})
-    with pytest.raises(MatchError, match=r"2.86 degrees off 12:X, .*; with angle = 3 it is taken along that"):
+    with pytest.raises(
+        MatchError, match=r"2.86 degrees off 12:X, .*; with angle = 3 it is taken along that"
+    ):
         match(model, data(["11:X"], ["12:X"]), directions={"12:X": [1, 0.05, 0]})
     with pytest.raises(MatchError, match=r"is 45 degrees off 12:RY, and a part of 0.707"):
         match(model, data(["11:X"], ["12:RX"]), directions={"12:RX": [1, 1, 0]})
@@ -296,7 +394,9 @@ def test_up_to_a_tenth_of_a_degree_is_along_and_more_is_said() -> None:
     assert found.table[0].angle == pytest.approx(0.09)
     steep = {"11:X": [np.cos(np.radians(3)), 0, np.sin(np.radians(3))]}
     assert match(model, frf, directions=steep).table[0].turned
-    with pytest.warns(UpdynWarning, match=r"1 sensors and forces are taken along .* 3 degrees, of 11:X with 11:X"):
+    with pytest.warns(
+        UpdynWarning, match=r"1 sensors and forces are taken along .* 3 degrees, of 11:X with 11:X"
+    ):
         found = match(model, frf, directions=steep, angle=5)
     assert found.model is model
     assert found.table[0].angle == pytest.approx(3)
@@ -306,7 +406,10 @@ def test_up_to_a_tenth_of_a_degree_is_along_and_more_is_said() -> None:
     ("directions", "message"),
     [
         ({"11:X": A, "11:Y": B, "11:Z": C, "11:RX": A}, None),
-        ({"11:X": A, "11:Z": unit(*(A + np.array([0, 0, 0.01])))}, "11:Z and 11:X at node 11 of the model point 0.4"),
+        (
+            {"11:X": A, "11:Z": unit(*(A + np.array([0, 0, 0.01])))},
+            "11:Z and 11:X at node 11 of the model point 0.4",
+        ),
         ({"11:X": [1, 1, 0], "11:Z": [1, -1, 0]}, "point in 3 directions of one plane"),
     ],
 )
@@ -322,7 +425,9 @@ def test_directions_that_cannot_all_be_dofs(directions: Any, message: str | None
 
 def test_a_fourth_direction_at_a_node_is_refused() -> None:
     frf = data(["1:X", "1:Y", "1:Z", "2:X"], ["12:X"])
-    with pytest.raises(MatchError, match=r"at node 11 of the model point in 4 directions, of which it has 3") as caught:
+    with pytest.raises(
+        MatchError, match=r"at node 11 of the model point in 4 directions, of which it has 3"
+    ) as caught:
         match(structure(), frf, table={"1": "11", "2": "11"}, directions={"2:X": A})
     assert "response 2:X along (0.8197, 0.1025, 0.5635)" in str(caught.value)
 
@@ -336,13 +441,17 @@ def test_two_sensors_in_one_direction_are_refused() -> None:
 def test_condensation_and_update_see_an_ordinary_model() -> None:
     """Condensed receptance by hand; and the fit finds what combinations of three DOFs were made with."""
     model = structure()
-    true = model.scaled({"left": {"stiffness": 1.2, "loss_factor": 0.05}, "right": {"stiffness": 0.85, "mass": 1.1}})
+    true = model.scaled(
+        {"left": {"stiffness": 1.2, "loss_factor": 0.05}, "right": {"stiffness": 0.85, "mass": 1.1}}
+    )
     read = np.array([along(model, 11, A), along(model, 12, np.eye(3)[1]), along(model, 13, B)])
     load = np.array([along(model, 11, A), along(model, 14, C)])
     lines = np.linspace(2.0, 40.0, 40)
     w = 2 * np.pi * lines[:, None, None]
     Z = true.stiffness.toarray() + 1j * true.structural.toarray() + 1j * w * true.viscous.toarray()
-    H = np.einsum("ri,fij,lj->frl", read, np.linalg.solve(Z - w**2 * true.mass.toarray(), np.eye(24)), load)
+    H = np.einsum(
+        "ri,fij,lj->frl", read, np.linalg.solve(Z - w**2 * true.mass.toarray(), np.eye(24)), load
+    )
     frf = FRF(lines, H, ["11:X", "12:Y", "13:Z"], ["11:X", "14:X"], "receptance")
     found = match(model, frf, directions={"11:X": A, "13:Z": B, "14:X": C})
     reduced = updyn.condense(found.model, LINES, [*found.frf.responses, found.frf.references[1]])
@@ -355,7 +464,13 @@ def test_condensation_and_update_see_an_ordinary_model() -> None:
     unknowns = updyn.parameters(found.model, stiffness="all", mass=["right"], loss_factor=["left"])
     result = updyn.update(found.model, found.frf, unknowns, noise={"relative": 1e-3}, starts=0)
     assert result.values == pytest.approx(
-        {"left.stiffness": 1.2, "right.stiffness": 0.85, "right.mass": 1.1, "left.loss_factor": 0.05}, rel=1e-6
+        {
+            "left.stiffness": 1.2,
+            "right.stiffness": 0.85,
+            "right.mass": 1.1,
+            "left.loss_factor": 0.05,
+        },
+        rel=1e-6,
     )
 
 
@@ -372,7 +487,11 @@ def block() -> Model:
 def sensors(xyz: np.ndarray, directions: str = "XYZ", axes: Any = None, lines: Any = None) -> FRF:
     """Return data at nodes 3, 5, 8, ... that stand at `xyz`, in the order of the block's corners."""
     names = NAMES[: len(xyz)]
-    return data([f"{n}:{d}" for n in names for d in directions], [f"{names[0]}:X"], Geometry(names, xyz, lines, axes))
+    return data(
+        [f"{n}:{d}" for n in names for d in directions],
+        [f"{names[0]}:X"],
+        Geometry(names, xyz, lines, axes),
+    )
 
 
 def check_nodes(found: Matching, distance: float = 0.0) -> None:
@@ -383,7 +502,11 @@ def check_nodes(found: Matching, distance: float = 0.0) -> None:
 
 
 def test_by_coordinates_where_they_stand() -> None:
-    found = match(block(), sensors(CORNERS + np.array([0, 0, 0.003]), lines=[[3, 5], [5, 8]]), by="coordinates")
+    found = match(
+        block(),
+        sensors(CORNERS + np.array([0, 0, 0.003]), lines=[[3, 5], [5, 8]]),
+        by="coordinates",
+    )
     check_nodes(found, 0.003)
     assert rows(found)["8:Y"] == "13:Y"
     assert found.frf.geometry.nodes.tolist() == list(range(11, 19))
@@ -398,10 +521,21 @@ def test_by_coordinates_where_they_stand() -> None:
 @pytest.mark.parametrize("tolerance", [0.004, "0.3 %"])  # of 1.63 m: 4.9 mm
 def test_a_tolerance_in_metres_or_as_a_share(tolerance: Any) -> None:
     check_nodes(
-        match(block(), sensors(CORNERS + np.array([0.003, 0, 0])), by="coordinates", tolerance=tolerance), 0.003
+        match(
+            block(),
+            sensors(CORNERS + np.array([0.003, 0, 0])),
+            by="coordinates",
+            tolerance=tolerance,
+        ),
+        0.003,
     )
     with pytest.raises(MatchError, match=r"8 of 8 nodes of the test are not within 0\.00"):
-        match(block(), sensors(CORNERS + np.array([0.006, 0, 0])), by="coordinates", tolerance=tolerance)
+        match(
+            block(),
+            sensors(CORNERS + np.array([0.006, 0, 0])),
+            by="coordinates",
+            tolerance=tolerance,
+        )
 
 
 @pytest.mark.parametrize("tolerance", ["3", "x %", 0.0, -1.0, np.inf, True, "-1 %"])
@@ -423,7 +557,9 @@ def test_what_is_too_far_is_listed_with_the_nearest() -> None:
     with pytest.raises(MatchError) as caught:
         match(block(), sensors(xyz), by="coordinates")
     first, second, third = str(caught.value).splitlines()
-    assert first.startswith("1 of 8 nodes of the test are not within 0.0164 m of a node of the model (positions in m;")
+    assert first.startswith(
+        "1 of 8 nodes of the test are not within 0.0164 m of a node of the model (positions in m;"
+    )
     assert second == "  node 5 at (1.4, 0, 0) m: nearest 12 at 0.1 m, 16 at 0.472 m, 13 at 0.728 m"
     assert '"5" = "..."' in third
     check = match(block(), sensors(xyz), by="coordinates", table={"5": "12"})
@@ -431,18 +567,26 @@ def test_what_is_too_far_is_listed_with_the_nearest() -> None:
     assert check.table[3].distance == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("in", 0.0254), ("cm", 0.01), ("ft", 0.3048)])
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("mm", 0.001), ("in", 0.0254), ("cm", 0.01), ("ft", 0.3048)]
+)
 @pytest.mark.parametrize("pairs", [False, True])
-def test_a_unit_is_asked_for_and_applied_only_when_stated(unit: str, metres: float, pairs: bool) -> None:
+def test_a_unit_is_asked_for_and_applied_only_when_stated(
+    unit: str, metres: float, pairs: bool
+) -> None:
     frf = sensors(((CORNERS - SHIFT) @ TURN if pairs else CORNERS) / metres)
     alignment = {3: 11, 5: 12, 8: 13} if pairs else None
-    with pytest.raises(MatchError, match=f"look like {unit}: then all 8 nodes .* state it: unit = '{unit}'") as caught:
+    with pytest.raises(
+        MatchError, match=f"look like {unit}: then all 8 nodes .* state it: unit = '{unit}'"
+    ) as caught:
         match(block(), frf, by="coordinates", alignment=alignment)
     assert caught.value.place == ("unit",)
     found = match(block(), frf, by="coordinates", alignment=alignment, unit=unit)
     check_nodes(found)
     assert f"positions in {unit}" in str(found)
-    with pytest.raises(MatchError, match=f"look like {unit}.* in m 8 do not|look like {unit}.* in m [1-8] do not"):
+    with pytest.raises(
+        MatchError, match=f"look like {unit}.* in m 8 do not|look like {unit}.* in m [1-8] do not"
+    ):
         match(block(), frf, by="coordinates", alignment=alignment, unit="m")
 
 
@@ -475,7 +619,10 @@ def test_a_rigid_motion_is_found_and_turns_the_sensors(how: str) -> None:
     assert found.alignment.turn == pytest.approx(angle, abs=1e-9)
     assert f"turned by {angle:.3g} degrees, moved by (0.4, -1.1, 2) m" in str(found)
     nodes = dict(zip(NAMES.tolist(), range(11, 19), strict=True))
-    readings = {str(d): along(model, nodes[d.node], TURN[:, "XYZ".index(d.direction)]) for d in frf.responses}
+    readings = {
+        str(d): along(model, nodes[d.node], TURN[:, "XYZ".index(d.direction)])
+        for d in frf.responses
+    }
     check_exact(model, found, readings, {"3:X": along(model, 11, TURN[:, 0])})
     assert (found.alignment.residual is None) == (how == "matrix")
     for row in found.model.geometry.axes:  # the test's axes, by the nearest axis of the model
@@ -495,7 +642,9 @@ def test_a_fit_to_the_nearest_nodes_recovers_a_small_motion() -> None:
 
 
 def test_a_fit_that_went_far_is_doubted() -> None:
-    with pytest.warns(UpdynWarning, match=r"moved the sensors by up to 8\.\d+ m, .* confirm it with three pairs"):
+    with pytest.warns(
+        UpdynWarning, match=r"moved the sensors by up to 8\.\d+ m, .* confirm it with three pairs"
+    ):
         found = match(block(), sensors(CORNERS + 5.0), by="coordinates", alignment="fit")
     check_nodes(found)
     assert "started with the centres on each other" in str(found)
@@ -511,7 +660,9 @@ def test_least_squares_over_pairs() -> None:
     R, shift, residual = rigid(x, y)
     left = y - x @ R.T - shift
     np.testing.assert_allclose(left.sum(axis=0), 0, atol=1e-12)
-    np.testing.assert_allclose(np.cross(x @ R.T, left).sum(axis=0), 0, atol=1e-10)  # no turn improves it
+    np.testing.assert_allclose(
+        np.cross(x @ R.T, left).sum(axis=0), 0, atol=1e-10
+    )  # no turn improves it
     assert residual == pytest.approx(np.sqrt((left**2).sum() / 9))
     for axis in np.eye(3):
         worse = Rotation.from_rotvec(0.01 * axis).as_matrix() @ R
@@ -526,15 +677,27 @@ def mirror() -> np.ndarray:
     ("xyz", "alignment", "message"),
     [
         (CORNERS, {3: 11, 5: 12}, "needs three points that are not in a line, found 2"),
-        (np.outer(np.arange(8), [1.0, 2.0, 0.5]), {3: 11, 5: 12, 8: 13}, "points of the test lie in a line"),
+        (
+            np.outer(np.arange(8), [1.0, 2.0, 0.5]),
+            {3: 11, 5: 12, 8: 13},
+            "points of the test lie in a line",
+        ),
         (np.outer(np.arange(8), [1.0, 2.0, 0.5]), "fit", "points of the test lie in a line"),
         (CORNERS, {3: 11, 5: 12, 8: 99}, "alignment: geometry: node 99 has no position"),
         (CORNERS, {3: 11, 5: 12, 8: 14}, "do not lie on each other within 0.0164 m"),
         (mirror(), {3: 11, 5: 12, 8: 13, 55: 17}, "they would as a mirror image"),
         (CORNERS * 1.25, {3: 11, 5: 12, 8: 13, 55: 17}, "0.8 times as far apart"),
         (CORNERS, np.diag([1.0, 1.0, -1.0, 1.0]), "the matrix is a reflection"),
-        (CORNERS, np.diag([0.001, 0.001, 0.001, 1.0]), "the matrix stretches by 0.001; state the unit"),
-        (CORNERS, [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "its rows are not at right angles"),
+        (
+            CORNERS,
+            np.diag([0.001, 0.001, 0.001, 1.0]),
+            "the matrix stretches by 0.001; state the unit",
+        ),
+        (
+            CORNERS,
+            [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+            "its rows are not at right angles",
+        ),
         (CORNERS, np.eye(3), r"expected a 4 x 4 matrix .* found shape \(3, 3\)"),
         (CORNERS, [["a"]], "not a matrix of numbers"),
     ],
@@ -548,13 +711,18 @@ def test_two_nodes_equally_near_are_told_apart_by_the_user() -> None:
     xyz = CORNERS.copy()
     xyz[1] = (CORNERS[0] + CORNERS[1]) / 2
     with pytest.raises(
-        MatchError, match=r'\("5" = "..."\):\n  node 5 at \(0\.65, 0, 0\) m: 11 and 12, both at 0\.65 m'
+        MatchError,
+        match=r'\("5" = "..."\):\n  node 5 at \(0\.65, 0, 0\) m: 11 and 12, both at 0\.65 m',
     ):
         match(block(), sensors(xyz[:2], "Z"), by="coordinates", tolerance=1.0)
-    found = match(block(), sensors(xyz[:2], "Z"), by="coordinates", tolerance=1.0, table={"5": "12"})
+    found = match(
+        block(), sensors(xyz[:2], "Z"), by="coordinates", tolerance=1.0, table={"5": "12"}
+    )
     assert rows(found)["5:Z"] == "12:Z"
     xyz[1] = 0.6 * CORNERS[0] + 0.4 * CORNERS[1]
-    found = match(block(), sensors(xyz[:2], "Y"), by="coordinates", tolerance=1.0, table={"3": "14"})
+    found = match(
+        block(), sensors(xyz[:2], "Y"), by="coordinates", tolerance=1.0, table={"3": "14"}
+    )
     assert found.table[0].distance == pytest.approx(np.linalg.norm(CORNERS[3]))
     assert found.table[1].note == "node 15 is at 0.653 m"
 
@@ -568,13 +736,17 @@ def test_a_sensor_goes_to_a_node_that_can_move_as_it_measures() -> None:
     K[:2, :2], M[:2, :2] = shaft.stiffness.toarray(), shaft.mass.toarray()
     K[2:, 2:], M[2:, 2:] = three.stiffness.toarray(), three.mass.toarray()
     geometry = Geometry([1, 2, 3], [[0, 0, 0], [1, 0, 0], [0, 0, 0]])
-    model = Model.from_groups({"all": Group(K, M)}, ["1:RZ", "2:RZ", "3:X", "3:Y", "3:Z"], geometry=geometry)
+    model = Model.from_groups(
+        {"all": Group(K, M)}, ["1:RZ", "2:RZ", "3:X", "3:Y", "3:Z"], geometry=geometry
+    )
     test = Geometry([7], [[0.001, 0, 0]])
     found = match(model, data(["7:X"], ["7:Y"], test), by="coordinates")
     assert rows(found) == {"7:X": "3:X", "7:Y": "3:Y"}
     found = match(model, data(["7:RZ"], ["7:RZ"], test), by="coordinates")
     assert rows(found) == {"7:RZ": "1:RZ"}
-    with pytest.raises(MatchError, match="no node of the model with a position has translations and rotations"):
+    with pytest.raises(
+        MatchError, match="no node of the model with a position has translations and rotations"
+    ):
         match(model, data(["7:RZ"], ["7:X"], test), by="coordinates")
 
 
@@ -589,7 +761,9 @@ def test_local_axes_of_a_test_node_are_directions() -> None:
     ):
         assert [m.turned for m in found.table] == [m.sensor.startswith("8:") for m in found.table]
         readings = {
-            f"{n}:{d}": along(model, 11 + i, axes[i][k]) for i, n in enumerate(NAMES) for k, d in enumerate("XYZ")
+            f"{n}:{d}": along(model, 11 + i, axes[i][k])
+            for i, n in enumerate(NAMES)
+            for k, d in enumerate("XYZ")
         }
         check_exact(model, found, readings, {"3:X": along(model, 11, np.eye(3)[0])})
 
@@ -615,7 +789,9 @@ def test_directions_of_the_measurement_hold_before_those_of_another_geometry() -
     model, axes = block(), np.tile(np.eye(3), (8, 1, 1))
     axes[0] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     with pytest.warns(UpdynWarning, match="Directions of nodes 3 as the measurement itself says"):
-        found = match(model, sensors(CORNERS), Geometry(NAMES, CORNERS, axes=axes), by="coordinates")
+        found = match(
+            model, sensors(CORNERS), Geometry(NAMES, CORNERS, axes=axes), by="coordinates"
+        )
     assert rows(found)["3:X"] == "11:X"
     bare = sensors(CORNERS)
     bare = FRF(bare.freq, bare.values, bare.responses, bare.references, bare.quantity)
@@ -627,7 +803,10 @@ def test_directions_of_the_measurement_hold_before_those_of_another_geometry() -
 
 def test_a_node_without_position_and_a_model_without() -> None:
     frf = data(["3:X", "4:X"], ["3:Y"], Geometry(NAMES, CORNERS))
-    with pytest.raises(MatchError, match=r"1 nodes of the measurement have no position .* \(it has 3, 5, 8.*table: 4"):
+    with pytest.raises(
+        MatchError,
+        match=r"1 nodes of the measurement have no position .* \(it has 3, 5, 8.*table: 4",
+    ):
         match(block(), frf, by="coordinates")
     assert rows(match(block(), frf, by="coordinates", table={"4:X": "13:-Z"}))["4:X"] == "13:-Z"
     bare = Model(block().groups, block().dofs)
@@ -639,10 +818,15 @@ def test_a_fitted_turn_of_less_than_a_degree_is_no_turn_of_the_sensors() -> None
     """It is no better known than the positions: along the DOFs, and said; exact where that is asked for."""
     half = Rotation.from_euler("y", 0.5, degrees=True).as_matrix()
     frf = sensors(CORNERS @ half)
-    with pytest.warns(UpdynWarning, match=r"16 sensors .* not quite along; the largest angle is 0\.5 degrees, of 3:X"):
+    with pytest.warns(
+        UpdynWarning,
+        match=r"16 sensors .* not quite along; the largest angle is 0\.5 degrees, of 3:X",
+    ):
         found = match(block(), frf, by="coordinates", alignment="fit")
     assert not any(m.turned for m in found.table)
     assert max(m.angle for m in found.table) == pytest.approx(0.5)
     assert all(
-        m.turned for m in match(block(), frf, by="coordinates", alignment="fit", angle=0.1).table if "Y" not in m.sensor
+        m.turned
+        for m in match(block(), frf, by="coordinates", alignment="fit", angle=0.1).table
+        if "Y" not in m.sensor
     )

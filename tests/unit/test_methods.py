@@ -28,7 +28,12 @@ def gear_train_case(omega, reading):
         else abs(getattr(true.group(p.group), p.quantity)).sum() / abs(getattr(start.group(p.group), p.quantity)).sum()
         for p in unknowns
     ])  # fmt: skip
-    return start, updyn.response(true, np.array(omega) / (2 * np.pi), FOUR, ["2:RZ"]), unknowns, truth
+    return (
+        start,
+        updyn.response(true, np.array(omega) / (2 * np.pi), FOUR, ["2:RZ"]),
+        unknowns,
+        truth,
+    )
 
 
 def vector(result):
@@ -46,15 +51,31 @@ def test_every_method_takes_max_iterations_and_tolerance():
     ("name", "options", "message"),
     [
         ("maximum-likelyhood", {}, r"method 'maximum-likelyhood': .*maximum-likelihood"),
-        ("log", {"max_iteration": 3}, r"method 'log' has no option 'max_iteration'; .*max_iterations"),
+        (
+            "log",
+            {"max_iteration": 3},
+            r"method 'log' has no option 'max_iteration'; .*max_iterations",
+        ),
         ("output-error", {"starts": 3}, r"method 'output-error' has no option 'starts'"),
-        ("log", {"max_iterations": -1}, r"option max_iterations = -1: expected a number of at least 0"),
+        (
+            "log",
+            {"max_iterations": -1},
+            r"option max_iterations = -1: expected a number of at least 0",
+        ),
         ("log", {"max_iterations": 2.5}, r"option max_iterations = 2.5: expected int, such as"),
         ("log", {"max_iterations": True}, r"option max_iterations = True: expected int"),
         ("log", {"tolerance": "small"}, r"option tolerance = 'small': expected float"),
-        ("log", {"tolerance": float("nan")}, r"option tolerance = nan: expected a number of at least 0"),
+        (
+            "log",
+            {"tolerance": float("nan")},
+            r"option tolerance = nan: expected a number of at least 0",
+        ),
         ("equation-error", {"solver": "gauss"}, r"solver 'gauss': .*gauss-newton"),
-        ("equation-error", {"solver": 3}, r"option solver = 3: expected str, such as 'trust-region'"),
+        (
+            "equation-error",
+            {"solver": 3},
+            r"option solver = 3: expected str, such as 'trust-region'",
+        ),
     ],
 )
 def test_options_are_checked_by_name_and_kind(name, options, message):
@@ -63,7 +84,12 @@ def test_options_are_checked_by_name_and_kind(name, options, message):
 
 
 def test_whole_numbers_of_numpy_are_whole_numbers():
-    assert make_method("log", {"max_iterations": np.int64(3), "tolerance": np.float64(1e-5)}).max_iterations == 3
+    assert (
+        make_method(
+            "log", {"max_iterations": np.int64(3), "tolerance": np.float64(1e-5)}
+        ).max_iterations
+        == 3
+    )
 
 
 # -- the paper's iteration -------------------------------------------------------------------------------------------
@@ -71,17 +97,27 @@ def test_whole_numbers_of_numpy_are_whole_numbers():
 def test_plain_iteration_gives_the_papers_loss_factors_in_five_steps(reading):
     """Table 6: 0.4 and 0.6, the others zero; and 17 of 18 unknowns, which the paper does not say."""
     start, data, unknowns, truth = gear_train_case([10, 20, 50, 100], reading)
-    result = updyn.update(start, data, unknowns, method="equation-error", solver="gauss-newton", max_iterations=5)
+    result = updyn.update(
+        start, data, unknowns, method="equation-error", solver="gauss-newton", max_iterations=5
+    )
     assert result.status == "not-identifiable"
     loss = ~unknowns.is_factor
     assert vector(result)[loss] == pytest.approx(truth[loss], abs=1e-9)
     assert result.identifiability.rank == 17
     assert result.iterations <= 5
-    opened = {"unit 1.mass", "unit 1.stiffness", "unit 5.mass", "unit 5.stiffness", "unit 6.mass", "unit 6.stiffness"}
+    opened = {
+        "unit 1.mass",
+        "unit 1.stiffness",
+        "unit 5.mass",
+        "unit 5.stiffness",
+        "unit 6.mass",
+        "unit 6.stiffness",
+    }
     assert {n for n, s in result.std.items() if np.isinf(s)} == opened
     assert set(result.identifiability.null_directions[0]) == opened
     known = [i for i, n in enumerate(unknowns.names) if n not in opened]
-    # The smallest singular value that is not zero, 1e-5, costs the stiffness of units 3 and 4 some digits.
+    # The smallest singular value that is not zero, 1e-5, costs the stiffness of units 3 and 4 some
+    # digits.
     assert vector(result)[known] == pytest.approx(truth[known], abs=1e-7)
 
 
@@ -113,7 +149,9 @@ def test_plain_iteration_that_diverges_says_failed():
 
 @pytest.mark.parametrize("reading", [0, 1])
 @pytest.mark.parametrize("lines", SETTINGS)
-@pytest.mark.parametrize("options", [{"method": "equation-error"}, {}], ids=["equation-error", "default"])
+@pytest.mark.parametrize(
+    "options", [{"method": "equation-error"}, {}], ids=["equation-error", "default"]
+)
 def test_more_lines_recover_all_18_unknowns(lines, reading, options):
     start, data, unknowns, truth = gear_train_case(SETTINGS[lines], reading)
     result = updyn.update(start, data, unknowns, **options)
@@ -136,7 +174,9 @@ def test_every_method_recovers_the_chain_from_exact_data(chain12, chain12_true, 
         else:
             exact = abs(getattr(true, p.quantity)).sum() / abs(getattr(start, p.quantity)).sum()
         assert result.values[p.name] == pytest.approx(exact, rel=1e-7), p.name
-    assert result.model.group("part2").loss_factor == pytest.approx(chain12_true.group("part2").loss_factor, rel=1e-7)
+    assert result.model.group("part2").loss_factor == pytest.approx(
+        chain12_true.group("part2").loss_factor, rel=1e-7
+    )
 
 
 @pytest.mark.parametrize("name", ["log", "output-error", "equation-error"])
@@ -144,7 +184,10 @@ def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, n
     """Log residuals and equation errors are the same numbers for receptance and accelerance; output errors are not."""
     data = add_noise(chain12_frf, np.random.default_rng(1), 0.01)
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    fits = [updyn.update(chain12, d, unknowns, method=name) for d in (data, data.converted("accelerance"))]
+    fits = [
+        updyn.update(chain12, d, unknowns, method=name)
+        for d in (data, data.converted("accelerance"))
+    ]
     one, two = (vector(f) for f in fits)
     std = np.array(list(fits[0].std.values()))
     if name == "output-error":
@@ -153,12 +196,16 @@ def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, n
     else:
         assert two == pytest.approx(one, rel=1e-7, abs=1e-9)
         # The floor of the noise that log estimates is a share of another rms.
-        assert np.array(list(fits[1].std.values())) == pytest.approx(std, rel=0.01 if name == "log" else 1e-5)
+        assert np.array(list(fits[1].std.values())) == pytest.approx(
+            std, rel=0.01 if name == "log" else 1e-5
+        )
 
 
 def test_signs_of_sensors_do_not_matter(chain12, chain12_frf, add_noise):
     data = add_noise(chain12_frf, np.random.default_rng(1), 0.01)
-    turned = data.select(responses=["2:-X", "5:X", "7:-X", "10:X", "12:-X"], references=["2:X", "5:-X", "7:X"])
+    turned = data.select(
+        responses=["2:-X", "5:X", "7:-X", "10:X", "12:-X"], references=["2:X", "5:-X", "7:X"]
+    )
     same = data.select(references=["2:X", "5:X", "7:X"])
     unknowns = updyn.parameters(chain12, stiffness="all", loss_factor="all")
     for name in GENERAL:
@@ -172,7 +219,9 @@ def test_unit_of_length_does_not_matter(mixed_model, add_noise, name):
     fits = []
     for length in (1.0, 1e-3):
         start = mixed_model(length)
-        true = start.scaled({"a": {"stiffness": 1.1, "loss_factor": 0.05}, "b": {"stiffness": 0.9, "mass": 1.05}})
+        true = start.scaled(
+            {"a": {"stiffness": 1.1, "loss_factor": 0.05}, "b": {"stiffness": 0.9, "mass": 1.05}}
+        )
         responses = ["1:Y", "2:RZ", "3:Y", "4:RZ"]
         clean = updyn.response(true, np.linspace(2, 60, 50), responses, ["1:Y", "2:RZ"])
         # Relative noise, so that it is the same measurement in both units.

@@ -20,7 +20,12 @@ def chain(n: int, **damping: Any) -> updyn.Model:
     K = 1e6 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     K[-1, -1] = 1e6
     share = damping.pop("viscous", None)
-    group = updyn.Group(K, np.diag(np.linspace(1.0, 2.0, n)), viscous=None if share is None else share * K, **damping)
+    group = updyn.Group(
+        K,
+        np.diag(np.linspace(1.0, 2.0, n)),
+        viscous=None if share is None else share * K,
+        **damping,
+    )
     return updyn.Model.from_groups({"all": group}, [f"{i + 1}:X" for i in range(n)])
 
 
@@ -41,7 +46,9 @@ def agrees(found: ModeSet, model: updyn.Model, rel: float) -> None:
     shapes = true.at(found.dofs)
     turned = shapes * np.sign(np.sum(shapes * found.real_shapes, axis=0))
     assert found.scaled.all()
-    assert found.real_shapes == pytest.approx(turned, rel=1e3 * rel, abs=1e3 * rel * np.abs(shapes).max())
+    assert found.real_shapes == pytest.approx(
+        turned, rel=1e3 * rel, abs=1e3 * rel * np.abs(shapes).max()
+    )
 
 
 LINES = np.linspace(5.0, 300.0, 300)
@@ -70,7 +77,9 @@ def test_one_mode_alone(damping: str, loss: float) -> None:
     """Fewer poles than the fit begins with; a 0 Hz line; no damping at all."""
     group = updyn.Group(np.array([[1e4]]), np.array([[2.0]]), loss_factor=loss)
     model = updyn.Model.from_groups({"all": group}, ["1:X"])
-    found = identify_modes(updyn.response(model, np.linspace(0.0, 50.0, 60), ["1:X"], ["1:X"]), damping=damping)
+    found = identify_modes(
+        updyn.response(model, np.linspace(0.0, 50.0, 60), ["1:X"], ["1:X"]), damping=damping
+    )
     assert len(found) == 1
     # One form of damping taken for the other: as near as its square.
     assert found.frequency == pytest.approx(updyn.modes(model, 1).frequency, rel=1e-9 + loss**2)
@@ -81,7 +90,9 @@ def test_one_mode_alone(damping: str, loss: float) -> None:
 @pytest.mark.parametrize("n", [4, 5, 7, 10, 14])
 def test_few_lines_are_an_error_or_modes_but_no_accident(n: int) -> None:
     for band in (np.linspace(1.0, 300.0, n), np.geomspace(1.0, 300.0, n)):
-        frf = updyn.response(chain(6, loss_factor=0.01), band, ["1:X", "3:X", "6:X"], ["1:X"], "accelerance")
+        frf = updyn.response(
+            chain(6, loss_factor=0.01), band, ["1:X", "3:X", "6:X"], ["1:X"], "accelerance"
+        )
         for damping in ("structural", "viscous"):
             with contextlib.suppress(DataError):
                 assert len(identify_modes(frf, damping=damping)) <= 6
@@ -136,18 +147,22 @@ def test_without_a_drive_point_shapes_are_unscaled() -> None:
         assert not found.scaled.any()
         assert found.dofs.labels == ["1:X", "2:X", "3:X"]
         assert found.frequency == pytest.approx(true.frequency, rel=1e-9)
-        assert np.diag(mac(found.shapes, true.at(found.dofs))) == pytest.approx(np.ones(4), abs=1e-9)
+        assert np.diag(mac(found.shapes, true.at(found.dofs))) == pytest.approx(
+            np.ones(4), abs=1e-9
+        )
 
 
 def test_the_measured_beam() -> None:
     """Seven bending modes, known from another identification (of the source, with its lines one lower: 1 Hz at 0).
 
-    The highest line of the first peak is at 177.03 Hz; that identification says 176.07, the others lie within 0.3 %.
-    """
+    The highest line of the first peak is at 177.03 Hz; that identification says 176.07, the others
+    lie within 0.3 %."""
     path = resources.files("updyn.demos") / "data" / "ladisk_beam.uff"
     frf = updyn.read_frf(str(path))
     found = identify_modes(frf, band=(60.0, 5000.0))
-    bending = [int(np.abs(found.frequency - f).argmin()) for f in (176, 476, 932, 1535, 2286, 3162, 4182)]
+    bending = [
+        int(np.abs(found.frequency - f).argmin()) for f in (176, 476, 932, 1535, 2286, 3162, 4182)
+    ]
     expected = np.array([176.07, 476.46, 932.29, 1534.79, 2286.32, 3162.16, 4181.72])
     assert found.frequency[bending[1:]] == pytest.approx(expected[1:], rel=0.003)
     assert found.frequency[bending[0]] == pytest.approx(expected[0], rel=0.006)
@@ -176,7 +191,9 @@ def test_is_deterministic() -> None:
         ({"band": (5.0, 7.0)}, DataError, "3 lines are too few to identify a mode"),
     ],
 )
-def test_bad_input_is_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:
+def test_bad_input_is_refused(
+    options: dict[str, Any], error: type[Exception], message: str
+) -> None:
     frf = updyn.response(chain(4, loss_factor=0.01), LINES, ["1:X"], ["1:X"], "receptance")
     with pytest.raises(error, match=message):
         identify_modes(frf, **options)
@@ -192,7 +209,9 @@ def test_no_mode_in_noise() -> None:
 
 # -- ModeSet ---------------------------------------------------------------------------------------------------------
 def test_mode_set_is_sorted_and_selected() -> None:
-    modes = ModeSet([20.0, 10.0], [[1.0, 2.0], [3.0, 4.0j]], ["1:X", "2:X"], [0.02, 0.01], scaled=[True, False])
+    modes = ModeSet(
+        [20.0, 10.0], [[1.0, 2.0], [3.0, 4.0j]], ["1:X", "2:X"], [0.02, 0.01], scaled=[True, False]
+    )
     assert modes.frequency.tolist() == [10.0, 20.0]
     assert modes.shapes[:, 0].tolist() == [2.0, 4.0j]
     assert modes.damping_ratio.tolist() == [0.005, 0.01]
@@ -212,7 +231,10 @@ def test_mode_set_is_sorted_and_selected() -> None:
         (([], np.zeros((1, 0)), ["1:X"]), "expected at least one frequency"),
         (([np.nan], [[1.0]], ["1:X"]), "frequency nan Hz"),
         (([-1.0], [[1.0]], ["1:X"]), "frequency -1 Hz"),
-        (([1.0], [[1.0], [2.0]], ["1:X"]), r"expected shapes of \(DOFs, modes\) = \(1, 1\), found \(2, 1\)"),
+        (
+            ([1.0], [[1.0], [2.0]], ["1:X"]),
+            r"expected shapes of \(DOFs, modes\) = \(1, 1\), found \(2, 1\)",
+        ),
         (([1.0], [[0.0]], ["1:X"]), "the shape at 1 Hz is zero"),
         (([1.0], [["a"]], ["1:X"]), "shapes: expected numbers"),
         (([1.0], [[1.0]], ["1:X"], [0.1, 0.2]), "loss_factor: expected 1, one for each mode"),

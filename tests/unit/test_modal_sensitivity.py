@@ -43,7 +43,9 @@ class Moved:
         return RealModes.lowest(self.system, self.unknowns.state(self.system, values), self.n, 0.0)
 
 
-def compare(model: Model, parameters: ParameterSet, values: np.ndarray, n: int, rel: float = 1e-6) -> None:
+def compare(
+    model: Model, parameters: ParameterSet, values: np.ndarray, n: int, rel: float = 1e-6
+) -> None:
     """Every eigenvalue and shape, by every unknown, against central differences."""
     moved = Moved(model, parameters, n)
     modes, rows = moved.at(values), np.arange(moved.system.n)
@@ -57,7 +59,9 @@ def compare(model: Model, parameters: ParameterSet, values: np.ndarray, n: int, 
             weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * step[j])
             by_value = sum(w * p.value[which] for w, p in zip(weights, points, strict=True))
             own = modes.shapes[:, which]
-            turned = [p.shapes[:, which] * np.sign(own @ modes.M @ p.shapes[:, which]) for p in points]
+            turned = [
+                p.shapes[:, which] * np.sign(own @ modes.M @ p.shapes[:, which]) for p in points
+            ]
             by_shape = sum(w * t for w, t in zip(weights, turned, strict=True))
             assert value[j] == pytest.approx(by_value, rel=rel, abs=rel * modes.value[which])
             assert shape[j] == pytest.approx(by_shape, rel=rel, abs=10 * rel * np.abs(own).max())
@@ -66,9 +70,13 @@ def compare(model: Model, parameters: ParameterSet, values: np.ndarray, n: int, 
 def test_modes_of_a_chain_are_those_of_the_closed_form() -> None:
     """omega_r = 2 sqrt(k / m) sin((2 r - 1) pi / (2 (2 n + 1))), a chain held at one end."""
     n, m, k = 7, 2.0, 5e3
-    modes = RealModes.lowest(AffineSystem.compile(springs(n)), AffineSystem.compile(springs(n)).start, n, 0.0)
+    modes = RealModes.lowest(
+        AffineSystem.compile(springs(n)), AffineSystem.compile(springs(n)).start, n, 0.0
+    )
     r = np.arange(1, n + 1)
-    assert modes.value == pytest.approx(4.0 * k / m * np.sin((2 * r - 1) * np.pi / (2 * (2 * n + 1))) ** 2, rel=1e-12)
+    assert modes.value == pytest.approx(
+        4.0 * k / m * np.sin((2 * r - 1) * np.pi / (2 * (2 * n + 1))) ** 2, rel=1e-12
+    )
     assert modes.complete
     assert modes.n_rigid == 0
 
@@ -77,14 +85,21 @@ def test_all_stiffness_raises_an_eigenvalue_by_its_own_share() -> None:
     """One factor on all K: the eigenvalue grows by that share, no shape changes. On all M: it falls."""
     model = springs(5)
     for quantity, share, shrink in (("stiffness", 1.0, 0.0), ("mass", -1.0, -0.5)):
-        of = [f"{'spring' if quantity == 'stiffness' else 'mass'} {i + 1}.{quantity}" for i in range(5)]
+        of = [
+            f"{'spring' if quantity == 'stiffness' else 'mass'} {i + 1}.{quantity}"
+            for i in range(5)
+        ]
         moved = Moved(model, ParameterSet((updyn.link(model, "all.it", of)[0],)), 5)
         modes = moved.at(np.ones(1))
         for which in range(5):
-            value, shape = slopes(modes, which, moved.system, moved.unknowns, np.ones(1), np.arange(5))
+            value, shape = slopes(
+                modes, which, moved.system, moved.unknowns, np.ones(1), np.arange(5)
+            )
             assert value == pytest.approx([share * modes.value[which]], rel=1e-12)
             expected = shrink * modes.shapes[:, which]
-            assert shape[0] == pytest.approx(expected, abs=1e-11 * np.abs(modes.shapes[:, which]).max())
+            assert shape[0] == pytest.approx(
+                expected, abs=1e-11 * np.abs(modes.shapes[:, which]).max()
+            )
 
 
 def test_chain(chain12: Model) -> None:
@@ -95,11 +110,20 @@ def test_chain(chain12: Model) -> None:
 def test_translations_beside_rotations(mixed_model: Callable[[float], Model]) -> None:
     for length in (1.0, 1e-3):
         model = mixed_model(length)
-        compare(model, updyn.parameters(model, stiffness="all", mass="all"), np.array([0.9, 1.1, 1.0, 0.8]), 4)
+        compare(
+            model,
+            updyn.parameters(model, stiffness="all", mass="all"),
+            np.array([0.9, 1.1, 1.0, 0.8]),
+            4,
+        )
 
 
 def test_powers_of_linked_unknowns(chain12: Model) -> None:
-    first = updyn.link(chain12, "wall.thickness", {"part1.stiffness": 3.0, "part1.mass": 1.0, "part2.stiffness": 1.0})
+    first = updyn.link(
+        chain12,
+        "wall.thickness",
+        {"part1.stiffness": 3.0, "part1.mass": 1.0, "part2.stiffness": 1.0},
+    )
     unknowns = ParameterSet((*first, *updyn.parameters(chain12, stiffness=["part2"])))
     compare(chain12, unknowns, np.array([1.1, 0.9]), 3)
 
@@ -107,7 +131,9 @@ def test_powers_of_linked_unknowns(chain12: Model) -> None:
 def test_free_free_beam() -> None:
     """Rigid-body motions, of which K is singular, are left out and do not disturb the others."""
     halves = [Segment("left", 0.0, 0.2), Segment("right", 0.2, 0.5)]
-    model = beam(length=0.5, E=2e11, rho=7850.0, width=0.03, height=0.01, n_elements=10, segments=halves)
+    model = beam(
+        length=0.5, E=2e11, rho=7850.0, width=0.03, height=0.01, n_elements=10, segments=halves
+    )
     unknowns = updyn.parameters(model, stiffness="all", mass="all")
     moved = Moved(model, unknowns, 4)
     assert moved.at(np.ones(4)).n_rigid == 2
@@ -128,7 +154,11 @@ def test_large_sparse_model() -> None:
     groups = {"a": updyn.Group(chain(0, n // 3)), "b": updyn.Group(chain(n // 3, n), mass)}
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     unknowns = updyn.parameters(model, stiffness="all")
-    moved, rows, values = Moved(model, unknowns, 3), np.array([100, 500, 1100]), np.array([1.1, 0.9])
+    moved, rows, values = (
+        Moved(model, unknowns, 3),
+        np.array([100, 500, 1100]),
+        np.array([1.1, 0.9]),
+    )
     modes = moved.at(values)
     for which in range(3):
         value, shape = slopes(modes, which, moved.system, moved.unknowns, values, rows)
@@ -136,9 +166,14 @@ def test_large_sparse_model() -> None:
             step = np.zeros(2)
             step[j] = 1e-4
             low, high = moved.at(values - step), moved.at(values + step)
-            assert value[j] == pytest.approx((high.value[which] - low.value[which]) / 2e-4, rel=1e-5)
+            assert value[j] == pytest.approx(
+                (high.value[which] - low.value[which]) / 2e-4, rel=1e-5
+            )
             own = modes.shapes[:, which]
-            a, b = (p.shapes[rows, which] * np.sign(own @ modes.M @ p.shapes[:, which]) for p in (low, high))
+            a, b = (
+                p.shapes[rows, which] * np.sign(own @ modes.M @ p.shapes[:, which])
+                for p in (low, high)
+            )
             assert shape[j] == pytest.approx((b - a) / 2e-4, abs=1e-5 * np.abs(own).max())
 
 
@@ -171,9 +206,13 @@ def two_planes(turn: float = 0.0, **more: np.ndarray) -> Model:
     return updyn.Model.from_groups(groups, [f"{i}:{d}" for d in "XY" for i in (1, 2, 3)])
 
 
-def turned(model: Model, parameters: ParameterSet, measured: np.ndarray) -> tuple[Moved, RealModes, np.ndarray]:
+def turned(
+    model: Model, parameters: ParameterSet, measured: np.ndarray
+) -> tuple[Moved, RealModes, np.ndarray]:
     moved, values = Moved(model, parameters, 6), np.ones(len(parameters))
-    modes = separated(moved.at(values), moved.system, moved.unknowns, values, lambda shapes: shapes, measured)
+    modes = separated(
+        moved.at(values), moved.system, moved.unknowns, values, lambda shapes: shapes, measured
+    )
     return moved, modes, values
 
 
@@ -183,7 +222,10 @@ def test_modes_that_no_unknown_couples_have_their_own_derivatives() -> None:
         model = two_planes(turn)
         unknowns = updyn.parameters(model, stiffness=["foot x", "foot y"])
         moved, modes, values = turned(model, unknowns, np.eye(6))
-        alone = {"foot": updyn.Group(1e4 * FIRST), "rest": updyn.Group(1e4 * (CHAIN - FIRST), np.eye(3))}
+        alone = {
+            "foot": updyn.Group(1e4 * FIRST),
+            "rest": updyn.Group(1e4 * (CHAIN - FIRST), np.eye(3)),
+        }
         plane = updyn.Model.from_groups(alone, ["1:X", "2:X", "3:X"])
         single = Moved(plane, updyn.parameters(plane, stiffness=["foot"]), 3)
         along = (
@@ -197,9 +239,16 @@ def test_modes_that_no_unknown_couples_have_their_own_derivatives() -> None:
             own = int(np.argmax(in_plane))
             assert min(in_plane) < 1e-9
             expected_value, expected_shape = slopes(
-                single.at(np.ones(1)), which // 2, single.system, single.unknowns, np.ones(1), np.arange(3)
+                single.at(np.ones(1)),
+                which // 2,
+                single.system,
+                single.unknowns,
+                np.ones(1),
+                np.arange(3),
             )
-            sign = np.sign((along[own] @ modes.shapes[:, which]) @ single.at(np.ones(1)).shapes[:, which // 2])
+            sign = np.sign(
+                (along[own] @ modes.shapes[:, which]) @ single.at(np.ones(1)).shapes[:, which // 2]
+            )
             assert value[own] == pytest.approx(expected_value[0], rel=1e-9)
             assert value[1 - own] == pytest.approx(0.0, abs=1e-9 * modes.value[which])
             assert along[own] @ shape[own] == pytest.approx(sign * expected_shape[0], abs=1e-9)
@@ -232,7 +281,9 @@ def test_modes_that_unknowns_couple_have_no_derivatives() -> None:
     model = two_planes(0.0, slant=slant, other=other)
     unknowns = updyn.parameters(model, stiffness=["foot x", "slant"])
     moved, modes, values = turned(model, unknowns, np.eye(6))
-    with pytest.raises(SolverError, match=r"2 modes of the model coincide at .* Hz, and the unknowns couple them"):
+    with pytest.raises(
+        SolverError, match=r"2 modes of the model coincide at .* Hz, and the unknowns couple them"
+    ):
         slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
     either = updyn.parameters(model, stiffness=["slant"])
     moved, modes, values = turned(model, either, np.eye(6))

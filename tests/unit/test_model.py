@@ -31,7 +31,9 @@ def model() -> Model:
         {
             "spring": Group(1e3 * SPRING, loss_factor=0.1),
             "masses": Group(mass=np.diag([2.0, 3.0])),
-            "ground": Group(stiffness=np.diag([50.0, 0.0]), mass=np.diag([0.5, 0.0]), loss_factor=0.2),
+            "ground": Group(
+                stiffness=np.diag([50.0, 0.0]), mass=np.diag([0.5, 0.0]), loss_factor=0.2
+            ),
             "damper": Group(viscous=4.0 * SPRING),
         },
         TWO,
@@ -41,7 +43,9 @@ def model() -> Model:
 
 
 # -- groups ------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", [np.array, sp.csr_array, sp.csc_matrix, sp.coo_array, sp.lil_array, np.ndarray.tolist])
+@pytest.mark.parametrize(
+    "kind", [np.array, sp.csr_array, sp.csc_matrix, sp.coo_array, sp.lil_array, np.ndarray.tolist]
+)
 def test_a_matrix_comes_in_any_form(kind):
     group = Group(kind(7.0 * SPRING))
     assert isinstance(group.stiffness, sp.csr_array)
@@ -73,7 +77,10 @@ def test_whole_numbers_and_duplicates_are_summed_up():
         ([[1, np.nan], [np.nan, 1]], "stiffness: row 1 holds a number that is not finite"),
         ([[1, 0], [0, np.inf]], "stiffness: row 2 holds a number that is not finite"),
         ([[1 + 0j]], "stiffness: found complex numbers; damping goes into loss_factor and viscous"),
-        (sp.csr_array([[1 + 1j]]), "stiffness: found complex numbers; damping goes into loss_factor and viscous"),
+        (
+            sp.csr_array([[1 + 1j]]),
+            "stiffness: found complex numbers; damping goes into loss_factor and viscous",
+        ),
         ([[1, 2.5], [2, 1]], "stiffness is not symmetric: entry (1, 2) is 2.5, (2, 1) is 2"),
     ],
 )
@@ -136,7 +143,8 @@ def test_a_group_cannot_be_changed_and_does_not_follow_what_it_came_from():
 
 def test_repr_of_a_group_is_short():
     assert (
-        repr(Group(SPRING, viscous=SPRING, loss_factor=0.05)) == "Group(stiffness, viscous; 2 DOFs, loss factor 0.05)"
+        repr(Group(SPRING, viscous=SPRING, loss_factor=0.05))
+        == "Group(stiffness, viscous; 2 DOFs, loss factor 0.05)"
     )
 
 
@@ -174,9 +182,13 @@ def test_the_gear_train_of_the_paper(gear_train, gear_train_case):
     """Natural frequencies stand in the case file, computed apart; the paper prints M and K near these."""
     K, M = gear_train.stiffness.toarray(), gear_train.mass.toarray()
     w = np.sqrt(np.abs(np.sort(np.real(np.linalg.eigvals(np.linalg.solve(M, K))))))
-    np.testing.assert_allclose(w, gear_train_case["natural_frequencies_true_rad_s_undamped"], rtol=2e-5)
+    np.testing.assert_allclose(
+        w, gear_train_case["natural_frequencies_true_rad_s_undamped"], rtol=2e-5
+    )
     printed = gear_train_case["paper_result_after_5_iterations"]
-    np.testing.assert_allclose(np.diag(M)[[3, 4]], np.array(printed["M_diagonal"])[[3, 4]], rtol=5e-5)
+    np.testing.assert_allclose(
+        np.diag(M)[[3, 4]], np.array(printed["M_diagonal"])[[3, 4]], rtol=5e-5
+    )
     np.testing.assert_allclose(
         np.diag(K)[[0, 2, 3, 4]], 1e6 * np.array(printed["K_diagonal_1e6"])[[0, 2, 3, 4]], rtol=5e-5
     )
@@ -194,16 +206,41 @@ def test_the_gear_train_answers_as_computed_with_60_digits(gear_train, gear_trai
     ("groups", "dofs", "kind", "text"),
     [
         ({}, TWO, ModelError, "a model needs at least one group"),
-        ([Group(SPRING)], TWO, ModelError, "groups: expected a mapping of name to Group, found list"),
+        (
+            [Group(SPRING)],
+            TWO,
+            ModelError,
+            "groups: expected a mapping of name to Group, found list",
+        ),
         ({"a": SPRING}, TWO, ModelError, "group 'a': expected a Group, found ndarray"),
         ({"a": Group(SPRING)}, ["1:X"], ModelError, "group 'a' has 2 DOFs, the model has 1 labels"),
-        ({"a": Group(SPRING)}, ["1:X", "2:-X"], ModelError, "DOF 2:-X: the DOFs of a model are positive"),
+        (
+            {"a": Group(SPRING)},
+            ["1:X", "2:-X"],
+            ModelError,
+            "DOF 2:-X: the DOFs of a model are positive",
+        ),
         ({"a": Group(SPRING)}, ["1:X", "1:X"], DofError, "DOF 1:X stands twice"),
         ({"a": Group(SPRING)}, ["1:X", "2"], DofError, "DOF '2': expected node:direction"),
-        ({"": Group(SPRING)}, TWO, ModelError, "group name '': expected a text without blanks at its ends"),
-        ({" a": Group(SPRING)}, TWO, ModelError, "group name ' a': expected a text without blanks at its ends"),
+        (
+            {"": Group(SPRING)},
+            TWO,
+            ModelError,
+            "group name '': expected a text without blanks at its ends",
+        ),
+        (
+            {" a": Group(SPRING)},
+            TWO,
+            ModelError,
+            "group name ' a': expected a text without blanks at its ends",
+        ),
         ({1: Group(SPRING)}, TWO, ModelError, "group name 1: expected a text"),
-        ({"a.b": Group(SPRING)}, TWO, ModelError, "group name 'a.b' holds '.': unknowns are called name.quantity"),
+        (
+            {"a.b": Group(SPRING)},
+            TWO,
+            ModelError,
+            "group name 'a.b' holds '.': unknowns are called name.quantity",
+        ),
         ({"a*": Group(SPRING)}, TWO, ModelError, "group name 'a*' holds '*'"),
     ],
 )
@@ -219,7 +256,9 @@ def test_a_dof_without_anything_is_refused():
     K[0, 0] = 1.0
     stored_zero = sp.coo_array(([1.0, 0.0], ([0, 2], [0, 2])), shape=(4, 4))
     for matrix in (K, stored_zero):
-        with raises("DOF 2:X has neither stiffness, mass nor damping (3 such): the model is singular"):
+        with raises(
+            "DOF 2:X has neither stiffness, mass nor damping (3 such): the model is singular"
+        ):
             Model.from_groups({"a": Group(matrix)}, [f"{i}:X" for i in range(1, 5)])
 
 
@@ -250,7 +289,9 @@ def test_a_wrong_sign_is_named(what):
 
 def chain(n: int) -> sp.csr_array:
     """A free chain of equal springs: semidefinite, and its smallest eigenvalue is 0."""
-    K = sp.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]).tolil()
+    K = sp.diags_array(
+        [2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]
+    ).tolil()
     K[0, 0] = K[n - 1, n - 1] = 1.0
     return K.tocsr()
 
@@ -340,7 +381,9 @@ def test_what_does_not_change_is_shared(model):
     got = model.scaled({"ground": {"stiffness": 3.0, "mass": 1.0}})
     assert got.group("spring") is model.group("spring")
     assert got.group("ground").mass is model.group("ground").mass
-    assert np.shares_memory(got.group("ground").stiffness.indices, model.group("ground").stiffness.indices)
+    assert np.shares_memory(
+        got.group("ground").stiffness.indices, model.group("ground").stiffness.indices
+    )
     assert not got.group("ground").stiffness.data.flags.writeable
 
 
@@ -356,7 +399,10 @@ def test_a_factor_of_0_keeps_the_pattern(model):
         ({"sprin": {}}, "no group 'sprin'; did you mean 'spring'?"),
         (
             {"spring": {"stifness": 1.0}},
-            "group 'spring': no quantity 'stifness'; did you mean 'stiffness' or 'stiffness_damping'?",
+            (
+                "group 'spring': no quantity 'stifness'; did you mean 'stiffness' or"
+                " 'stiffness_damping'?"
+            ),
         ),
         ({"spring": {"mass": 1.0}}, "group 'spring' has no mass to change"),
         ({"masses": {"loss_factor": 0.1}}, "group 'masses' has no stiffness to change"),
@@ -365,7 +411,10 @@ def test_a_factor_of_0_keeps_the_pattern(model):
         ({"spring": {"stiffness": "2"}}, "group 'spring': stiffness '2': expected a number"),
         ({"spring": {"stiffness": None}}, "group 'spring': stiffness None: expected a number"),
         ({"spring": {"stiffness": True}}, "group 'spring': stiffness True: expected a number"),
-        ({"spring": {"loss_factor": -0.1}}, "loss factor -0.1: expected a finite number of at least 0"),
+        (
+            {"spring": {"loss_factor": -0.1}},
+            "loss factor -0.1: expected a finite number of at least 0",
+        ),
         ({"spring": 2.0}, "group 'spring': expected a mapping of quantity to number, found 2.0"),
         (2.0, "changes: expected a mapping of group to quantities, found float"),
     ],

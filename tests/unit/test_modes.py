@@ -64,13 +64,18 @@ def test_chain_frequencies_shapes_and_normalisation():
 def test_two_free_masses():
     k, m1, m2 = 5000.0, 3.0, 0.5
     model = updyn.Model.from_groups(
-        {"spring": updyn.Group([[k, -k], [-k, k]], loss_factor=0.1), "masses": updyn.Group(mass=np.diag([m1, m2]))},
+        {
+            "spring": updyn.Group([[k, -k], [-k, k]], loss_factor=0.1),
+            "masses": updyn.Group(mass=np.diag([m1, m2])),
+        },
         ["1:X", "2:X"],
     )
     found = updyn.modes(model, 2)
     assert found.frequency[0] == 0.0
     assert found.loss_factor[0] == 0.0
-    assert found.frequency[1] == pytest.approx(np.sqrt(k * (1 / m1 + 1 / m2)) / (2 * np.pi), rel=1e-12)
+    assert found.frequency[1] == pytest.approx(
+        np.sqrt(k * (1 / m1 + 1 / m2)) / (2 * np.pi), rel=1e-12
+    )
     assert found.loss_factor[1] == pytest.approx(0.1, rel=1e-12)
     assert found.shapes[:, 0] == pytest.approx(np.full(2, 1 / np.sqrt(m1 + m2)), rel=1e-10)
 
@@ -102,8 +107,12 @@ def test_massless_dofs_equal_their_static_condensation():
 def test_rank_deficient_mass_without_zero_rows():
     """A mass that sits on the mean of two DOFs only: one finite mode."""
     k, m = 100.0, 2.0
-    model = updyn.Model.from_groups({"g": updyn.Group(np.diag([k, k]), m * np.full((2, 2), 0.25))}, ["1:X", "2:X"])
-    assert updyn.modes(model, 1).frequency[0] == pytest.approx(np.sqrt(2 * k / m) / (2 * np.pi), rel=1e-12)
+    model = updyn.Model.from_groups(
+        {"g": updyn.Group(np.diag([k, k]), m * np.full((2, 2), 0.25))}, ["1:X", "2:X"]
+    )
+    assert updyn.modes(model, 1).frequency[0] == pytest.approx(
+        np.sqrt(2 * k / m) / (2 * np.pi), rel=1e-12
+    )
     with pytest.raises(ModelError, match=r"2 modes asked for; the model has 1"):
         updyn.modes(model, 2)
 
@@ -125,7 +134,9 @@ def test_branched_gears(torsional):
     """The rigid mesh is taken in by coordinates: gear 2 turns against gear 1."""
     c = torsional["branched_gears"]
     inertias = [c["Im"], 2 * c["Ig"], c["Ir"], c["Ir"]]  # motor, both gears, two rotors
-    model = torsion(inertias, [(0, 1, c["k_m"], 1.0), (1, 2, c["k_R"], 1.0), (3, 1, c["k_R"], -c["gear_ratio"])])
+    model = torsion(
+        inertias, [(0, 1, c["k_m"], 1.0), (1, 2, c["k_R"], 1.0), (3, 1, c["k_R"], -c["gear_ratio"])]
+    )
     assert updyn.modes(model, 4).frequency == pytest.approx(c["frequencies_hz"], abs=0.06)
 
 
@@ -159,7 +170,9 @@ def test_hollow_shaft_by_number_of_elements(n, torsional):
         M[at] += c["rho"] * J * length / 6 * np.array([[2, 1], [1, 2]])
     M[0, 0] += c["inertia_start"]
     M[n, n] += c["inertia_end"]
-    model = updyn.Model.from_groups({"shaft": updyn.Group(K, M)}, [f"{i + 1}:RX" for i in range(n + 1)])
+    model = updyn.Model.from_groups(
+        {"shaft": updyn.Group(K, M)}, [f"{i + 1}:RX" for i in range(n + 1)]
+    )
     expected = c["first_frequencies_hz_by_elements"][str(n)]
     assert updyn.modes(model, 5).frequency == pytest.approx(expected, abs=6e-5)
 
@@ -177,7 +190,9 @@ def test_strain_energy_of_two_materials_and_a_damper():
     )
     omega = np.sqrt((k1 + k2) / m)
     found = updyn.modes(one, 1)
-    assert found.loss_factor[0] == pytest.approx((0.01 * k1 + 0.3 * k2 + omega * c) / (k1 + k2), rel=1e-12)
+    assert found.loss_factor[0] == pytest.approx(
+        (0.01 * k1 + 0.3 * k2 + omega * c) / (k1 + k2), rel=1e-12
+    )
 
 
 def test_complex_modes_of_non_proportional_structural_damping():
@@ -191,7 +206,8 @@ def test_complex_modes_of_non_proportional_structural_damping():
     assert found.frequency == pytest.approx(np.sqrt(exact.real) / (2 * np.pi), rel=1e-10)
     assert found.loss_factor == pytest.approx(exact.imag / exact.real, rel=1e-9)
     assert found.shapes.T @ (2.0 * found.shapes) == pytest.approx(np.eye(6), abs=1e-9)
-    # Strain energy is right to first order in the loss factors: ten times lighter, the error is a hundredth.
+    # Strain energy is right to first order in the loss factors: ten times lighter, the error is a
+    # hundredth.
     light = model.scaled({"chain": {"loss_factor": 0.002}, "pad": {"loss_factor": 0.05}})
     exact_light = updyn.modes(light, 6, complex=True).loss_factor
     heavy_error = np.abs(updyn.modes(model, 6).loss_factor / found.loss_factor - 1).max()
@@ -203,7 +219,9 @@ def test_complex_modes_of_non_proportional_structural_damping():
 def test_complex_modes_of_a_damped_oscillator():
     k, m, zeta = 800.0, 2.0, 0.2
     omega = np.sqrt(k / m)
-    model = updyn.Model.from_groups({"g": updyn.Group([[k]], [[m]], viscous=[[2 * zeta * m * omega]])}, ["1:X"])
+    model = updyn.Model.from_groups(
+        {"g": updyn.Group([[k]], [[m]], viscous=[[2 * zeta * m * omega]])}, ["1:X"]
+    )
     found = updyn.modes(model, 1, complex=True)
     s = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
     value = -(s**2)
@@ -256,7 +274,10 @@ def test_large_chain_against_its_closed_form_and_no_mode_missed():
 
 
 def test_sparse_and_dense_agree(monkeypatch):
-    supports = [Support("pads", 0.1, 2e4, loss_factor=0.2), Support("pads", 0.5, 2e4, loss_factor=0.2)]
+    supports = [
+        Support("pads", 0.1, 2e4, loss_factor=0.2),
+        Support("pads", 0.5, 2e4, loss_factor=0.2),
+    ]
     for kept in ([], supports):
         model = beam(0.6, E=210e9, rho=7850, width=0.04, height=0.02, n_elements=100, supports=kept)
         dense = updyn.modes(model, 10)
@@ -282,7 +303,9 @@ def test_repeated_modes_are_all_found_on_a_large_model():
     one = chain(n, fixed=False)
     K = sp.block_diag([one.stiffness] * 3, format="csr")
     M = sp.block_diag([one.mass] * 3, format="csr")
-    model = updyn.Model.from_groups({"g": updyn.Group(K, M)}, [f"{i}:X" for i in range(1, 3 * n + 1)])
+    model = updyn.Model.from_groups(
+        {"g": updyn.Group(K, M)}, [f"{i}:X" for i in range(1, 3 * n + 1)]
+    )
     found = updyn.modes(model, 9).frequency
     # Free chain: omega_r = 2 sqrt(k/m) sin(r pi / 2n), r = 0, 1, ...
     exact = np.sqrt(1000.0 / 2.0) / np.pi * np.sin(np.repeat(np.arange(3), 3) * np.pi / (2 * n))
@@ -295,7 +318,9 @@ def test_large_model_with_mass_on_few_dofs():
     K = chain(n).stiffness
     mass = np.zeros(n)
     mass[[399, 799]] = 5.0
-    model = updyn.Model.from_groups({"g": updyn.Group(K, sp.diags_array(mass))}, [f"{i}:X" for i in range(1, n + 1)])
+    model = updyn.Model.from_groups(
+        {"g": updyn.Group(K, sp.diags_array(mass))}, [f"{i}:X" for i in range(1, n + 1)]
+    )
     # Springs in series: 400 to the first mass, 400 between, 401 to ground.
     a, b, c = 1000 / 400, 1000 / 400, 1000 / 401
     exact = np.linalg.eigvalsh(np.array([[a + b, -b], [-b, b + c]]) / 5.0)
@@ -318,14 +343,18 @@ def test_asking_for_too_many_says_how_many_there_are():
 
 def test_motion_without_stiffness_or_mass_is_named():
     K = np.array([[10.0, 0.0, 0.0], [0.0, 5.0, -5.0], [0.0, -5.0, 5.0]])
-    model = updyn.Model.from_groups({"g": updyn.Group(K, np.diag([1.0, 0.0, 0.0]))}, ["1:X", "2:Y", "3:Y"])
+    model = updyn.Model.from_groups(
+        {"g": updyn.Group(K, np.diag([1.0, 0.0, 0.0]))}, ["1:X", "2:Y", "3:Y"]
+    )
     with pytest.raises(SolverError, match=r"neither stiffness nor mass.*moves DOF [23]:Y most"):
         updyn.modes(model, 1)
 
 
 def test_indefinite_stiffness_warns():
     with pytest.warns(UpdynWarning, match="indefinite"):
-        model = updyn.Model.from_groups({"g": updyn.Group(np.diag([-1e-3, 4.0]), np.eye(2))}, ["1:X", "2:X"])
+        model = updyn.Model.from_groups(
+            {"g": updyn.Group(np.diag([-1e-3, 4.0]), np.eye(2))}, ["1:X", "2:X"]
+        )
     with pytest.warns(UpdynWarning, match=r"1 mode\(s\) with negative omega\^2"):
         found = updyn.modes(model, 2)
     assert found.frequency == pytest.approx([0.0, 2.0 / (2 * np.pi)])

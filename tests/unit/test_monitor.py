@@ -29,7 +29,9 @@ def test_history_keeps_every_step_with_stage_and_values(problem):
     assert [(h.stage, h.number, h.step, h.accepted) for h in monitor.history] == [
         ("search", 0, 0.0, True), ("search", 1, 0.1, False), ("log", 2, 0.0, True),
     ]  # fmt: skip
-    assert monitor.history[0].values == pytest.approx({"part1.stiffness": 1.5, "part1.loss_factor": 0.02})
+    assert monitor.history[0].values == pytest.approx(
+        {"part1.stiffness": 1.5, "part1.loss_factor": 0.02}
+    )
     assert monitor.history[0].cost == LogError().local(problem, x).cost
     assert np.isnan(monitor.history[1].cost)
     assert monitor.timing_s.keys() == {"search", "log"}

@@ -17,7 +17,9 @@ def fresh():
 
 
 def test_pymumps_which_has_the_same_module_name_is_not_taken(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "mumps", types.SimpleNamespace(DMumpsContext=object))
+    monkeypatch.setitem(
+        __import__("sys").modules, "mumps", types.SimpleNamespace(DMumpsContext=object)
+    )
     assert not mumps.available()
 
 

@@ -6,7 +6,15 @@ import pytest
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.fit import correlation_length
-from updyn.updating.noise import ASSUMED, Assumed, Estimated, Stated, Variance, choose_noise, level_by_unit
+from updyn.updating.noise import (
+    ASSUMED,
+    Assumed,
+    Estimated,
+    Stated,
+    Variance,
+    choose_noise,
+    level_by_unit,
+)
 
 RNG = np.random.default_rng
 
@@ -27,14 +35,17 @@ def frf(values, **kwargs):
 def H():
     """Magnitudes over three decades, random phase."""
     rng = RNG(4)
-    return 10 ** rng.uniform(-6, -3, (400, 3, 2)) * np.exp(2j * np.pi * rng.uniform(size=(400, 3, 2)))
+    return 10 ** rng.uniform(-6, -3, (400, 3, 2)) * np.exp(
+        2j * np.pi * rng.uniform(size=(400, 3, 2))
+    )
 
 
 def test_stated_variance_is_that_of_simulated_noise(H):
     model, rng = Stated(0.05, 0.02), RNG(0)
     rms = np.sqrt(np.mean(np.abs(H) ** 2))
     draws = [
-        np.abs(0.05 * np.abs(H) * circular(rng, H.shape) + 0.02 * rms * circular(rng, H.shape)) ** 2 for _ in range(400)
+        np.abs(0.05 * np.abs(H) * circular(rng, H.shape) + 0.02 * rms * circular(rng, H.shape)) ** 2
+        for _ in range(400)
     ]
     variance = model.variance(H, frf(H))
     assert np.mean(draws, axis=0) / variance == pytest.approx(np.ones(H.shape), abs=0.35)
@@ -51,7 +62,8 @@ def test_weights_of_real_and_imaginary_part_give_chi_square_of_one(H):
 
 
 @pytest.mark.parametrize(
-    ("relative", "floor"), [(0.05, 0.0), (0.0, 0.01), (0.03, 0.003), (0.003, 0.02), (1e-4, 0.0), (0.3, 0.0)]
+    ("relative", "floor"),
+    [(0.05, 0.0), (0.0, 0.01), (0.03, 0.003), (0.003, 0.02), (1e-4, 0.0), (0.3, 0.0)],
 )
 def test_estimate_recovers_the_noise(H, relative, floor):
     """Both parts within a few per cent where they show; a part that does not show stays below what would show."""

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.noise import ASSUMED, Assumed, Estimated, EstimatedByChannel, Stated, choose_noise
+from updyn.updating.noise import (
+    ASSUMED,
+    Assumed,
+    Estimated,
+    EstimatedByChannel,
+    Stated,
+    choose_noise,
+)
 
 RNG = np.random.default_rng
 BY_CHANNEL = "estimated-by-channel"
@@ -15,7 +22,11 @@ BY_CHANNEL = "estimated-by-channel"
 def noisy(clean, rng, relative, floor, factors):
     """Noise of each response `factors` times as large."""
     size = np.abs(clean.values)
-    std = np.hypot(relative * size, floor * np.sqrt(np.mean(size**2))) * np.array(factors)[:, None] / np.sqrt(2.0)
+    std = (
+        np.hypot(relative * size, floor * np.sqrt(np.mean(size**2)))
+        * np.array(factors)[:, None]
+        / np.sqrt(2.0)
+    )
     draw = rng.standard_normal((2, *size.shape))
     return replace(clean, values=clean.values + std * (draw[0] + 1j * draw[1]))
 
@@ -51,7 +62,9 @@ def test_too_few_values_of_a_sensor_are_taken_together(wide):
 def test_before_a_residual_was_seen_it_is_of_ordinary_size(wide):
     model = choose_noise(BY_CHANNEL, wide)
     assert isinstance(model, EstimatedByChannel)
-    assert model.variance(wide.values, wide) == pytest.approx(Stated(**ASSUMED).variance(wide.values, wide))
+    assert model.variance(wide.values, wide) == pytest.approx(
+        Stated(**ASSUMED).variance(wide.values, wide)
+    )
     assert model.figures() == {}
 
 
@@ -61,7 +74,9 @@ def test_it_helps_where_one_sensor_is_bad_and_costs_nothing_else(chain12_task):
     for factor, ratio in ((10.0, (2.5, 8.0)), (1.0, (0.9, 1.1))):
         factors = [1.0, factor, 1.0, 1.0, 1.0]
         variance = (0.01 * np.abs(clean.values) * np.array(factors)[:, None]) ** 2
-        told = updyn.update(start, replace(clean, variance=variance), unknowns.with_start(truth), starts=0)
+        told = updyn.update(
+            start, replace(clean, variance=variance), unknowns.with_start(truth), starts=0
+        )
         bound = np.array(list(told.std.values()))
         rms, inside = {}, []
         for noise in (None, BY_CHANNEL):
@@ -71,7 +86,9 @@ def test_it_helps_where_one_sensor_is_bad_and_costs_nothing_else(chain12_task):
                 result = updyn.update(start, data, unknowns, noise=noise, starts=0)
                 off.append((np.array(list(result.values.values())) - truth) / bound)
                 if noise:
-                    inside.append(np.abs(off[-1]) * bound < 1.96 * np.array(list(result.std.values())))
+                    inside.append(
+                        np.abs(off[-1]) * bound < 1.96 * np.array(list(result.std.values()))
+                    )
             rms[noise] = np.sqrt(np.mean(np.square(off)))
         assert rms[BY_CHANNEL] == pytest.approx(1.0, abs=0.2)
         assert ratio[0] < rms[None] / rms[BY_CHANNEL] < ratio[1]

@@ -24,7 +24,15 @@ def measured(clean, rng, n, noise, random=False):
     Y = H * F + np.sqrt(n * noise) * circular(rng, (n, *H.shape))
     xx, xy, yy = (abs(F) ** 2).sum(0), (Y * F.conj()).sum(0), (abs(Y) ** 2).sum(0)
     gamma2 = np.minimum(abs(xy) ** 2 / (xx * yy), 1.0)
-    return updyn.FRF(clean.freq, xy / xx, clean.responses, clean.references, "receptance", coherence=gamma2, averages=n)
+    return updyn.FRF(
+        clean.freq,
+        xy / xx,
+        clean.responses,
+        clean.references,
+        "receptance",
+        coherence=gamma2,
+        averages=n,
+    )
 
 
 def plain(values, **kwargs):
@@ -52,8 +60,12 @@ def test_the_pair_of_value_and_coherence_gives_the_variance_without_bias(n, nois
     estimate = np.abs(H) ** 2 * (1 - g2) / (g2 * (n - 1))
     squared = np.abs(H - clean.values) ** 2
     expected = noise * (n / (n - 1) if random else 1.0)  # E 1 / Gamma(n) = 1 / (n - 1)
-    assert squared.mean() == pytest.approx(expected, rel=(0.1 if n == 3 else 0.05) if random else 0.03)
-    assert estimate.mean() == pytest.approx(expected, rel=(0.1 if n == 3 else 0.05) if random else 0.03)
+    assert squared.mean() == pytest.approx(
+        expected, rel=(0.1 if n == 3 else 0.05) if random else 0.03
+    )
+    assert estimate.mean() == pytest.approx(
+        expected, rel=(0.1 if n == 3 else 0.05) if random else 0.03
+    )
     if not random:
         assert abs(np.corrcoef(squared.ravel(), estimate.ravel())[0, 1]) < 0.03
 
@@ -105,13 +117,17 @@ def test_a_dropped_sensor_does_not_spoil_its_neighbours(deep):
 def test_chosen_lines_have_the_variance_that_all_lines_gave_them(deep):
     data = measured(deep, RNG(0), 5, np.full(deep.values.shape, 1e-3))
     model, few = choose_noise(None, data), data.select(lines=data.freq[[3, 100, 399]])
-    assert model.variance(few.values, few) == pytest.approx(model.variance(data.values, data)[[3, 100, 399]], rel=1e-12)
+    assert model.variance(few.values, few) == pytest.approx(
+        model.variance(data.values, data)[[3, 100, 399]], rel=1e-12
+    )
     elsewhere = plain(data.values[:20], coherence=data.coherence[:20], averages=5)
     other = updyn.FRF(
         elsewhere.freq + 0.5, elsewhere.values, elsewhere.responses, elsewhere.references, "receptance",
         coherence=elsewhere.coherence, averages=5,
     )  # fmt: skip
-    assert model.variance(other.values, other) == pytest.approx(Coherence(True).variance(other.values, other))
+    assert model.variance(other.values, other) == pytest.approx(
+        Coherence(True).variance(other.values, other)
+    )
 
 
 def test_variance_follows_the_models_size_where_the_noise_does(deep):
@@ -134,8 +150,12 @@ def test_chi_square_is_one_and_errors_are_at_the_bound(chain12_task, n):
     """Noise of the output, 2 % of the rms after averaging: antiresonances drown. At the model's |H|: over 9."""
     start, clean, unknowns, truth = chain12_task
     noise = np.full(clean.values.shape, 4e-4 * np.mean(np.abs(clean.values) ** 2))
-    exact = updyn.FRF(clean.freq, clean.values, clean.responses, clean.references, "receptance", variance=noise)
-    bound = np.array(list(updyn.update(start, exact, unknowns.with_start(truth), starts=0).std.values()))
+    exact = updyn.FRF(
+        clean.freq, clean.values, clean.responses, clean.references, "receptance", variance=noise
+    )
+    bound = np.array(
+        list(updyn.update(start, exact, unknowns.with_start(truth), starts=0).std.values())
+    )
     chi, errors, inside = [], [], []
     for seed in range(8):
         result = updyn.update(start, measured(clean, RNG(seed), n, noise), unknowns, starts=0)
@@ -145,7 +165,9 @@ def test_chi_square_is_one_and_errors_are_at_the_bound(chain12_task, n):
         inside.append(np.abs(error) < 1.96 * np.array(list(result.std.values())))
     freedom = 8 * (2 * clean.values.size - 12)
     assert np.mean(chi) == pytest.approx(1.0, abs=3 * np.sqrt(2.0 / freedom) + 0.02)
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.25)  # 96 numbers, not independent
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(
+        1.0, abs=0.25
+    )  # 96 numbers, not independent
     assert np.mean(inside) > 0.88
 
 
@@ -161,7 +183,9 @@ def test_coherence_without_averages_knows_the_shape_only():
     counted = plain(values, coherence=np.array([0.5, 0.8]).reshape(2, 1, 1), averages=11)
     assert choose_noise(None, counted).scale_known
     # 1 / 10 for the variance, and 10 / 9 for the mean of its inverse
-    assert choose_noise(None, counted).variance(values, counted).ravel()[0] == pytest.approx(1.0 / 9.0, rel=1e-3)
+    assert choose_noise(None, counted).variance(values, counted).ravel()[0] == pytest.approx(
+        1.0 / 9.0, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("coherence", [0.0, 1.0])

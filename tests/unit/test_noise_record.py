@@ -12,7 +12,9 @@ from updyn.updating.noise import Robust, choose_noise, noise_of_record
 
 @pytest.fixture(scope="module")
 def data(chain12_frf, add_noise):
-    return add_noise(chain12_frf.select(references=["2:X", "12:X"]), np.random.default_rng(0), 0.02, 0.002)
+    return add_noise(
+        chain12_frf.select(references=["2:X", "12:X"]), np.random.default_rng(0), 0.02, 0.002
+    )
 
 
 def outlying(data):
@@ -50,7 +52,11 @@ def test_the_variance_is_that_of_the_fit(chain12, chain12_true, data, noise):
 
 
 def test_a_response_of_which_nothing_is_known(data):
-    record = {"kind": "estimated", "relative_by_channel": {"2:+X": 0.1}, "floor_by_channel": {"2:+X": 0.0}}
+    record = {
+        "kind": "estimated",
+        "relative_by_channel": {"2:+X": 0.1},
+        "floor_by_channel": {"2:+X": 0.0},
+    }
     with pytest.raises(OptionError, match="nothing is known of response"):
         noise_of_record(record, data)
 

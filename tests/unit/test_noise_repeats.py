@@ -22,14 +22,17 @@ def repeated(clean, rng, m, relative, floor):
     std = np.hypot(relative * size, floor * np.sqrt(np.mean(size**2))) / np.sqrt(2.0)
     draw = rng.standard_normal((m, 2, *size.shape))
     return [
-        replace(clean, values=clean.values + std * (d[0] + 1j * d[1]), source=f"run {i}") for i, d in enumerate(draw)
+        replace(clean, values=clean.values + std * (d[0] + 1j * d[1]), source=f"run {i}")
+        for i, d in enumerate(draw)
     ]
 
 
 @pytest.mark.parametrize("m", [2, 3, 5, 20])
 @pytest.mark.parametrize(("relative", "floor"), [(0.05, 0.0), (0.0, 0.02), (0.03, 0.003)])
 def test_mean_and_variance_of_the_mean(clean, m, relative, floor):
-    expected = ((relative * np.abs(clean.values)) ** 2 + floor**2 * np.mean(np.abs(clean.values) ** 2)) / m
+    expected = (
+        (relative * np.abs(clean.values)) ** 2 + floor**2 * np.mean(np.abs(clean.values) ** 2)
+    ) / m
     squared, inverse = [], []
     for seed in range(12):
         runs = repeated(clean, RNG(seed), m, relative, floor)
@@ -44,7 +47,10 @@ def test_mean_and_variance_of_the_mean(clean, m, relative, floor):
 
 def test_what_the_mean_is(clean):
     coherent = replace(clean, coherence=np.full(clean.values.shape, 0.9), averages=4)
-    runs = [replace(r, coherence=coherent.coherence, averages=4) for r in repeated(clean, RNG(0), 3, 0.01, 0.0)]
+    runs = [
+        replace(r, coherence=coherent.coherence, averages=4)
+        for r in repeated(clean, RNG(0), 3, 0.01, 0.0)
+    ]
     mean = updyn.average(iter(runs))
     assert (mean.coherence, mean.averages) == (None, None)
     assert mean.source == "mean of 3: run 0, run 1, run 2"
@@ -61,9 +67,15 @@ def test_intervals_of_fits_cover(chain12, chain12_true, clean):
         / abs(getattr(chain12.group(p.group), p.quantity)).sum()
         for p in unknowns
     ])  # fmt: skip
-    known = (0.02 * np.abs(clean.values)) ** 2 / 3 + 0.005**2 * np.mean(np.abs(clean.values) ** 2) / 3
+    known = (0.02 * np.abs(clean.values)) ** 2 / 3 + 0.005**2 * np.mean(
+        np.abs(clean.values) ** 2
+    ) / 3
     bound = np.array(
-        list(updyn.update(chain12, replace(clean, variance=known), unknowns.with_start(truth), starts=0).std.values())
+        list(
+            updyn.update(
+                chain12, replace(clean, variance=known), unknowns.with_start(truth), starts=0
+            ).std.values()
+        )
     )
     off, over, chi = [], [], []
     for seed in range(10):
@@ -82,12 +94,27 @@ def test_intervals_of_fits_cover(chain12, chain12_true, clean):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.select(lines=f.freq[1:]), r"repeat 2 has 59 lines, the first 60; lines are not interpolated"),
-        (lambda f: replace(f, freq=f.freq * (1 + 1e-6)), r"repeat 2 has line 1 at .* Hz, the first at"),
+        (
+            lambda f: f.select(lines=f.freq[1:]),
+            r"repeat 2 has 59 lines, the first 60; lines are not interpolated",
+        ),
+        (
+            lambda f: replace(f, freq=f.freq * (1 + 1e-6)),
+            r"repeat 2 has line 1 at .* Hz, the first at",
+        ),
         (lambda f: f.select(responses=f.responses[1:]), r"responses of repeat 2: lacks 2:\+?X"),
-        (lambda f: f.select(responses=f.responses[::-1]), r"responses of repeat 2 stand in another order"),
-        (lambda f: f.select(references=["2:-X", "12:X"]), r"references of repeat 2: lacks 2:\+?X and has 2:-X besides"),
-        (lambda f: f.converted("mobility"), r"repeat 2 holds mobility, the first receptance; convert one"),
+        (
+            lambda f: f.select(responses=f.responses[::-1]),
+            r"responses of repeat 2 stand in another order",
+        ),
+        (
+            lambda f: f.select(references=["2:-X", "12:X"]),
+            r"references of repeat 2: lacks 2:\+?X and has 2:-X besides",
+        ),
+        (
+            lambda f: f.converted("mobility"),
+            r"repeat 2 holds mobility, the first receptance; convert one",
+        ),
         (lambda f: f.values, r"expected FRFs, found ndarray as number 2"),
     ],
 )

@@ -25,7 +25,9 @@ def frf(values, **kwargs):
 @pytest.fixture(scope="module")
 def H():
     rng = RNG(4)
-    return 10 ** rng.uniform(-6, -3, (400, 3, 2)) * np.exp(2j * np.pi * rng.uniform(size=(400, 3, 2)))
+    return 10 ** rng.uniform(-6, -3, (400, 3, 2)) * np.exp(
+        2j * np.pi * rng.uniform(size=(400, 3, 2))
+    )
 
 
 def disturbed(H, relative, bad, seed=0):
@@ -54,7 +56,9 @@ def test_a_channel_that_is_off_is_named(H):
     robust = choose_noise({"relative": 0.02, **ROBUST}, frf(off)).refit(H, frf(off), 0)
     assert robust.figures()["down_weighted_channels"] == ["2:X / 1:X"]
     assert robust.figures()["down_weighted_lines"] == []
-    assert robust.figures()["chi_square"] == pytest.approx(1.0, abs=0.45)  # of the bulk: a sixth of it lies outside
+    assert robust.figures()["chi_square"] == pytest.approx(
+        1.0, abs=0.45
+    )  # of the bulk: a sixth of it lies outside
 
 
 def test_clean_data_have_no_outliers_and_the_level_of_the_plain_model(H):
@@ -72,7 +76,11 @@ def test_weights_give_the_spread_of_a_weighted_mean(share):
     n, draws, rng = 200, 800, RNG(1)
     x, said = [], []
     for _ in range(draws):
-        e = 0.01 * circular(rng, (n, 1, 1)) * np.where(rng.uniform(size=(n, 1, 1)) < share, 30.0, 1.0)
+        e = (
+            0.01
+            * circular(rng, (n, 1, 1))
+            * np.where(rng.uniform(size=(n, 1, 1)) < share, 30.0, 1.0)
+        )
         data, mean = frf(1.0 + e), 1.0
         noise = choose_noise({"relative": 0.01, **ROBUST}, data)
         for _ in range(5):
@@ -97,7 +105,9 @@ def test_without_a_level_the_bulk_gives_one(H):
     assert robust.scale_known
     seen = robust.refit(H, data, 0)
     kept = np.setdiff1d(np.arange(400), bad)
-    assert np.median(seen.variance(H, data)[kept] / np.abs(H[kept]) ** 2) == pytest.approx(0.02**2, rel=0.15)
+    assert np.median(seen.variance(H, data)[kept] / np.abs(H[kept]) ** 2) == pytest.approx(
+        0.02**2, rel=0.15
+    )
     assert seen.figures()["down_weighted_lines"] == list(data.freq[bad])
 
 
@@ -106,7 +116,9 @@ def test_no_residual_no_outliers():
     found = choose_noise(ROBUST, frf(values)).refit(values, frf(values), 4)
     assert found.weight is None
     assert "assumed" in found.kind
-    exact = choose_noise(ROBUST, frf(np.ones((9, 1, 1)))).refit(np.ones((9, 1, 1), complex), frf(np.ones((9, 1, 1))), 1)
+    exact = choose_noise(ROBUST, frf(np.ones((9, 1, 1)))).refit(
+        np.ones((9, 1, 1), complex), frf(np.ones((9, 1, 1))), 1
+    )
     assert np.isfinite(exact.variance(np.ones((9, 1, 1), complex), frf(np.ones((9, 1, 1))))).all()
 
 
@@ -169,8 +181,11 @@ def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     rms = [np.sqrt(np.mean((e / clean_std) ** 2)) for e in (plain, robust, clean)]
     assert rms[0] > 4 * rms[1]
     assert rms[1] < 1.3 * rms[2]
-    assert np.median(std / clean_std) == pytest.approx(1.03, abs=0.06)  # a twentieth of the data is gone
-    # On clean data at most 10 % of efficiency: standard deviations of the plain fit are at most 5 % smaller.
+    assert np.median(std / clean_std) == pytest.approx(
+        1.03, abs=0.06
+    )  # a twentieth of the data is gone
+    # On clean data at most 10 % of efficiency: standard deviations of the plain fit are at most 5 %
+    # smaller.
     _, plain_std, _ = fitted(chain12_task, noise or None, False, 2)
     assert np.median(clean_std[:2] / plain_std) < 1.06
 

@@ -11,8 +11,15 @@ pytestmark = pytest.mark.skipif(not pardiso.available(), reason="the mkl wheel i
 
 def grid(m, shift=0.0):
     """m x m x m masses on springs: K - shift M, real."""
-    T, eye = sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1]), sp.eye_array(m)
-    K = sp.kron(sp.kron(T, eye), eye) + sp.kron(sp.kron(eye, T), eye) + sp.kron(sp.kron(eye, eye), T)
+    T, eye = (
+        sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1]),
+        sp.eye_array(m),
+    )
+    K = (
+        sp.kron(sp.kron(T, eye), eye)
+        + sp.kron(sp.kron(eye, T), eye)
+        + sp.kron(sp.kron(eye, eye), T)
+    )
     A = sp.csc_array(K - shift * sp.eye_array(m**3))
     A.sort_indices()
     return A
@@ -35,7 +42,9 @@ def test_indices_of_32_and_of_64_bits(monkeypatch, most, kind):
     B = np.random.default_rng(0).standard_normal((729, 40)).astype(kind)
     for factor in (1.0, -3.0):
         solve = made.factor(A * factor)
-        assert solve(B) == pytest.approx(np.linalg.solve(A.toarray() * factor, B), rel=1e-9, abs=1e-11)
+        assert solve(B) == pytest.approx(
+            np.linalg.solve(A.toarray() * factor, B), rel=1e-9, abs=1e-11
+        )
         below = int((factor * (eigenvalues(9) - 1.234) < 0).sum())
         assert solve.negative == (below if kind is float else None)
 
@@ -66,7 +75,9 @@ def test_what_it_must_not_be_given():
         pardiso.Pardiso(mixed, real=True)
     lower = A.indices != np.repeat(np.arange(27), np.diff(A.indptr))
     lower[: A.indptr[26]] = True
-    without = sp.csc_array((A.data[lower], (A.indices[lower], np.repeat(np.arange(27), np.diff(A.indptr))[lower])))
+    without = sp.csc_array(
+        (A.data[lower], (A.indices[lower], np.repeat(np.arange(27), np.diff(A.indptr))[lower]))
+    )
     with pytest.raises(RuntimeError, match="full diagonal"):
         pardiso.Pardiso(without, real=True)
 
@@ -79,4 +90,6 @@ def test_blocks_of_rows_give_the_upper_triangle(monkeypatch):
     assert np.array_equal(begin, truth.indptr)
     assert np.array_equal(A.indices[kept], truth.indices)
     B = np.ones((125, 1))
-    assert pardiso.Pardiso(A, real=True).factor(A)(B) == pytest.approx(np.linalg.solve(A.toarray(), B))
+    assert pardiso.Pardiso(A, real=True).factor(A)(B) == pytest.approx(
+        np.linalg.solve(A.toarray(), B)
+    )

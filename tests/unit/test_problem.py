@@ -14,12 +14,22 @@ def unknowns(chain12):
     bounds = {"part1.stiffness": (0.5, 4.0), "part1.loss_factor": (0.01, 0.2)}
     stds = {"part2.mass": 0.25, "part1.loss_factor": 0.02}
     return updyn.parameters(
-        chain12, mass=["part2"], stiffness=["part1"], loss_factor=["part1", "part2"], bounds=bounds, prior_std=stds
+        chain12,
+        mass=["part2"],
+        stiffness=["part1"],
+        loss_factor=["part1", "part2"],
+        bounds=bounds,
+        prior_std=stds,
     )
 
 
 def test_coordinates_are_logarithms_of_factors(unknowns):
-    assert unknowns.names == ["part1.stiffness", "part1.loss_factor", "part2.mass", "part2.loss_factor"]
+    assert unknowns.names == [
+        "part1.stiffness",
+        "part1.loss_factor",
+        "part2.mass",
+        "part2.loss_factor",
+    ]
     c = Coordinates(unknowns)
     values = np.array([2.0, 0.05, 0.5, 0.0])
     x = c.to_x(values)
@@ -59,7 +69,9 @@ def test_blocks_follow_signs_and_quantity(chain12, unknowns, quantity):
     for i in range(4):
         e = step * np.eye(4)[i]
         difference = (problem.responses(x + e) - problem.responses(x - e)) / (2 * step)
-        assert block.dH[i] == pytest.approx(difference, rel=1e-6, abs=1e-8 * np.abs(difference).max())
+        assert block.dH[i] == pytest.approx(
+            difference, rel=1e-6, abs=1e-8 * np.abs(difference).max()
+        )
 
 
 def test_blocks_of_lines_change_nothing(chain12, unknowns, monkeypatch):

@@ -19,12 +19,15 @@ from updyn.sensitivity import Unknowns
 def springs(i: np.ndarray, j: np.ndarray, n: int) -> sp.csr_array:
     """1e6 N/m between the DOFs i and j."""
     ends = sp.csr_array(
-        (np.r_[np.ones(len(i)), -np.ones(len(j))], (np.tile(np.arange(len(i)), 2), np.r_[i, j])), shape=(len(i), n)
+        (np.r_[np.ones(len(i)), -np.ones(len(j))], (np.tile(np.arange(len(i)), 2), np.r_[i, j])),
+        shape=(len(i), n),
     )
     return sp.csr_array(1e6 * ends.T @ ends)
 
 
-def plate(m: int = 22, *, held: bool = True, local: float = 0.0, damper: float = 0.0) -> updyn.Model:
+def plate(
+    m: int = 22, *, held: bool = True, local: float = 0.0, damper: float = 0.0
+) -> updyn.Model:
     """A grid of m x m masses on springs, in four quarters with 1, 2, 3 and 4 % of loss."""
     n = m * m
     node = np.arange(n).reshape(m, m)
@@ -40,10 +43,14 @@ def plate(m: int = 22, *, held: bool = True, local: float = 0.0, damper: float =
     seam = quarter[i] != quarter[j]
     groups["seams"] = updyn.Group(springs(i[seam], j[seam], n), loss_factor=0.015)
     if held:
-        groups["ground"] = updyn.Group(sp.diags_array(np.where(np.arange(n) < m, 1e6, 0.0)), loss_factor=0.01)
+        groups["ground"] = updyn.Group(
+            sp.diags_array(np.where(np.arange(n) < m, 1e6, 0.0)), loss_factor=0.01
+        )
     if damper:
         at = np.array([n - 1, n // 2])
-        groups["dampers"] = updyn.Group(viscous=sp.csr_array((np.full(2, damper), (at, at)), shape=(n, n)))
+        groups["dampers"] = updyn.Group(
+            viscous=sp.csr_array((np.full(2, damper), (at, at)), shape=(n, n))
+        )
     return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
 
 
@@ -64,7 +71,11 @@ def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: n
 def moved(system: AffineSystem, size: float, seed: int = 1) -> State:
     rng = np.random.default_rng(seed)
     factor = system.start.factor * np.exp(size * rng.standard_normal(len(system.terms)))
-    return State(factor, system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))), system.start.rate)
+    return State(
+        factor,
+        system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))),
+        system.start.rate,
+    )
 
 
 SENSORS, FORCES = np.array([470, 250, 130, 60, 31, 400, 333, 222]), np.array([470, 31])
@@ -74,7 +85,13 @@ UNSEEN = BAND[:-1:8] + 0.37 * (BAND[1] - BAND[0])
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"local": 0.8}, {"damper": 3e3}, {"held": False}, {"held": False, "local": 0.5, "damper": 1e4}],
+    [
+        {},
+        {"local": 0.8},
+        {"damper": 3e3},
+        {"held": False},
+        {"held": False, "local": 0.5, "damper": 1e4},
+    ],
     ids=["layers", "local-loss", "dampers", "free", "free-all"],
 )
 @pytest.mark.parametrize("sensors", [SENSORS, SENSORS[:1]], ids=["8-sensors", "1-sensor"])
@@ -109,12 +126,18 @@ def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured(
 
 
 def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
-    # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift exact.
+    # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift
+    # exact.
     n = 600
     K, M = sp.diags_array(np.arange(1.0, n + 1)), sp.eye_array(n)
-    model = updyn.Model.from_groups({"a": updyn.Group(K, M, loss_factor=0.01)}, [f"{i + 1}:X" for i in range(n)])
+    model = updyn.Model.from_groups(
+        {"a": updyn.Group(K, M, loss_factor=0.01)}, [f"{i + 1}:X" for i in range(n)]
+    )
     system = AffineSystem.compile(model)
-    band = (np.sqrt(1.0) / (2 * np.pi), np.sqrt(9.0) / (2 * np.pi))  # both ends are natural frequencies
+    band = (
+        np.sqrt(1.0) / (2 * np.pi),
+        np.sqrt(9.0) / (2 * np.pi),
+    )  # both ends are natural frequencies
     dofs = np.arange(12)
     reduction = built(system, system.start, dofs, dofs[:1], band, accuracy=1e-6)
     lines = np.linspace(*band, 9)
@@ -142,13 +165,17 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     rng = np.random.default_rng(0)
     basis = Basis(system, np.sqrt(rng.uniform(1, 1e6, system.n)))
     basis.append(rng.standard_normal((system.n, 4)))
-    basis.append(np.hstack([basis.moved(np.eye(4)), rng.standard_normal((system.n, 2))]))  # four are there already
+    basis.append(
+        np.hstack([basis.moved(np.eye(4)), rng.standard_normal((system.n, 2))])
+    )  # four are there already
     basis.extend(rng.standard_normal((system.n, 3)))
     assert basis.size == 9
     V = basis.moved(np.eye(9))
     for term, A in zip(system.terms, basis.terms, strict=True):
         full = np.zeros((system.n, system.n))
-        full[np.ix_(term.rows, term.rows)] = term.local if isinstance(term.local, np.ndarray) else term.local.toarray()
+        full[np.ix_(term.rows, term.rows)] = (
+            term.local if isinstance(term.local, np.ndarray) else term.local.toarray()
+        )
         np.testing.assert_allclose(A, V.T @ full @ V, rtol=1e-9, atol=1e-9 * np.abs(A).max())
     C = rng.standard_normal((9, 5))
     basis.rotate(C)
@@ -190,12 +217,18 @@ def test_response_by_a_reduced_model_says_how_good_it_is() -> None:
     model = plate(local=0.5)
     sensors = [str(model.dofs[int(i)]) for i in SENSORS]
     exact = updyn.response(model, BAND, sensors, sensors[1:3], "accelerance")
-    fast = updyn.response(model, BAND, sensors, sensors[1:3], "accelerance", tier="reduced", accuracy=1e-6)
+    fast = updyn.response(
+        model, BAND, sensors, sensors[1:3], "accelerance", tier="reduced", accuracy=1e-6
+    )
     peak = np.abs(exact.values).max(axis=(1, 2), keepdims=True)
     assert (np.abs(fast.values - exact.values) <= 1e-6 * peak).all()
     assert "reduced to" in fast.source
     # More references than responses: the forces stand at the responses.
-    swapped = updyn.response(model, BAND, sensors[1:3], sensors, "accelerance", tier="reduced", accuracy=1e-6)
-    np.testing.assert_allclose(swapped.values.transpose(0, 2, 1), exact.values, rtol=0, atol=1e-6 * peak.max())
+    swapped = updyn.response(
+        model, BAND, sensors[1:3], sensors, "accelerance", tier="reduced", accuracy=1e-6
+    )
+    np.testing.assert_allclose(
+        swapped.values.transpose(0, 2, 1), exact.values, rtol=0, atol=1e-6 * peak.max()
+    )
     with pytest.raises(OptionError, match="accuracy = 0"):
         updyn.response(model, BAND, sensors, sensors[:1], tier="reduced", accuracy=0)

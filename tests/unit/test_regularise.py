@@ -42,7 +42,14 @@ class Linear:
 
     def fit(self, problem, noises, monitor, x):
         with monitor.stage("linear"):
-            outcome = descend(problem, self, x, monitor, TrustRegion(self.max_iterations, self.tolerance), relax=False)
+            outcome = descend(
+                problem,
+                self,
+                x,
+                monitor,
+                TrustRegion(self.max_iterations, self.tolerance),
+                relax=False,
+            )
         local = self.local(problem, outcome.x)
         return Fit(outcome.x, outcome.reason, local.R, local=local)
 
@@ -63,31 +70,42 @@ def chain6():
 def problem(chain6):
     """Six factors, 20 values: 40 real residuals, of a linear problem that takes the place of its own."""
     data = updyn.response(chain6, np.linspace(5.0, 60.0, 20), ["6:X"], ["6:X"])
-    return Problem.build(chain6, data, updyn.parameters(chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)}))
+    return Problem.build(
+        chain6, data, updyn.parameters(chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)})
+    )
 
 
 @pytest.fixture
 def linear():
     """40 by 6, its singular values from 300 to 0.3, noise 1, a solution of length about 1."""
     rng = np.random.default_rng(4)
-    U, V = np.linalg.qr(rng.standard_normal((40, 6)))[0], np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    U, V = (
+        np.linalg.qr(rng.standard_normal((40, 6)))[0],
+        np.linalg.qr(rng.standard_normal((6, 6)))[0],
+    )
     A = (U * np.geomspace(300.0, 0.3, 6)) @ V.T
     return Linear(A, A @ (0.5 * rng.standard_normal(6)) + rng.standard_normal(40))
 
 
 def fitted(problem, linear, how):
-    return Regularised(linear, how, 60, 1e-12).fit(problem, [Stated(0.01, 0.0)], Monitor(problem), np.zeros(6))
+    return Regularised(linear, how, 60, 1e-12).fit(
+        problem, [Stated(0.01, 0.0)], Monitor(problem), np.zeros(6)
+    )
 
 
 @pytest.mark.parametrize("strength", [0.5, 3.0, 30.0])
 def test_a_stated_strength_is_tikhonov(problem, linear, strength):
     fit = fitted(problem, linear, strength)
-    expected = np.linalg.solve(linear.A.T @ linear.A + strength**2 * np.eye(6), linear.A.T @ linear.b)
+    expected = np.linalg.solve(
+        linear.A.T @ linear.A + strength**2 * np.eye(6), linear.A.T @ linear.b
+    )
     assert fit.x == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert fit.pull.record["prior_std"] == pytest.approx(1.0 / strength)
 
 
-@pytest.mark.parametrize(("how", "choose"), [("gcv", minimum), ("l-curve", corner), ("discrepancy", discrepancy)])
+@pytest.mark.parametrize(
+    ("how", "choose"), [("gcv", minimum), ("l-curve", corner), ("discrepancy", discrepancy)]
+)
 def test_the_choice_on_a_linear_problem_is_that_of_its_spectrum(problem, linear, how, choose):
     fit = fitted(problem, linear, how)
     strength = choose(Spectrum.of(linear.A, linear.b), 1.0, 300.0)
@@ -95,7 +113,9 @@ def test_the_choice_on_a_linear_problem_is_that_of_its_spectrum(problem, linear,
     found = fit.pull.record["strength"]
     expected = np.linalg.solve(linear.A.T @ linear.A + found**2 * np.eye(6), linear.A.T @ linear.b)
     assert fit.x == pytest.approx(expected, rel=1e-8, abs=1e-11)
-    assert fit.pull.record["misfit here"] == pytest.approx(np.linalg.norm(linear.A @ fit.x - linear.b), rel=1e-9)
+    assert fit.pull.record["misfit here"] == pytest.approx(
+        np.linalg.norm(linear.A @ fit.x - linear.b), rel=1e-9
+    )
     assert fit.pull.record["distance here"] == pytest.approx(np.linalg.norm(fit.x), rel=1e-8)
     assert (np.diff(fit.pull.record["misfit"]) >= 0).all()
     assert (np.diff(fit.pull.record["distance"]) <= 0).all()
@@ -123,7 +143,9 @@ def test_tsvd_chooses_its_number_by_gcv(problem, linear):
 
 def test_where_nothing_is_determined_tsvd_stays_at_the_start(problem):
     rng = np.random.default_rng(1)
-    fit = fitted(problem, Linear(1e-3 * rng.standard_normal((40, 6)), rng.standard_normal(40)), "tsvd")
+    fit = fitted(
+        problem, Linear(1e-3 * rng.standard_normal((40, 6)), rng.standard_normal(40)), "tsvd"
+    )
     assert fit.pull.record["kept"] == 0
     assert (fit.x == 0.0).all()
     assert fit.pull.within.shape == (6, 0)
@@ -134,7 +156,10 @@ def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
     """Against the whole problem solved with both kinds of prior."""
     data = updyn.response(chain6, np.linspace(5.0, 60.0, 20), ["6:X"], ["6:X"])
     unknowns = updyn.parameters(
-        chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)}, prior_std={"s2.*": 0.1, "s5.*": 0.4}
+        chain6,
+        stiffness="all",
+        bounds={"stiffness": (1e-9, 1e9)},
+        prior_std={"s2.*": 0.1, "s5.*": 0.4},
     )
     problem = Problem.build(chain6, data, unknowns)
     own = np.array([0.0, 10.0, 0.0, 0.0, 2.5, 0.0])
@@ -172,14 +197,25 @@ def test_steps_in_a_subspace_stay_there_and_within_the_bounds():
     a = np.linalg.lstsq(A @ within, b)[0]
     assert outcome.x == pytest.approx(within @ a, abs=1e-10)
     narrow = 0.5 * np.abs(outcome.x).max()
-    held = TrustRegion().minimise(evaluate, np.zeros(6), np.full(6, -narrow), np.full(6, narrow), within=within)
+    held = TrustRegion().minimise(
+        evaluate, np.zeros(6), np.full(6, -narrow), np.full(6, narrow), within=within
+    )
     assert np.abs(held.x).max() <= narrow * (1 + 1e-12)
     assert held.x == pytest.approx(within @ (within.T @ held.x), abs=1e-9)
     # Of the points of the subspace within the bounds none is better: an independent solver agrees.
     from scipy.optimize import minimize
 
-    box = [{"type": "ineq", "fun": lambda a, i=i, s=s: narrow - s * (within @ a)[i]} for i in range(6) for s in (1, -1)]
-    best = minimize(lambda a: 0.5 * np.sum((A @ within @ a - b) ** 2), np.zeros(3), constraints=box, method="SLSQP")
+    box = [
+        {"type": "ineq", "fun": lambda a, i=i, s=s: narrow - s * (within @ a)[i]}
+        for i in range(6)
+        for s in (1, -1)
+    ]
+    best = minimize(
+        lambda a: 0.5 * np.sum((A @ within @ a - b) ** 2),
+        np.zeros(3),
+        constraints=box,
+        method="SLSQP",
+    )
     assert held.local.cost == pytest.approx(best.fun, rel=1e-6)
 
 
@@ -196,11 +232,15 @@ def study():
 
 @pytest.mark.parametrize("choose", [minimum, corner, discrepancy])
 @pytest.mark.parametrize("setting", ["ILL", "WELL"])
-def test_the_choice_gains_where_the_data_say_little_and_loses_nothing_where_they_say_much(study, setting, choose):
+def test_the_choice_gains_where_the_data_say_little_and_loses_nothing_where_they_say_much(
+    study, setting, choose
+):
     """50 draws of truth and noise on the derivatives of the chains of benchmarks/regularisation.py, at their start."""
     setting = getattr(study, setting)
     model = setting.model()
-    frf = updyn.response(model, np.linspace(*setting.band), list(setting.sensors), [f"{setting.n}:X"])
+    frf = updyn.response(
+        model, np.linspace(*setting.band), list(setting.sensors), [f"{setting.n}:X"]
+    )
     problem = Problem.build(model, frf, updyn.parameters(model, stiffness="all"))
     H = np.abs(frf.values)
     R = OutputError(np.sqrt(2.0) / (setting.noise * H)).local(problem, np.zeros(setting.n)).R
@@ -264,7 +304,9 @@ def test_the_curve_of_the_record_is_that_of_fits_at_its_strengths(badly, pulled)
     """The linearised curve where the fit ended, against a fit at a neighbouring strength."""
     record = pulled.options["regularisation"]
     at = int(np.argmin(np.abs(np.log(np.array(record["strengths"]) / record["strength"]))))
-    near = updyn.update(*badly, regularise=record["strengths"][at], starts=0, noise={"relative": 0.05})
+    near = updyn.update(
+        *badly, regularise=record["strengths"][at], starts=0, noise={"relative": 0.05}
+    )
     again = near.options["regularisation"]
     assert again["distance here"] == pytest.approx(record["distance"][at], rel=0.1)
 
@@ -278,7 +320,10 @@ def test_tsvd_of_a_chain_keeps_to_its_directions(badly):
 
 def test_every_method_of_the_list_can_be_regularised(chain6):
     data = updyn.response(
-        chain6.scaled({"s3": {"stiffness": 1.01}}), np.linspace(5.0, 60.0, 20), ["2:X", "6:X"], ["6:X"]
+        chain6.scaled({"s3": {"stiffness": 1.01}}),
+        np.linspace(5.0, 60.0, 20),
+        ["2:X", "6:X"],
+        ["6:X"],
     )
     unknowns = updyn.parameters(chain6, stiffness="all")
     for method in METHODS:
@@ -317,12 +362,16 @@ def test_several_tests_and_the_reduced_tier(chain6):
     assert all("regularisation" in r.options for r in joint.results.values())
     with pytest.raises(OptionError, match="use tier 'sparse', or 'gcv'"):
         updyn.update(chain6, tests[0].frf, unknowns, regularise="tsvd", tier="reduced")
-    reduced = updyn.update(chain6, tests[0].frf, unknowns, regularise="gcv", starts=0, tier="reduced")
+    reduced = updyn.update(
+        chain6, tests[0].frf, unknowns, regularise="gcv", starts=0, tier="reduced"
+    )
     assert reduced.values["s2.stiffness"] == pytest.approx(1.15, rel=1e-2)
 
 
 # -- refusals ----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("given", ["gvc", "tsvd:0", "tsvd:x", "", 0.0, -1.0, True, float("inf"), float("nan")])
+@pytest.mark.parametrize(
+    "given", ["gvc", "tsvd:0", "tsvd:x", "", 0.0, -1.0, True, float("inf"), float("nan")]
+)
 def test_what_cannot_be_is_refused(given):
     with pytest.raises(OptionError, match="regularise"):
         check_regularise(given, "log")
@@ -331,7 +380,9 @@ def test_what_cannot_be_is_refused(given):
 def test_nearest_choices_are_named():
     with pytest.raises(OptionError, match="did you mean 'gcv'"):
         check_regularise("gvc", "log")
-    with pytest.raises(OptionError, match="method 'modal' cannot be regularised; use one of maximum-likelihood"):
+    with pytest.raises(
+        OptionError, match="method 'modal' cannot be regularised; use one of maximum-likelihood"
+    ):
         check_regularise("gcv", "modal")
     for choice in (None, *CHOICES, "tsvd:7", 3, 0.2):
         check_regularise(choice, "maximum-likelihood")

@@ -16,14 +16,18 @@ FREQ = np.linspace(1.5, 18.0, 7)
 
 @pytest.fixture
 def true(chain12):
-    return chain12.scaled({"part1": {"stiffness": 0.9, "loss_factor": 0.05}, "part3": {"mass": 1.2}})
+    return chain12.scaled(
+        {"part1": {"stiffness": 0.9, "loss_factor": 0.05}, "part3": {"mass": 1.2}}
+    )
 
 
 @pytest.fixture
 def problem(chain12, true):
     """Three sensors, one turned round; two hammer points, one turned round; accelerances."""
     data = updyn.response(true, FREQ, ["2:X", "5:-X", "12:X"], ["5:X", "2:-X"], "accelerance")
-    unknowns = updyn.parameters(chain12, stiffness=["part1", "part2"], mass=["part3"], loss_factor=["part1"])
+    unknowns = updyn.parameters(
+        chain12, stiffness=["part1", "part2"], mass=["part3"], loss_factor=["part1"]
+    )
     return Problem.build(chain12, data, unknowns)
 
 
@@ -96,7 +100,13 @@ def test_log_residual_leaves_out_exact_zeros(problem):
     values[2, 1, 0] = 0.0
     data = updyn.FRF(FREQ, values, problem.frf.responses, problem.frf.references, "accelerance")
     holed = type(problem)(
-        problem.solver, problem.unknowns, problem.coordinates, data, problem.rows, problem.columns, problem.sign
+        problem.solver,
+        problem.unknowns,
+        problem.coordinates,
+        data,
+        problem.rows,
+        problem.columns,
+        problem.sign,
     )
     x = np.array([0.1, 0.06, -0.2, 0.15])
     r = np.log(problem.responses(x) / problem.frf.values)
@@ -107,7 +117,11 @@ def test_log_residual_leaves_out_exact_zeros(problem):
 def test_model_that_cannot_be_solved_gives_none(chain12, problem):
     """An undamped natural frequency on a line."""
     free = updyn.Model.from_groups(
-        {"g": updyn.Group((2 * np.pi) ** 2 * np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2), loss_factor=0.1)},
+        {
+            "g": updyn.Group(
+                (2 * np.pi) ** 2 * np.array([[2.0, -1.0], [-1.0, 2.0]]), np.eye(2), loss_factor=0.1
+            )
+        },
         ["1:X", "2:X"],
     )
     data = updyn.response(free, [0.5, 1.0], ["1:X"], ["1:X"])
@@ -147,7 +161,10 @@ def test_reduce_keeps_cost_gradient_and_information(seed, n, m, cuts):
 
 def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true):
     unknowns = updyn.parameters(
-        chain12, stiffness=["part1", "part2"], loss_factor=["part1"], prior_std={"part1.*": 0.2, "part2.stiffness": 2.0}
+        chain12,
+        stiffness=["part1", "part2"],
+        loss_factor=["part1"],
+        prior_std={"part1.*": 0.2, "part2.stiffness": 2.0},
     )
     bare = updyn.parameters(chain12, stiffness=["part1", "part2"], loss_factor=["part1"])
     data = updyn.response(true, FREQ, ["2:X"], ["5:X"])
@@ -157,6 +174,8 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     pull, weight = np.array([0.1, 0.05, -0.3]), 1 / np.array([0.2, 0.2, 2.0])
     assert joined.cost == pytest.approx(local.cost + 0.5 * np.sum((pull * weight) ** 2), rel=1e-12)
     assert joined.gradient == pytest.approx(local.gradient + pull * weight**2, rel=1e-10)
-    assert pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
+    assert (
+        pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
+    )
     without = Problem.build(chain12, data, bare)
     assert with_prior(local, without, x) is local

@@ -14,9 +14,12 @@ def test_gear_train_against_sixty_digits(gear_train, gear_train_reference, tier)
     """Column of DOF 2, to 1e-12 of its largest entry."""
     for omega, column in gear_train_reference["receptance"].items():
         exact = np.array([complex(*c) for c in column])
-        H = updyn.response(gear_train, [float(omega) / (2 * np.pi)], ALL, ["2:RZ"], tier=tier).values[0, :, 0]
+        H = updyn.response(
+            gear_train, [float(omega) / (2 * np.pi)], ALL, ["2:RZ"], tier=tier
+        ).values[0, :, 0]
         assert np.abs(H - exact).max() < 1e-12 * np.abs(exact).max()
-        # Entry by entry, too; 1e-11, as the model's 1e9 of stiffness to inertia costs digits of the smallest.
+        # Entry by entry, too; 1e-11, as the model's 1e9 of stiffness to inertia costs digits of the
+        # smallest.
         assert pytest.approx(exact, rel=1e-11) == H
 
 
@@ -52,7 +55,9 @@ def test_sides_keep_their_order_whichever_is_loaded(gear_train):
     rows, columns, freq = ["3:RZ", "1:RZ"], ["7:RZ", "2:-RZ", "4:RZ"], [1.0, 2.5]
     wide = updyn.response(gear_train, freq, rows, columns).values
     tall = updyn.response(gear_train, freq, columns, rows).values
-    one = [[updyn.response(gear_train, freq, [r], [c]).values[:, 0, 0] for c in columns] for r in rows]
+    one = [
+        [updyn.response(gear_train, freq, [r], [c]).values[:, 0, 0] for c in columns] for r in rows
+    ]
     assert wide == pytest.approx(np.moveaxis(np.array(one), 2, 0), rel=1e-12)
     assert tall == pytest.approx(wide.transpose(0, 2, 1), rel=1e-12)
 

@@ -14,16 +14,27 @@ from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateRe
 
 
 def step(number: int, accepted: bool) -> Iteration:
-    return Iteration("log", number, 1.0 / (number + 1), 0.1, 50.0, accepted, {"shaft.stiffness": 1.0})
+    return Iteration(
+        "log", number, 1.0 / (number + 1), 0.1, 50.0, accepted, {"shaft.stiffness": 1.0}
+    )
 
 
 @pytest.fixture
 def result() -> UpdateResult:
     start = Model.from_groups(
-        {"shaft": Group(100 * np.eye(2), np.eye(2), loss_factor=0.01), "disc": Group(mass=np.eye(2))}, ["1:RZ", "2:RZ"]
+        {
+            "shaft": Group(100 * np.eye(2), np.eye(2), loss_factor=0.01),
+            "disc": Group(mass=np.eye(2)),
+        },
+        ["1:RZ", "2:RZ"],
     )
     unknowns = parameters(start, stiffness="shaft", mass="all", loss_factor="shaft")
-    values = {"shaft.mass": 0.95, "shaft.stiffness": 1.234567, "shaft.loss_factor": 0.025, "disc.mass": 100.0}
+    values = {
+        "shaft.mass": 0.95,
+        "shaft.stiffness": 1.234567,
+        "shaft.loss_factor": 0.025,
+        "disc.mass": 100.0,
+    }
     return UpdateResult(
         status="not-identifiable",
         message="The fit converged, but one combination of unknowns is open.",
@@ -39,7 +50,12 @@ def result() -> UpdateResult:
         validation_band=None,
         parameters=unknowns,
         values=values,
-        std={"shaft.mass": np.inf, "shaft.stiffness": 0.0123456, "shaft.loss_factor": 0.001, "disc.mass": np.inf},
+        std={
+            "shaft.mass": np.inf,
+            "shaft.stiffness": 0.0123456,
+            "shaft.loss_factor": 0.001,
+            "disc.mass": np.inf,
+        },
         covariance=np.diag([np.inf, 1e-4, 1e-6, np.inf]),
         at_bound={"disc.mass": "upper"},
         identifiability=Identifiability(
@@ -54,7 +70,10 @@ def result() -> UpdateResult:
         ),
         history=(step(0, True), step(1, True), step(2, False), step(3, True)),
         noise={"kind": "estimated", "relative": 0.01},
-        correlation={"before": {"frac_median": 0.5, "csac_mean": 0.61239}, "after": {"frac_median": 0.99}},
+        correlation={
+            "before": {"frac_median": 0.5, "csac_mean": 0.61239},
+            "after": {"frac_median": 0.99},
+        },
         timing_s={"total": 0.1},
         versions={"updyn": "0"},
         title="Azimuth drive",
@@ -106,7 +125,10 @@ def test_a_summary_without_trouble(result):
 def test_iterations_counts_accepted_steps_after_the_start(result):
     assert result.iterations == 2
     assert dataclasses.replace(result, history=()).iterations == 0
-    assert repr(result) == "UpdateResult(not-identifiable, maximum-likelihood, 4 unknowns, 2 iterations)"
+    assert (
+        repr(result)
+        == "UpdateResult(not-identifiable, maximum-likelihood, 4 unknowns, 2 iterations)"
+    )
 
 
 @pytest.mark.parametrize("status", STATUSES)

@@ -30,7 +30,9 @@ def as_one(freq):
 
 def measured(relative=0.0, seed=0):
     draw = np.random.default_rng(seed).standard_normal((2, len(FREQ), 2, 1))
-    values = as_one(FREQ)[:, None, None] * (1.0 + relative * (draw[0] + 1j * draw[1]) / np.sqrt(2.0))
+    values = as_one(FREQ)[:, None, None] * (
+        1.0 + relative * (draw[0] + 1j * draw[1]) / np.sqrt(2.0)
+    )
     return FRF(FREQ, values, ["1:X", "2:X"], ["2:X"], "receptance")
 
 
@@ -62,7 +64,10 @@ def test_a_motion_that_all_but_cancels():
     computed = updyn.response(model, freq, ["1:X", "1:Y"], ["1:X"])
     direct = k * (2 - share) * (1 + 1j * ETA) - (2 * np.pi * freq) ** 2
     coupling = k * share * (1 + 1j * ETA)
-    exact = np.stack([direct, -coupling + 0 * direct], axis=1)[:, :, None] / (direct**2 - coupling**2)[:, None, None]
+    exact = (
+        np.stack([direct, -coupling + 0 * direct], axis=1)[:, :, None]
+        / (direct**2 - coupling**2)[:, None, None]
+    )
     error = np.abs(computed.values / exact - 1.0).max(axis=(0, 2))
     assert error[0] < 1e-12
     problem = Problem.build(model, computed, updyn.parameters(model, stiffness=["one"]))
@@ -79,7 +84,9 @@ def test_nothing_is_said_of_ordinary_models_and_of_data_that_are_noisier():
 
 def test_a_fit_says_so_instead_of_blaming_the_model():
     start = stiff_pair(1e10, soft=0.7)
-    result = updyn.update(start, measured(), updyn.parameters(start, stiffness=["soft"], loss_factor=["soft"]))
+    result = updyn.update(
+        start, measured(), updyn.parameters(start, stiffness=["soft"], loss_factor=["soft"])
+    )
     assert "only certain to" in result.message
     assert "cannot explain" not in result.message
     assert "Leave out such channels" in result.remedy

@@ -32,7 +32,9 @@ def test_it_is_the_formula(chain12_task, add_noise, name):
     A, B = (np.einsum("kabc,labc,abc->kl", J.conj(), J, s).real for s in (np.ones(H.shape), S))
     half = np.linalg.solve(A, np.linalg.cholesky(B))
     W = np.linalg.solve(found.R.T @ found.R, np.eye(12))
-    assert found.noise[0]["inflation"] ** 2 * (half @ half.T) == pytest.approx(W, rel=1e-6, abs=1e-9 * abs(W).max())
+    assert found.noise[0]["inflation"] ** 2 * (half @ half.T) == pytest.approx(
+        W, rel=1e-6, abs=1e-9 * abs(W).max()
+    )
     assert found.noise[0]["relative"] == 0.02
 
 
@@ -51,7 +53,12 @@ def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
 
 @pytest.mark.parametrize(
     ("method", "relative", "floor"),
-    [("output-error", 0.05, 0.0), ("output-error", 0.02, 0.002), ("log", 0.05, 0.0), ("log", 0.02, 0.001)],
+    [
+        ("output-error", 0.05, 0.0),
+        ("output-error", 0.02, 0.002),
+        ("log", 0.05, 0.0),
+        ("log", 0.02, 0.001),
+    ],
 )
 def test_intervals_cover(chain12_task, add_noise, method, relative, floor):
     """Intervals of 95 % from the spread of the residual alone hold 37 % of output errors under relative noise."""
@@ -61,7 +68,9 @@ def test_intervals_cover(chain12_task, add_noise, method, relative, floor):
     for seed in range(12):
         data = add_noise(clean, np.random.default_rng(seed), relative, floor)
         result = updyn.update(start, data, unknowns.with_start(truth), method=method, **options)
-        off.append((np.array(list(result.values.values())) - truth) / np.array(list(result.std.values())))
+        off.append(
+            (np.array(list(result.values.values())) - truth) / np.array(list(result.std.values()))
+        )
     assert np.abs(off).max() < 4.0
     assert 0.9 <= np.mean(np.abs(off) < 1.96) <= 1.0
     assert np.sqrt(np.mean(np.square(off))) > 0.6  # and are not wide for nothing
@@ -71,13 +80,20 @@ def test_more_misfit_than_the_noise_widens(chain12_task, add_noise):
     start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.04)
     right, wrong = (
-        updyn.update(start, data, unknowns.with_start(truth), method="log", starts=0, noise={"relative": r})
+        updyn.update(
+            start, data, unknowns.with_start(truth), method="log", starts=0, noise={"relative": r}
+        )
         for r in (0.04, 0.01)
     )
     assert wrong.noise["chi_square"] == pytest.approx(16.0, rel=0.15)
     assert list(wrong.std.values()) == pytest.approx(list(right.std.values()), rel=0.1)
     robust = updyn.update(
-        start, data, unknowns.with_start(truth), method="log", starts=0, noise={"relative": 0.04, "robust": "student-t"}
+        start,
+        data,
+        unknowns.with_start(truth),
+        method="log",
+        starts=0,
+        noise={"relative": 0.04, "robust": "student-t"},
     )
     assert robust.std == right.std  # this method takes no weights
     assert Robust.name not in robust.noise.values()
@@ -89,7 +105,10 @@ def test_log_says_where_the_noise_is_too_large_for_it(chain12_task, add_noise):
     result = updyn.update(start, data, unknowns.with_start(truth), method="log", starts=0)
     assert "noise is above half of |H|" in result.remedy
     quiet = updyn.update(
-        start, add_noise(clean, np.random.default_rng(0), 0.01), unknowns.with_start(truth), method="log"
+        start,
+        add_noise(clean, np.random.default_rng(0), 0.01),
+        unknowns.with_start(truth),
+        method="log",
     )
     assert quiet.remedy == ""
 

@@ -34,7 +34,9 @@ def test_points_stay_within_bounds_and_are_reproducible(problem):
     assert not np.array_equal(points[-1], list(Search(starts=9, seed=4)._points(problem))[-1][0])
     first = problem.coordinates.to_values(points[0])
     factor = problem.coordinates.parameters.is_factor
-    assert first[factor] == pytest.approx(np.ones(factor.sum()))  # the first tries move loss factors only
+    assert first[factor] == pytest.approx(
+        np.ones(factor.sum())
+    )  # the first tries move loss factors only
     assert (first[~factor] > 0.05).all()
 
 

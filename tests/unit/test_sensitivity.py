@@ -18,7 +18,9 @@ def test_single_oscillator_by_hand():
     """H = 1/Z, dH/dp = -Z'/Z^2 with Z = kappa k (1 + i gamma) + i omega c C - omega^2 mu m."""
     k, m, c, gamma = 900.0, 1.5, 4.0, 0.07
     model = updyn.Model.from_groups({"o": updyn.Group([[k]], [[m]], gamma, [[c]])}, ["1:X"])
-    unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all", viscous="all")
+    unknowns = updyn.parameters(
+        model, stiffness="all", mass="all", loss_factor="all", viscous="all"
+    )
     assert unknowns.names == ["o.mass", "o.stiffness", "o.loss_factor", "o.viscous"]
     solver = LineSolver.choose(AffineSystem.compile(model))
     at = Unknowns.find(solver.system, unknowns)
@@ -40,14 +42,18 @@ def test_values_alone_cost_no_derivatives(gear_train):
     at = Unknowns.find(solver.system, everything(gear_train))
     freq, rows, columns = np.array([1.0, 3.0]), np.array([0, 2]), np.array([1])
     with_, without = (
-        sensitivity.receptance(solver, at, everything(gear_train).start, freq, rows, columns, derivatives=d)
+        sensitivity.receptance(
+            solver, at, everything(gear_train).start, freq, rows, columns, derivatives=d
+        )
         for d in (True, False)
     )
     assert without[1] is None
     assert without[0] == pytest.approx(with_[0], rel=1e-12)
     retained, motion = np.arange(4), np.ones((2, 4, 1), dtype=complex)
     with_, without = (
-        sensitivity.condensed_product(solver, at, everything(gear_train).start, freq, retained, motion, derivatives=d)
+        sensitivity.condensed_product(
+            solver, at, everything(gear_train).start, freq, retained, motion, derivatives=d
+        )
         for d in (True, False)
     )
     assert without[1] is None
@@ -64,19 +70,29 @@ def test_responses_and_references_in_any_order_and_twice(gear_train, tier, deriv
     H, dH = sensitivity.receptance(solver, at, everything(gear_train).start, freq, every, every)
     for rows, columns in (([5, 2, 5, 0], [3, 2]), ([4, 1], [1]), ([6], [0, 6, 0])):
         some, slopes = sensitivity.receptance(
-            solver, at, everything(gear_train).start, freq, np.array(rows), np.array(columns), derivatives=derivatives
+            solver,
+            at,
+            everything(gear_train).start,
+            freq,
+            np.array(rows),
+            np.array(columns),
+            derivatives=derivatives,
         )
         assert some == pytest.approx(H[:, rows][:, :, columns], rel=1e-9)
         assert (slopes is not None) == derivatives
         if derivatives:
-            assert slopes == pytest.approx(dH[:, :, rows][..., columns], rel=1e-8, abs=1e-10 * np.abs(dH).max())
+            assert slopes == pytest.approx(
+                dH[:, :, rows][..., columns], rel=1e-8, abs=1e-10 * np.abs(dH).max()
+            )
 
 
 @pytest.mark.parametrize("tier", ["dense", "sparse"])
 @pytest.mark.parametrize(
     "key", ["4_lines_10_20_50_100", "5_lines_10_20_50_100_150", "8_lines_5_10_20_30_50_75_100_150"]
 )
-def test_gear_train_singular_values_against_sixty_digits(gear_train, gear_train_reference, key, tier):
+def test_gear_train_singular_values_against_sixty_digits(
+    gear_train, gear_train_reference, key, tier
+):
     """Of the paper's real-stacked S at the truth, columns scaled to unit norm."""
     omega = np.array([float(w) for w in key.split("lines_")[1].split("_")])
     solver = LineSolver.choose(AffineSystem.compile(gear_train), tier)
@@ -89,7 +105,8 @@ def test_gear_train_singular_values_against_sixty_digits(gear_train, gear_train_
     S = np.vstack([S.real, S.imag])
     found = np.linalg.svd(S / np.linalg.norm(S, axis=0), compute_uv=False)
     exact = np.array(gear_train_reference["singular_values"][key])
-    # Singular values are known to a few roundings of the largest (Weyl); H adds its own, about 1e-13.
+    # Singular values are known to a few roundings of the largest (Weyl); H adds its own, about
+    # 1e-13.
     assert found == pytest.approx(exact, abs=2e-12)
     assert found[exact > 1e-3] == pytest.approx(exact[exact > 1e-3], rel=1e-10)
 
@@ -102,7 +119,9 @@ def test_products_in_pieces(gear_train, tier, monkeypatch):
     freq, rows, columns = np.array([1.0, 3.0]), np.arange(4), np.array([1])
 
     def slopes():
-        return sensitivity.receptance(solver, at, everything(gear_train).start, freq, rows, columns)[1]
+        return sensitivity.receptance(
+            solver, at, everything(gear_train).start, freq, rows, columns
+        )[1]
 
     whole = slopes()
     for largest in (1, 20):
@@ -113,9 +132,15 @@ def test_products_in_pieces(gear_train, tier, monkeypatch):
 def test_free_free_chain_with_massless_dof():
     """A spring pair with a massless middle: dH/dkappa of the first spring against the series formula."""
     k1, k2, m1, m2 = 500.0, 800.0, 2.0, 3.0
-    spring = k1 * np.array([[1.0, -1, 0], [-1, 1, 0], [0, 0, 0]]), k2 * np.array([[0, 0, 0], [0, 1.0, -1], [0, -1, 1]])
+    spring = (
+        k1 * np.array([[1.0, -1, 0], [-1, 1, 0], [0, 0, 0]]),
+        k2 * np.array([[0, 0, 0], [0, 1.0, -1], [0, -1, 1]]),
+    )
     model = updyn.Model.from_groups(
-        {"a": updyn.Group(spring[0], np.diag([m1, 0, 0])), "b": updyn.Group(spring[1], np.diag([0, 0, m2]))},
+        {
+            "a": updyn.Group(spring[0], np.diag([m1, 0, 0])),
+            "b": updyn.Group(spring[1], np.diag([0, 0, m2])),
+        },
         ["1:X", "2:X", "3:X"],
     )
     solver = LineSolver.choose(AffineSystem.compile(model))

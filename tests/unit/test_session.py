@@ -121,9 +121,13 @@ def test_what_is_remembered_cannot_be_changed(chain12, data, unknowns):
 
 
 # -- engines ---------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("residual", [LogError(), OutputError(np.full((60, 5, 5), 3.0)), EquationError()])
+@pytest.mark.parametrize(
+    "residual", [LogError(), OutputError(np.full((60, 5, 5), 3.0)), EquationError()]
+)
 @pytest.mark.parametrize("tier", ["dense", "sparse"])
-def test_lines_spread_over_workers_give_the_same_bits(chain12, data, unknowns, in_blocks, residual, tier):
+def test_lines_spread_over_workers_give_the_same_bits(
+    chain12, data, unknowns, in_blocks, residual, tier
+):
     x = np.full(12, 0.05)
     here = Problem.build(chain12, data, unknowns, tier=tier)
     engine = Remote()
@@ -131,12 +135,18 @@ def test_lines_spread_over_workers_give_the_same_bits(chain12, data, unknowns, i
     assert len(there.partition()) > 4
     assert there.partition() == here.partition()
     one, other = residual.local(here, x), residual.local(there, x)
-    assert (one.cost, one.R.tobytes(), one.q.tobytes()) == (other.cost, other.R.tobytes(), other.q.tobytes())
+    assert (one.cost, one.R.tobytes(), one.q.tobytes()) == (
+        other.cost,
+        other.R.tobytes(),
+        other.q.tobytes(),
+    )
     assert (there.responses(x) == here.responses(x)).all()
     assert len(engine.functions) == len(residual.partition(there)) + len(there.partition())
 
 
-def test_a_problem_that_is_sent_leaves_its_session_and_its_factorisations_behind(chain12, data, unknowns):
+def test_a_problem_that_is_sent_leaves_its_session_and_its_factorisations_behind(
+    chain12, data, unknowns
+):
     problem = built(chain12, data, unknowns, memory=Recent(), engine=Remote())
     problem.responses(np.full(12, 0.05))
     there = sent(problem)
@@ -182,7 +192,9 @@ def test_a_stop_comes_between_blocks(chain12, data, unknowns, in_blocks):
     assert problem.session.stopped
 
 
-def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(chain12, data, unknowns, in_blocks, monkeypatch):
+def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(
+    chain12, data, unknowns, in_blocks, monkeypatch
+):
     problem = built(chain12, data, unknowns, memory=Recent())
     x = np.full(12, 0.05)
     known = LogError().local(problem, x)
@@ -195,7 +207,9 @@ def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(chain12, dat
         LogError().local(problem, x + 0.1)
 
 
-def test_the_callback_is_asked_between_blocks_and_sees_the_lines(chain12, data, unknowns, in_blocks):
+def test_the_callback_is_asked_between_blocks_and_sees_the_lines(
+    chain12, data, unknowns, in_blocks
+):
     problem, seen = built(chain12, data, unknowns), []
     monitor = Monitor(problem, seen.append)
     with monitor.stage("log"):
@@ -211,7 +225,14 @@ def test_the_callback_is_asked_between_blocks_and_sees_the_lines(chain12, data, 
 
 # -- whole runs ------------------------------------------------------------------------------------------------------
 def outcome(result):
-    return result.status, result.values, result.std, result.history, result.correlation, result.noise
+    return (
+        result.status,
+        result.values,
+        result.std,
+        result.history,
+        result.correlation,
+        result.noise,
+    )
 
 
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error", "equation-error"])
@@ -228,7 +249,9 @@ def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blo
 def test_spreading_tries_changes_no_bit_of_a_run(chain12, chain12_frf, add_noise, unknowns, method):
     engine, seen = Remote(), []
     few = chain12_frf.select(responses=["2:X", "5:X"], references=["5:X"])
-    data = add_noise(few, np.random.default_rng(11), 0.2)  # so little is known that unknowns are looked beside
+    data = add_noise(
+        few, np.random.default_rng(11), 0.2
+    )  # so little is known that unknowns are looked beside
     far = chain12.scaled({"part2": {"stiffness": 0.15, "mass": 1.5}, "part3": {"stiffness": 4.0}})
     here = updyn.update(far, data, unknowns, method=method)
     there = updyn.update(far, data, unknowns, method=method, engine=engine, callback=seen.append)
@@ -241,7 +264,9 @@ def test_spreading_tries_changes_no_bit_of_a_run(chain12, chain12_frf, add_noise
 @pytest.mark.parametrize("after", [0, 5, 15])
 def test_a_stop_during_tries_of_workers_is_where_it_is_without(chain12, data, unknowns, after):
     runs = [
-        updyn.update(chain12, data, unknowns, callback=lambda p: p.iteration >= after, engine=engine)
+        updyn.update(
+            chain12, data, unknowns, callback=lambda p: p.iteration >= after, engine=engine
+        )
         for engine in (None, Remote())
     ]
     assert outcome(runs[0]) == outcome(runs[1])
@@ -251,8 +276,12 @@ def test_a_stop_during_tries_of_workers_is_where_it_is_without(chain12, data, un
 def test_tries_of_workers_that_fail_fail_as_they_do_here(chain12, data, unknowns):
     """At zero loss factor a line on a resonance: the tries meet models that cannot be solved."""
     K = (2 * np.pi) ** 2 * np.array([[2.0, -1.0], [-1.0, 2.0]])
-    start = updyn.Model.from_groups({"g": updyn.Group(K, np.eye(2), loss_factor=0.01)}, ["1:X", "2:X"])
-    frf = updyn.response(start.scaled({"g": {"loss_factor": 0.0}}), [0.5, 0.8, 1.2, 1.9], ["1:X"], ["1:X"])
+    start = updyn.Model.from_groups(
+        {"g": updyn.Group(K, np.eye(2), loss_factor=0.01)}, ["1:X", "2:X"]
+    )
+    frf = updyn.response(
+        start.scaled({"g": {"loss_factor": 0.0}}), [0.5, 0.8, 1.2, 1.9], ["1:X"], ["1:X"]
+    )
     unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
     here = updyn.update(start, frf, unknowns)
     there = updyn.update(start, frf, unknowns, engine=Remote())
@@ -276,7 +305,12 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
     monkeypatch.setattr(problem_module, "_LONG", 0.0)
     total = []
     full = updyn.update(
-        chain12, data, unknowns, method=method, callback=lambda p: total.append(p.lines_done), **options
+        chain12,
+        data,
+        unknowns,
+        method=method,
+        callback=lambda p: total.append(p.lines_done),
+        **options,
     )
     assert full.status != "stopped"
     stops = np.unique(np.geomspace(1, len(total) - 1, 12).astype(int))
@@ -291,7 +325,9 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
         assert found.status == "stopped"
         assert seen[: number + 1] == total[: number + 1]
         assert seen[-1] == total[number]
-        same = max(0, len(found.history) - 1)  # the last may say where the next stage would have started
+        same = max(
+            0, len(found.history) - 1
+        )  # the last may say where the next stage would have started
         assert found.history[:same] == full.history[:same]
         assert all(np.isfinite(v) for v in found.values.values())
         assert not np.isnan(found.covariance).any()
@@ -300,19 +336,25 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
 
 
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
-def test_a_long_run_stopped_in_its_search_says_what_is_known_by_then(chain12, data, unknowns, monkeypatch, method):
+def test_a_long_run_stopped_in_its_search_says_what_is_known_by_then(
+    chain12, data, unknowns, monkeypatch, method
+):
     """Standard deviations come from the log error at the best point so far, without another line solved."""
     full = updyn.update(chain12, data, unknowns, method=method)
     monkeypatch.setattr(problem_module, "_LONG", 0.0)
     steps = list(takewhile(lambda h: h.stage == "search", full.history))
     last = max(h.number for h in steps if h.accepted and min(h.values.values()) >= 0.0)
-    found = updyn.update(chain12, data, unknowns, method=method, callback=lambda p: p.iteration >= last)
+    found = updyn.update(
+        chain12, data, unknowns, method=method, callback=lambda p: p.iteration >= last
+    )
     assert found.status == "stopped"
     for name, std in full.std.items():
         assert found.std[name] == pytest.approx(std, rel=0.5)
 
 
-def test_a_long_run_stopped_before_anything_is_known_says_so(chain12, data, unknowns, in_blocks, monkeypatch):
+def test_a_long_run_stopped_before_anything_is_known_says_so(
+    chain12, data, unknowns, in_blocks, monkeypatch
+):
     monkeypatch.setattr(problem_module, "_LONG", 0.0)
     found = updyn.update(chain12, data, unknowns, callback=lambda p: True)
     assert found.status == "stopped"

@@ -12,10 +12,9 @@ RNG = np.random.default_rng(5)
 def shaw(n):
     """Shaw's one-dimensional image restoration (J. Math. Anal. Appl. 37 (1972) 83), by the midpoint rule.
 
-    K(s, t) = (cos s + cos t)^2 (sin u / u)^2, u = pi (sin s + sin t) and f(t) = 2 exp(-6 (t - 0.8)^2) +
-    exp(-2 (t + 0.5)^2) on [-pi/2, pi/2]: the test problem `shaw` of Hansen's Regularization Tools (Numer. Algorithms 6
-    (1994) 1).
-    """
+    K(s, t) = (cos s + cos t)^2 (sin u / u)^2, u = pi (sin s + sin t) and f(t) = 2 exp(-6 (t -
+    0.8)^2) + exp(-2 (t + 0.5)^2) on [-pi/2, pi/2]: the test problem `shaw` of Hansen's
+    Regularization Tools (Numer. Algorithms 6 (1994) 1)."""
     t = (np.arange(n) + 0.5) * np.pi / n - np.pi / 2
     s = t[:, None]
     K = (np.pi / n) * (np.cos(s) + np.cos(t)) ** 2 * np.sinc(np.sin(s) + np.sin(t)) ** 2
@@ -67,7 +66,9 @@ def test_truncated_singular_values_are_the_pseudo_inverse():
         Ak = (U[:, :k] * s[:k]) @ Vt[:k]
         z = np.linalg.pinv(Ak, rcond=1e-10) @ b
         assert spectrum.solution(spectrum.kept(k)) == pytest.approx(z, rel=1e-10, abs=1e-12)
-        assert spectrum.misfit(spectrum.kept(k)) == pytest.approx(np.linalg.norm(A @ z - b), rel=1e-10)
+        assert spectrum.misfit(spectrum.kept(k)) == pytest.approx(
+            np.linalg.norm(A @ z - b), rel=1e-10
+        )
 
 
 def test_a_reduced_problem_is_the_whole_one():
@@ -118,7 +119,10 @@ def test_each_choice_finds_the_image_that_plain_least_squares_loses(choice):
     for _ in range(20):
         b = A @ x + rng.standard_normal(32)
         spectrum = Spectrum.of(A, b)
-        best = min(np.linalg.norm(spectrum.solution(spectrum.passed(g)) - x) for g in np.geomspace(1e-3, 1e3, 60))
+        best = min(
+            np.linalg.norm(spectrum.solution(spectrum.passed(g)) - x)
+            for g in np.geomspace(1e-3, 1e3, 60)
+        )
         error = np.linalg.norm(spectrum.solution(spectrum.passed(choice(spectrum, 1e-3, 1e3))) - x)
         errors.append((error, best, np.linalg.norm(np.linalg.lstsq(A, b)[0] - x)))
     error, best, plain = np.median(errors, axis=0)
@@ -140,4 +144,6 @@ def test_unknowns_that_are_not_regularised_take_up_their_freedom():
     A, b = RNG.standard_normal((20, 3)), RNG.standard_normal(20)
     spectrum = Spectrum.of(A, b, fixed=2)
     assert spectrum.freedom(spectrum.kept(3)) == 5
-    assert spectrum.gcv(spectrum.kept(3)) == pytest.approx(20 * spectrum.misfit(spectrum.kept(3)) ** 2 / 15**2)
+    assert spectrum.gcv(spectrum.kept(3)) == pytest.approx(
+        20 * spectrum.misfit(spectrum.kept(3)) ** 2 / 15**2
+    )

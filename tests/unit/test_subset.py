@@ -44,7 +44,9 @@ def series():
 
 @pytest.fixture(scope="module")
 def measured(series):
-    true = series.scaled({"a": {"stiffness": 1.2}, "b": {"stiffness": 0.8}, "c": {"stiffness": 1.1}})
+    true = series.scaled(
+        {"a": {"stiffness": 1.2}, "b": {"stiffness": 0.8}, "c": {"stiffness": 1.1}}
+    )
     return updyn.response(true, np.linspace(5.0, 60.0, 40), ["1:X", "3:X"], ["1:X"])
 
 
@@ -60,7 +62,9 @@ def test_the_order_is_that_of_qr_with_pivoting(seed):
 @pytest.mark.parametrize("limit", [2.0, 4.0, 15.0])
 def test_the_index_stays_below_its_limit_and_whoever_is_left_out_would_break_it(limit):
     rng = np.random.default_rng(3)
-    A = 1e3 * rng.standard_normal((40, 6)) @ rng.standard_normal((6, 14)) + 40.0 * rng.standard_normal((40, 14))
+    A = 1e3 * rng.standard_normal((40, 6)) @ rng.standard_normal(
+        (6, 14)
+    ) + 40.0 * rng.standard_normal((40, 14))
     order, left_out = subset(A, names(14), None, limit)
     assert index(A[:, order]) <= limit
     assert sorted([*order, *left_out]) == list(range(14))
@@ -70,7 +74,9 @@ def test_the_index_stays_below_its_limit_and_whoever_is_left_out_would_break_it(
 
 def test_the_index_of_the_subset_is_close_to_the_best_of_all_of_its_size():
     rng = np.random.default_rng(8)
-    A = 1e3 * rng.standard_normal((30, 5)) @ rng.standard_normal((5, 10)) + 30.0 * rng.standard_normal((30, 10))
+    A = 1e3 * rng.standard_normal((30, 5)) @ rng.standard_normal(
+        (5, 10)
+    ) + 30.0 * rng.standard_normal((30, 10))
     order, _ = subset(A, names(10), 5)
     best = min(index(A[:, list(c)]) for c in itertools.combinations(range(10), 5))
     assert index(A[:, order]) < 3.0 * best
@@ -94,14 +100,20 @@ def test_of_springs_in_series_one_is_fitted(series, measured):
     unknowns = updyn.parameters(series, stiffness="all")
     chosen = updyn.select(series, measured, unknowns)
     assert chosen.parameters.names == ["a.stiffness", "b.stiffness"]
-    assert chosen.left_out == {"c.stiffness": "its effect is explained by b.stiffness (collinearity index inf)"}
+    assert chosen.left_out == {
+        "c.stiffness": "its effect is explained by b.stiffness (collinearity index inf)"
+    }
     assert chosen.collinearity == pytest.approx(1.0 / chosen.singular_values[-1])
     result = updyn.update(series, measured, chosen)
     assert result.status == "converged"
     together = 1.0 / (1.0 / (0.8 * 3e4) + 1.0 / (1.1 * 6e4))
     assert result.values["a.stiffness"] == pytest.approx(1.2, rel=1e-6)
-    assert result.values["b.stiffness"] == pytest.approx(1.0 / (1.0 / together - 1.0 / 6e4) / 3e4, rel=1e-6)
-    assert result.message.endswith("c.stiffness was left out before the fit: it stays at its start.")
+    assert result.values["b.stiffness"] == pytest.approx(
+        1.0 / (1.0 / together - 1.0 / 6e4) / 3e4, rel=1e-6
+    )
+    assert result.message.endswith(
+        "c.stiffness was left out before the fit: it stays at its start."
+    )
     assert result.options["selection"]["left out"] == dict(chosen.left_out)
     told = json.loads(json.dumps(result_to_json(result), allow_nan=False))
     assert told["options"]["selection"]["fitted"] == ["a.stiffness", "b.stiffness"]
@@ -117,7 +129,9 @@ def test_the_number_may_be_the_rank_or_stated(series, measured):
 
 
 def test_of_springs_in_series_both_are_joined(series, measured):
-    unknowns = updyn.parameters(series, stiffness="all", bounds={"b.stiffness": (0.2, 4.0), "c.stiffness": (0.1, 3.0)})
+    unknowns = updyn.parameters(
+        series, stiffness="all", bounds={"b.stiffness": (0.2, 4.0), "c.stiffness": (0.1, 3.0)}
+    )
     found = updyn.cluster(series, measured, unknowns)
     assert found.parameters.names == ["a.stiffness", "b+c.stiffness"]
     assert found.merged == {"b+c.stiffness": ("b.stiffness", "c.stiffness")}
@@ -130,12 +144,18 @@ def test_of_springs_in_series_both_are_joined(series, measured):
     assert result.values["b+c.stiffness"] == pytest.approx(factor, rel=1e-6)
     for group, k in (("b", 3e4), ("c", 6e4)):
         assert result.model.group(group).stiffness.max() == pytest.approx(factor * k, rel=1e-6)
-    assert "b.stiffness, c.stiffness were joined into the one unknown b+c.stiffness" in result.message
-    assert result.options["selection"]["merged"] == {"b+c.stiffness": ["b.stiffness", "c.stiffness"]}
+    assert (
+        "b.stiffness, c.stiffness were joined into the one unknown b+c.stiffness" in result.message
+    )
+    assert result.options["selection"]["merged"] == {
+        "b+c.stiffness": ["b.stiffness", "c.stiffness"]
+    }
 
 
 def test_the_record_of_a_selection_is_kept_exactly(series, measured, tmp_path):
-    result = updyn.update(series, measured, updyn.cluster(series, measured, updyn.parameters(series, stiffness="all")))
+    result = updyn.update(
+        series, measured, updyn.cluster(series, measured, updyn.parameters(series, stiffness="all"))
+    )
     updyn.write_result(result, tmp_path / "run.nc")
     again = updyn.read_result(tmp_path / "run.nc")
     assert again.options["selection"] == result.options["selection"]
@@ -192,8 +212,10 @@ def test_opposite_effects_are_told_and_not_joined():
     found = updyn.cluster(model, data, updyn.parameters(model, stiffness="all", mass="all"))
     assert found.merged == {}
     assert found.remarks == (
-        "o.mass and o.stiffness are not joined (cosine -1.0000): opposite effects, the data see only what one does "
-        "against the other",
+        (
+            "o.mass and o.stiffness are not joined (cosine -1.0000): opposite effects, the data see"
+            " only what one does against the other"
+        ),
     )
     assert found.option == {}
 
@@ -202,14 +224,18 @@ def test_unlike_quantities_and_starts_are_told_and_not_joined(series, measured):
     law = updyn.link(series, "b.gauge", {"b.stiffness": 3})
     found = updyn.cluster(series, measured, updyn.parameters(series, stiffness="c") + law)
     assert found.merged == {}
-    assert found.remarks == ("c.stiffness and b.gauge are not joined (cosine +1.0000): not of one quantity",)
+    assert found.remarks == (
+        "c.stiffness and b.gauge are not joined (cosine +1.0000): not of one quantity",
+    )
     apart = updyn.parameters(series, stiffness=["b", "c"]).with_start({"c.stiffness": 1.1})
     (said,) = updyn.cluster(series, measured, apart).remarks
     assert said.endswith("they start differently; give them one start to have them joined")
 
 
 def test_joined_loss_factors_share_one_value(series, measured):
-    found = updyn.cluster(series, measured, updyn.parameters(series, loss_factor=["b", "c"], prior_std={"b.*": 0.1}))
+    found = updyn.cluster(
+        series, measured, updyn.parameters(series, loss_factor=["b", "c"], prior_std={"b.*": 0.1})
+    )
     (joined,) = found.parameters
     assert (joined.name, joined.start, joined.prior_std) == ("b+c.loss_factor", 0.02, 0.1)
     assert not joined.is_factor
@@ -217,7 +243,10 @@ def test_joined_loss_factors_share_one_value(series, measured):
 
 def test_what_the_data_do_not_see_is_told():
     K = np.diag([1e4, 1e4])
-    groups = {"here": updyn.Group(K * [1, 0], np.diag([1.0, 0])), "there": updyn.Group(K * [0, 1], np.diag([0, 1.0]))}
+    groups = {
+        "here": updyn.Group(K * [1, 0], np.diag([1.0, 0])),
+        "there": updyn.Group(K * [0, 1], np.diag([0, 1.0])),
+    }
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     data = updyn.response(model, [3.0, 5.0, 9.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(model, stiffness="all")
@@ -264,7 +293,9 @@ def test_a_number_that_cannot_be(series, measured, n):
 
 def test_limits_that_cannot_be(series, measured):
     unknowns = updyn.parameters(series, stiffness="all")
-    with pytest.raises(OptionError, match=r"max_collinearity = 0.5: expected a number of at least 1"):
+    with pytest.raises(
+        OptionError, match=r"max_collinearity = 0.5: expected a number of at least 1"
+    ):
         updyn.select(series, measured, unknowns, max_collinearity=0.5)
     with pytest.raises(OptionError, match=r"threshold = 1.0: expected a cosine between 0 and 1"):
         updyn.cluster(series, measured, unknowns, 1.0)

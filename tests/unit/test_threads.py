@@ -29,7 +29,12 @@ def test_the_limit_holds_and_answers_stay_right():
     # As many as are asked for, not as many as there are cores or as the environment says.
     env = {**os.environ, "MKL_DYNAMIC": "FALSE", "MKL_NUM_THREADS": "2"}
     done = subprocess.run(
-        [sys.executable, "-c", RUN], capture_output=True, text=True, check=False, timeout=120, env=env
+        [sys.executable, "-c", RUN],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=env,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["1", "{'pardiso':", "3}"]

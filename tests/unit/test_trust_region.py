@@ -35,7 +35,9 @@ def test_gradient_of_the_reduced_problem():
 def test_linear_problem_in_one_step_of_sufficient_radius():
     A, b = np.array([[3.0, 1.0], [1.0, 2.0], [0.0, 1.0]]), np.array([1.0, 2.0, 3.0])
     steps = []
-    outcome = TrustRegion(radius=100.0).minimise(linear(A, b), np.zeros(2), *FREE, observe=steps.append)
+    outcome = TrustRegion(radius=100.0).minimise(
+        linear(A, b), np.zeros(2), *FREE, observe=steps.append
+    )
     assert outcome.x == pytest.approx(np.linalg.lstsq(A, b)[0], rel=1e-12)
     assert outcome.reason == "converged"
     assert len(steps) <= 2
@@ -46,7 +48,10 @@ def test_steps_stay_within_the_radius():
     A, b = np.diag([1.0, 1e-3]), np.array([10.0, 10.0])
     lengths = []
     TrustRegion(max_iterations=1, radius=0.25).minimise(
-        linear(A, b), np.zeros(2), *FREE, observe=lambda s: bool(lengths.append(np.linalg.norm(s.x)))
+        linear(A, b),
+        np.zeros(2),
+        *FREE,
+        observe=lambda s: bool(lengths.append(np.linalg.norm(s.x))),
     )
     assert lengths[0] == pytest.approx(0.25, rel=0.05)
     assert lengths[0] <= 0.25 * (1 + 1e-12)
@@ -60,7 +65,9 @@ def test_rosenbrock_valley():
 
 def test_rosenbrock_with_the_minimum_on_a_bound():
     """With x1 <= 0.5 the minimum is (0.5, 0.25), cost 1/8."""
-    outcome = TrustRegion().minimise(rosenbrock, np.array([-1.2, 1.0]), FREE[0], np.array([0.5, np.inf]))
+    outcome = TrustRegion().minimise(
+        rosenbrock, np.array([-1.2, 1.0]), FREE[0], np.array([0.5, np.inf])
+    )
     assert outcome.x == pytest.approx([0.5, 0.25], abs=1e-9)
     assert outcome.local.cost == pytest.approx(0.125, rel=1e-9)
     assert outcome.reason == "converged"
@@ -80,7 +87,9 @@ def test_unknown_without_effect_stays_where_it_is():
 
 
 @settings(max_examples=60)
-@given(st.integers(0, 10**6), st.integers(2, 6), st.floats(-4.0, 0.0), st.sampled_from([0.5, 100.0]))
+@given(
+    st.integers(0, 10**6), st.integers(2, 6), st.floats(-4.0, 0.0), st.sampled_from([0.5, 100.0])
+)
 def test_bounded_linear_problems_against_an_independent_solver(seed, n, closeness, radius):
     """Correlated unknowns whose bounds act: the minimum within the bounds, as scipy's BVLS finds it."""
     rng = np.random.default_rng(seed)
@@ -99,7 +108,9 @@ def test_bounded_linear_problems_against_an_independent_solver(seed, n, closenes
 def test_short_step_of_a_small_radius_is_not_convergence():
     """A small radius limits what a step can gain; that says nothing about the minimum."""
     A, b = np.diag([1.0, 2.0]), np.array([3.0, 4.0])
-    outcome = TrustRegion(200, radius=1e-7, relative_fall=1e-6).minimise(linear(A, b), np.zeros(2), *FREE)
+    outcome = TrustRegion(200, radius=1e-7, relative_fall=1e-6).minimise(
+        linear(A, b), np.zeros(2), *FREE
+    )
     assert outcome.x == pytest.approx([3.0, 2.0], rel=1e-6)
 
 
@@ -108,7 +119,9 @@ def test_points_that_cannot_be_evaluated_are_stepped_around():
         return None if x[0] > 1.5 else linear(np.eye(2), np.array([1.0, 1.0]))(x)
 
     outcome = TrustRegion(radius=10.0).minimise(
-        lambda x: None if x[0] > 1.5 else linear(np.eye(2), np.ones(2))(x), np.array([-30.0, 0.0]), *FREE
+        lambda x: None if x[0] > 1.5 else linear(np.eye(2), np.ones(2))(x),
+        np.array([-30.0, 0.0]),
+        *FREE,
     )
     assert walled(np.array([2.0, 0.0])) is None
     assert outcome.x == pytest.approx([1.0, 1.0], abs=1e-9)
@@ -120,13 +133,17 @@ def test_points_with_infinite_cost_are_refused():
         return Local(np.inf, local.R, local.q) if np.linalg.norm(x) > 2 else local
 
     steps = []
-    outcome = TrustRegion(radius=0.5).minimise(explode, np.array([-1.0, -1.5]), *FREE, observe=steps.append)
+    outcome = TrustRegion(radius=0.5).minimise(
+        explode, np.array([-1.0, -1.5]), *FREE, observe=steps.append
+    )
     assert outcome.x == pytest.approx([1.0, 1.0], abs=1e-9)
 
 
 def test_max_iterations_and_stop():
     start = np.array([-1.2, 1.0])
-    assert TrustRegion(max_iterations=3).minimise(rosenbrock, start, *FREE).reason == "max-iterations"
+    assert (
+        TrustRegion(max_iterations=3).minimise(rosenbrock, start, *FREE).reason == "max-iterations"
+    )
     count = []
 
     def stop(step):

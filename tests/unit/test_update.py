@@ -42,7 +42,9 @@ def numbers(thing):
 
 def free_chain():
     K = 1e4 * np.array([[1.0, -1.0, 0], [-1.0, 2.0, -1.0], [0, -1.0, 1.0]])
-    return updyn.Model.from_groups({"c": updyn.Group(K, np.eye(3), loss_factor=0.05)}, ["1:X", "2:X", "3:X"])
+    return updyn.Model.from_groups(
+        {"c": updyn.Group(K, np.eye(3), loss_factor=0.05)}, ["1:X", "2:X", "3:X"]
+    )
 
 
 # -- the result ------------------------------------------------------------------------------------------------------
@@ -53,9 +55,13 @@ def test_result_of_a_good_test(result, chain12, chain12_true, data, unknowns):
     assert result.identifiability.complete
     assert (result.start, result.frf, result.parameters) == (chain12, data, unknowns)
     assert list(result.lines) == list(data.freq)
-    assert result.fitted_responses == ("2:+X", "5:+X", "7:+X", "10:+X", "12:+X") or result.fitted_responses == tuple(
-        data.responses.labels
-    )
+    assert result.fitted_responses == (
+        "2:+X",
+        "5:+X",
+        "7:+X",
+        "10:+X",
+        "12:+X",
+    ) or result.fitted_responses == tuple(data.responses.labels)
     assert result.at_bound == {}
     for p in unknowns:
         std = result.std[p.name]
@@ -70,7 +76,10 @@ def test_result_of_a_good_test(result, chain12, chain12_true, data, unknowns):
 def _exact(p, start, true):
     if p.quantity == "loss_factor":
         return true.group(p.group).loss_factor
-    return abs(getattr(true.group(p.group), p.quantity)).sum() / abs(getattr(start.group(p.group), p.quantity)).sum()
+    return (
+        abs(getattr(true.group(p.group), p.quantity)).sum()
+        / abs(getattr(start.group(p.group), p.quantity)).sum()
+    )
 
 
 def test_model_of_the_result_has_the_values(result, chain12):
@@ -79,7 +88,10 @@ def test_model_of_the_result_has_the_values(result, chain12):
         if quantity == "loss_factor":
             assert result.model.group(group).loss_factor == pytest.approx(value, rel=1e-15)
         else:
-            ratio = getattr(result.model.group(group), quantity).data / getattr(chain12.group(group), quantity).data
+            ratio = (
+                getattr(result.model.group(group), quantity).data
+                / getattr(chain12.group(group), quantity).data
+            )
             assert ratio == pytest.approx(np.full(len(ratio), value), rel=1e-12)
 
 
@@ -91,7 +103,13 @@ def test_noise_of_the_record(result):
 
 
 def test_record_is_complete_and_has_no_nan(result):
-    assert {f.name for f in fields(UpdateResult)} >= {"status", "values", "std", "history", "versions"}
+    assert {f.name for f in fields(UpdateResult)} >= {
+        "status",
+        "values",
+        "std",
+        "history",
+        "versions",
+    }
     plain = {
         "values": dict(result.values), "std": dict(result.std), "noise": dict(result.noise),
         "correlation": dict(result.correlation), "timing": dict(result.timing_s), "options": dict(result.options),
@@ -100,9 +118,16 @@ def test_record_is_complete_and_has_no_nan(result):
     json.dumps(plain)
     assert not np.isnan(result.covariance).any()
     assert [h.number for h in result.history] == list(range(len(result.history)))
-    assert result.history[-1].cost <= result.history[0].cost or result.history[-1].stage != result.history[0].stage
+    assert (
+        result.history[-1].cost <= result.history[0].cost
+        or result.history[-1].stage != result.history[0].stage
+    )
     assert result.timing_s["total"] >= result.timing_s["maximum-likelihood"]
-    assert result.correlation["after"]["db_error_median"] < 0.2 < result.correlation["before"]["db_error_median"]
+    assert (
+        result.correlation["after"]["db_error_median"]
+        < 0.2
+        < result.correlation["before"]["db_error_median"]
+    )
     assert result.versions.keys() >= {"updyn", "numpy", "scipy", "python", "platform"}
     assert result.options["tier"] == "dense"
     assert "chain: converged" in result.summary()
@@ -154,7 +179,9 @@ def test_unknown_without_effect_is_said_and_the_others_are_found():
     a = updyn.Group(np.diag([900.0, 0.0]), np.diag([1.0, 0.0]), loss_factor=0.05)
     b = updyn.Group(np.diag([0.0, 500.0]), np.diag([0.0, 1.0]), loss_factor=0.05)
     start = updyn.Model.from_groups({"a": a, "b": b}, ["1:X", "2:X"])
-    data = updyn.response(start.scaled({"a": {"stiffness": 1.3}}), np.linspace(1, 9, 20), ["1:X"], ["1:X"])
+    data = updyn.response(
+        start.scaled({"a": {"stiffness": 1.3}}), np.linspace(1, 9, 20), ["1:X"], ["1:X"]
+    )
     found = updyn.update(start, data, updyn.parameters(start, stiffness="all"))
     assert found.status == "not-identifiable"
     assert found.values["a.stiffness"] == pytest.approx(1.3, rel=1e-8)
@@ -162,8 +189,13 @@ def test_unknown_without_effect_is_said_and_the_others_are_found():
     assert np.isfinite(found.std["a.stiffness"])
     assert found.identifiability.null_directions == [{"b.stiffness": 1.0}]
     assert "b.stiffness" in found.message
-    assert not any(np.isnan(v) for v in numbers([dict(found.values), dict(found.std), found.identifiability.condition]))
-    assert found.values["b.stiffness"] == pytest.approx(1.0)  # what nothing was seen of stays where it was
+    assert not any(
+        np.isnan(v)
+        for v in numbers([dict(found.values), dict(found.std), found.identifiability.condition])
+    )
+    assert found.values["b.stiffness"] == pytest.approx(
+        1.0
+    )  # what nothing was seen of stays where it was
 
 
 def test_bounds_hold_and_are_flagged(chain12, data):
@@ -179,7 +211,14 @@ def test_bounds_hold_and_are_flagged(chain12, data):
 
 
 def test_status_is_always_one_of_those_listed(result):
-    assert set(STATUSES) == {"converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed"}
+    assert set(STATUSES) == {
+        "converged",
+        "stalled",
+        "not-identifiable",
+        "max-iterations",
+        "stopped",
+        "failed",
+    }
     assert result.status in STATUSES
 
 
@@ -280,8 +319,12 @@ def test_data_that_do_not_belong_to_the_model_refused(chain12, unknowns):
 
 
 def test_unknowns_of_another_model_refused(chain12, data):
-    other = updyn.Model.from_groups({"part1": updyn.Group([[1.0]], [[1.0]], viscous=[[1.0]])}, ["1:X"])
-    with pytest.raises(ParameterError, match=r"unknown 'part1.viscous': group 'part1' has no viscous in this model"):
+    other = updyn.Model.from_groups(
+        {"part1": updyn.Group([[1.0]], [[1.0]], viscous=[[1.0]])}, ["1:X"]
+    )
+    with pytest.raises(
+        ParameterError, match=r"unknown 'part1.viscous': group 'part1' has no viscous in this model"
+    ):
         updyn.update(chain12, data, updyn.parameters(other, viscous="all"))
 
 
@@ -299,7 +342,9 @@ def test_identifiability_before_any_fit(chain12, chain12_frf, unknowns, result):
     assert before.complete
     assert before.condition == pytest.approx(result.identifiability.condition, rel=1.0)
     assert identifiability(chain12, chain12_frf, unknowns).complete
-    few = identifiability(chain12, chain12_frf.select(responses=["2:X"], references=["2:X"]), unknowns, lines=None)
+    few = identifiability(
+        chain12, chain12_frf.select(responses=["2:X"], references=["2:X"]), unknowns, lines=None
+    )
     assert few.rank <= before.rank
 
 

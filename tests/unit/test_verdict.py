@@ -15,7 +15,9 @@ BLIND = np.array([[1000.0, 1000.0]])
 
 
 def say(R, reason="converged", misfit=0.0, **noise):
-    return verdict(Fit(np.zeros(2), reason, R, (noise,)), analyse(R, NAMES), NAMES, "advice", misfit)
+    return verdict(
+        Fit(np.zeros(2), reason, R, (noise,)), analyse(R, NAMES), NAMES, "advice", misfit
+    )
 
 
 def test_all_is_well():
@@ -29,7 +31,10 @@ def test_a_weak_unknown_is_named_with_its_standard_deviation():
 def test_open_unknowns_are_named():
     status, message, remedy = say(BLIND)
     assert (status, remedy) == ("not-identifiable", "advice")
-    assert "only 1 of 2 unknowns: a.stiffness, b.stiffness can change together without changing anything" in message
+    assert (
+        "only 1 of 2 unknowns: a.stiffness, b.stiffness can change together without changing"
+        " anything" in message
+    )
 
 
 def test_open_unknowns_are_the_cause_where_steps_ran_out():
@@ -39,7 +44,9 @@ def test_open_unknowns_are_the_cause_where_steps_ran_out():
     assert say(SURE, "max-iterations")[2] == "Raise max_iterations."
 
 
-@pytest.mark.parametrize(("reason", "status"), [("failed", "failed"), ("stopped", "stopped"), ("stalled", "stalled")])
+@pytest.mark.parametrize(
+    ("reason", "status"), [("failed", "failed"), ("stopped", "stopped"), ("stalled", "stalled")]
+)
 def test_other_ends(reason, status):
     assert say(SURE, reason)[0] == status
     assert say(SURE, reason)[2]
@@ -71,7 +78,9 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
     assert "Test 'locked': The model cannot explain" in message
     assert remedy.startswith("Free c.mass if it can be wrong, and run again. Check units")
-    calm = assess(e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True)
+    calm = assess(
+        e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
+    )
     assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
 
 
@@ -79,6 +88,8 @@ def test_a_force_calibrated_wrongly_by_five_is_no_good_fit(chain12):
     """Loss factors alone cannot make up for a factor of five on all data."""
     frf = updyn.response(chain12, np.linspace(2, 30, 40), ["2:X", "12:X"], ["12:X"])
     wrong = updyn.FRF(frf.freq, 5.0 * frf.values, frf.responses, frf.references, frf.quantity)
-    result = updyn.update(chain12, wrong, updyn.parameters(chain12, loss_factor="all"), method="log")
+    result = updyn.update(
+        chain12, wrong, updyn.parameters(chain12, loss_factor="all"), method="log"
+    )
     assert "still misses the data" in result.message
     assert "calibration" in result.remedy

@@ -1,7 +1,8 @@
 """The command line. Thin: it reads words, calls the library and prints; what takes time to load is loaded when used.
 
-Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message on stderr and
-nothing written over; 3 the run ended without that, with its results written; 130 stopped by the user.
+Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message
+on stderr and nothing written over; 3 the run ended without that, with its results written; 130
+stopped by the user.
 """
 
 from __future__ import annotations
@@ -39,8 +40,10 @@ app = App(
     name="updyn",
     version=__version__,
     help="Finite-element model updating from measured frequency response functions.",
-    help_epilogue="Exit codes: 0 converged with all unknowns determined; 2 bad input; 3 ended without that, results "
-    "written; 130 stopped by the user.",
+    help_epilogue=(
+        "Exit codes: 0 converged with all unknowns determined; 2 bad input; 3 ended without that,"
+        " results written; 130 stopped by the user."
+    ),
 )
 
 
@@ -60,7 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with _warnings_as_notes():
         try:
             command, bound, _ = app.parse_args(
-                sys.argv[1:] if arguments is None else list(arguments), exit_on_error=False, print_error=False
+                sys.argv[1:] if arguments is None else list(arguments),
+                exit_on_error=False,
+                print_error=False,
             )
             code = command(*bound.args, **bound.kwargs)
             return code if isinstance(code, int) else DONE
@@ -69,7 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except UpdynError as error:
             return _complain(str(error))
         except OSError as error:
-            return _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+            return _complain(
+                f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            )
         except KeyboardInterrupt:
             _note("stopped; no results were written", "yellow")
             return STOPPED
@@ -99,9 +106,11 @@ def run(
     workers
         Processes on this machine to spread the work over; the result does not depend on it.
     cluster
-        Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its workers instead.
+        Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its
+        workers instead.
     resume
-        Go on with the run in that folder that was stopped or interrupted, with the same result as if it had not been.
+        Go on with the run in that folder that was stopped or interrupted, with the same result as
+        if it had not been.
     """
     from updyn.cli.engine import engine
     from updyn.job import load_job
@@ -123,7 +132,14 @@ def check(job: Path, /) -> int:
         The job file (TOML).
     """
     from updyn.cli.describe import describe_identifiability, describe_parameters
-    from updyn.job import check_out, default_out, job_identifiability, job_selection, load_job, prepare
+    from updyn.job import (
+        check_out,
+        default_out,
+        job_identifiability,
+        job_selection,
+        load_job,
+        prepare,
+    )
 
     ready = prepare(loaded := load_job(job))
     out = check_out(loaded, default_out(loaded))
@@ -145,10 +161,17 @@ def check(job: Path, /) -> int:
 
 
 @app.command
-def demo(name: str = "beam", /, *, out: Path | None = None, list_: Annotated[bool, Parameter("--list")] = False) -> int:
+def demo(
+    name: str = "beam",
+    /,
+    *,
+    out: Path | None = None,
+    list_: Annotated[bool, Parameter("--list")] = False,
+) -> int:
     """Run a shipped example: write its inputs to DIR/inputs, run the job there, put the results in DIR.
 
-    Where an example has further jobs, their results go to folders in DIR, and the last one says the exit code.
+    Where an example has further jobs, their results go to folders in DIR, and the last one says the
+    exit code.
 
     Parameters
     ----------
@@ -231,14 +254,28 @@ def convert(
 
     if target.exists() and (not force or target.resolve() == source.resolve()):
         same = target.resolve() == source.resolve()
-        raise InputError(f"{target}: {'is the file to read' if same else 'exists already; --force writes over it'}")
-    reading = {"quantity": quantity, "duplicates": duplicates, "scalar_direction": scalar_direction, "scale": scale}
+        raise InputError(
+            f"{target}:"
+            f" {'is the file to read' if same else 'exists already; --force writes over it'}"
+        )
+    reading = {
+        "quantity": quantity,
+        "duplicates": duplicates,
+        "scalar_direction": scalar_direction,
+        "scale": scale,
+    }
     reading = {k: v for k, v in reading.items() if v is not None}
     modelled = {} if unit is None else {"unit": unit}
     kinds = ("model",) if modelled else ("frf",) if reading else ("frf", "model")
     if reading and modelled:
-        raise InputError(f"--unit is about a model, --{next(iter(reading)).replace('_', '-')} about a measurement")
-    options: dict[str, dict[str, Any]] = {"frf": {"format": from_, **reading}, "model": {"format": from_, **modelled}}
+        raise InputError(
+            f"--unit is about a model, --{next(iter(reading)).replace('_', '-')} about a"
+            " measurement"
+        )
+    options: dict[str, dict[str, Any]] = {
+        "frf": {"format": from_, **reading},
+        "model": {"format": from_, **modelled},
+    }
     kind, content = read_anything(source, kinds, options)
     (write_frf if kind == "frf" else write_model)(content, target, format=to)
     _say(f"{target}: {content!r}")
@@ -265,7 +302,9 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
         raise InputError("--unit is about a model, --quantity about a measurement")
     kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
-    options = {kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()}
+    options = {
+        kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
+    }
     _, content = read_anything(file, kinds, options)
     _say(describe(content))
     return DONE
@@ -357,7 +396,11 @@ def _overview(ready: Prepared) -> str:
             f"model: {test.model!r}",
             f"test: {test.frf!r}, all matched to DOFs of the model",
             f"fit: {len(fitted.freq)} lines, {len(fitted.responses)} responses, lines to use: "
-            + (job.method.lines if isinstance(job.method.lines, str) else str(len(job.method.lines or fitted.freq)))
+            + (
+                job.method.lines
+                if isinstance(job.method.lines, str)
+                else str(len(job.method.lines or fitted.freq))
+            )
             + ("" if held is None else f"; held out: {', '.join(str(h) for h in held)}"),
         ]
     return "\n".join(lines)

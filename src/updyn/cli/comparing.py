@@ -37,7 +37,8 @@ def compare(
     methods
         Names with commas between them; by default every method.
     truth
-        TOML or JSON file with true values of unknowns, where they are known: the errors are shown, too.
+        TOML or JSON file with true values of unknowns, where they are known: the errors are shown,
+        too.
     fewest
         Seek the fewest lines with which each method still recovers; takes several fits a method.
     tolerance
@@ -65,9 +66,13 @@ def compare(
         _say(listing())
         return DONE
     if job is None:
-        raise InputError("which job? updyn compare JOB.toml, or updyn compare --list for the methods")
+        raise InputError(
+            "which job? updyn compare JOB.toml, or updyn compare --list for the methods"
+        )
     loaded = load_job(job)
-    names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
+    names = (
+        None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
+    )
     folder = check_comparison_out(loaded, default_comparison_out(loaded) if out is None else out)
     ready = prepare(loaded)
     with engine(workers, cluster) as where, watch(_stderr()) as watching:
@@ -88,4 +93,8 @@ def compare(
     _say(f"\nComparison in {folder}: {folder / 'compare.html'}")
     if found.stopped:
         return STOPPED
-    return DONE if any(row.status in ("converged", "not-identifiable") for row in found) else NOT_DETERMINED
+    return (
+        DONE
+        if any(row.status in ("converged", "not-identifiable") for row in found)
+        else NOT_DETERMINED
+    )

@@ -38,7 +38,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     cells = [list(header), *(list(r) for r in rows)]
     width = [max(len(r[i]) for r in cells) for i in range(len(header))]
     return "\n".join(
-        "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(r, width, strict=True))).rstrip()
+        "  ".join(
+            c.ljust(w) if i == 0 else c.rjust(w)
+            for i, (c, w) in enumerate(zip(r, width, strict=True))
+        ).rstrip()
         for r in cells
     )
 
@@ -58,7 +61,11 @@ def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult | Plant) -
 
 def describe_model(model: Model) -> str:
     """Return DOFs, groups and the first natural frequencies of a model, as text."""
-    directions = [d for d in ("X", "Y", "Z", "RX", "RY", "RZ") if d in {x.direction for x in _sample(model.dofs)}]
+    directions = [
+        d
+        for d in ("X", "Y", "Z", "RX", "RY", "RZ")
+        if d in {x.direction for x in _sample(model.dofs)}
+    ]
     rows = [
         [
             name,
@@ -73,14 +80,23 @@ def describe_model(model: Model) -> str:
     header = ("group", "DOFs", "mass", "max stiffness", "loss factor", "max viscous")
     return "\n".join(
         [
-            f"Model{f' {model.title!r}' if model.title else ''}: {model.n_dofs} DOFs, {len(model.groups)} groups, "
-            f"directions {' '.join(directions)}",
+            (
+                f"Model{f' {model.title!r}' if model.title else ''}: {model.n_dofs} DOFs,"
+                f" {len(model.groups)} groups, directions {' '.join(directions)}"
+            ),
             f"DOFs: {_labels(model.dofs)}",
             describe_geometry(model.geometry) if model.geometry is not None else "No geometry.",
             "",
             table(header, rows),
-            *(f"{name}: {group.damping_words}" for name, group in model.groups.items() if len(group.damping) > 1),
-            "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous: largest diagonal entry",
+            *(
+                f"{name}: {group.damping_words}"
+                for name, group in model.groups.items()
+                if len(group.damping) > 1
+            ),
+            (
+                "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
+                " largest diagonal entry"
+            ),
             "",
             _natural_frequencies(model),
         ]
@@ -92,17 +108,26 @@ def describe_frf(frf: FRF) -> str:
     steps = np.diff(frf.freq)
     even = len(steps) > 0 and np.allclose(steps, steps[0], rtol=1e-6, atol=0)
     spacing = (
-        f", every {steps[0]:g} Hz" if even else f", {steps.min():g} to {steps.max():g} Hz apart" if len(steps) else ""
+        f", every {steps[0]:g} Hz"
+        if even
+        else f", {steps.min():g} to {steps.max():g} Hz apart"
+        if len(steps)
+        else ""
     )
     size = np.abs(frf.values)
     lines = [
-        f"FRF: {frf.quantity}, {len(frf.freq)} lines from {frf.freq[0]:g} to {frf.freq[-1]:g} Hz{spacing}",
+        (
+            f"FRF: {frf.quantity}, {len(frf.freq)} lines from {frf.freq[0]:g} to {frf.freq[-1]:g}"
+            f" Hz{spacing}"
+        ),
         f"{len(frf.responses)} responses: {_labels(frf.responses)}",
         f"{len(frf.references)} references: {_labels(frf.references)}",
         f"|H| from {size.min():.3g} to {size.max():.3g}",
     ]
     if frf.coherence is not None:
-        lines.append(f"coherence: median {np.median(frf.coherence):.3f}, lowest {frf.coherence.min():.3f}")
+        lines.append(
+            f"coherence: median {np.median(frf.coherence):.3f}, lowest {frf.coherence.min():.3f}"
+        )
     else:
         lines.append("no coherence")
     if frf.variance is not None:
@@ -131,7 +156,10 @@ def describe_modes(modes: ModeSet) -> str:
         [
             f"Modes: {len(modes)} from {modes.frequency[0]:g} to {modes.frequency[-1]:g} Hz",
             f"{len(modes.dofs)} DOFs: {_labels(modes.dofs)}",
-            table(("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality"), rows),
+            table(
+                ("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality"),
+                rows,
+            ),
         ]
     )
 
@@ -140,14 +168,22 @@ def describe_geometry(geometry: Geometry) -> str:
     """Return the number of nodes and the box around them, as text."""
     low, high = geometry.xyz.min(axis=0), geometry.xyz.max(axis=0)
     box = ", ".join(f"{a} {p:g} to {q:g}" for a, p, q in zip("XYZ", low, high, strict=True))
-    return f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
+    return (
+        f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
+    )
 
 
 def describe_plant(plant: Plant) -> str:
     """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
     told = plant.facts.get("sampling")
     exact = told.get("delay") if isinstance(told, Mapping) else None
-    late = "" if not plant.delay else f", input {exact:g} s late" if exact else f", input {plant.delay} intervals late"
+    late = (
+        ""
+        if not plant.delay
+        else f", input {exact:g} s late"
+        if exact
+        else f", input {plant.delay} intervals late"
+    )
     sampled = "continuous" if plant.dt is None else f"sampled every {plant.dt:g} s{late}"
     inputs = zip(plant.input_ports, plant.input_units, strict=True)
     outputs = zip(plant.output_ports, plant.output_units, strict=True)
@@ -159,10 +195,15 @@ def describe_plant(plant: Plant) -> str:
     rigid = f", {plant.rigid} of them rigid-body motion" if plant.rigid else ""
     return "\n".join(
         [
-            f"Plant: {plant.n_states} states, {len(plant.inputs)} inputs, {len(plant.outputs)} outputs, {sampled}",
-            f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}: largest error of a channel "
-            f"{plant.error:.3g} of its peak (asked for {plant.tolerance:g}), of a resonance's height "
-            f"{plant.peak_error:.3g}",
+            (
+                f"Plant: {plant.n_states} states, {len(plant.inputs)} inputs, {len(plant.outputs)}"
+                f" outputs, {sampled}"
+            ),
+            (
+                f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}:"
+                f" largest error of a channel {plant.error:.3g} of its peak (asked for"
+                f" {plant.tolerance:g}), of a resonance's height {plant.peak_error:.3g}"
+            ),
             f"{len(plant.modes)} modes{rigid}, natural frequencies (Hz): "
             + (", ".join(f"{f:.5g}" for f in plant.modes[:_LABELS]) or "none")
             + (", ..." if len(plant.modes) > _LABELS else ""),
@@ -175,7 +216,13 @@ def describe_plant(plant: Plant) -> str:
 def describe_parameters(parameters: ParameterSet) -> str:
     """Return the unknowns with start, bounds and prior, as text."""
     rows = [
-        [p.name, f"{p.start:g}", f"{p.lower:g}", f"{p.upper:g}", "-" if p.prior_std is None else f"{p.prior_std:g}"]
+        [
+            p.name,
+            f"{p.start:g}",
+            f"{p.lower:g}",
+            f"{p.upper:g}",
+            "-" if p.prior_std is None else f"{p.prior_std:g}",
+        ]
         for p in parameters
     ]
     return table(("unknown", "start", "lower", "upper", "prior std"), rows)
@@ -184,8 +231,8 @@ def describe_parameters(parameters: ParameterSet) -> str:
 def describe_identifiability(found: Identifiability) -> str:
     """Return rank, condition, the combinations that stay open and the advice, as text."""
     lines = [
-        f"The data determine {found.rank} of {found.n_parameters} unknowns (condition {found.condition:.3g}, "
-        f"collinearity index {found.collinearity:.3g})."
+        f"The data determine {found.rank} of {found.n_parameters} unknowns (condition"
+        f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
     for what, directions in (
         ("open combination", found.null_directions),
@@ -196,7 +243,9 @@ def describe_identifiability(found: Identifiability) -> str:
 
 
 def _weights(direction: Mapping[str, float]) -> str:
-    return ", ".join(f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
+    return ", ".join(
+        f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1]))
+    )
 
 
 def _labels(dofs: DofSet) -> str:
@@ -210,7 +259,11 @@ def _sample(dofs: DofSet) -> DofSet:
 
 def _used(group: Group) -> int:
     """Return on how many DOFs a group acts."""
-    used = [m.indices[m.data != 0.0] for m in (group.stiffness, group.mass, group.viscous) if m is not None]
+    used = [
+        m.indices[m.data != 0.0]
+        for m in (group.stiffness, group.mass, group.viscous)
+        if m is not None
+    ]
     return len(np.unique(np.concatenate(used)))
 
 
@@ -231,7 +284,9 @@ def _largest(matrix: Matrix | None) -> str:
 
 def _natural_frequencies(model: Model) -> str:
     if model.n_dofs > _MODES_UP_TO:
-        return f"Natural frequencies: not computed for more than {_MODES_UP_TO} DOFs; see updyn.modes"
+        return (
+            f"Natural frequencies: not computed for more than {_MODES_UP_TO} DOFs; see updyn.modes"
+        )
     from updyn.dynamics.modes import modes
 
     try:

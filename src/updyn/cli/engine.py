@@ -37,7 +37,9 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
     from updyn.engines import choose_engine
 
     if workers is not None and cluster is not None:
-        raise OptionError("--workers and --cluster exclude each other: the work is done here or there")
+        raise OptionError(
+            "--workers and --cluster exclude each other: the work is done here or there"
+        )
     if workers is not None and workers < 1:
         raise OptionError(f"--workers {workers}: expected a number of processes from 1 up")
     with ExitStack() as ending:
@@ -50,12 +52,15 @@ def _client(address: str) -> Client:
     try:
         from distributed import Client
     except ImportError as error:
-        raise OptionError("--cluster needs dask.distributed: pip install 'updyn[cluster]'") from error
+        raise OptionError(
+            "--cluster needs dask.distributed: pip install 'updyn[cluster]'"
+        ) from error
     try:
-        # Not as the default: xarray would ask the scheduler, perhaps gone by then, for a lock before it writes a file.
+        # Not as the default: xarray would ask the scheduler, perhaps gone by then, for a lock
+        # before it writes a file.
         return Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is one of these
         raise OptionError(
-            f"--cluster {address!r}: no scheduler answers ({' '.join(str(error).split())}); `dask scheduler` starts "
-            "one and says its address"
+            f"--cluster {address!r}: no scheduler answers ({' '.join(str(error).split())}); `dask"
+            " scheduler` starts one and says its address"
         ) from error

@@ -23,15 +23,17 @@ def plant(
 ) -> int:
     """Make the plant that [plant] of a job asks for: plant.mat, plant.json, plant.h, plant.html and control.json.
 
-    It is that of the updated model where the job has been run, and else of the model as it stands, which is said.
-    Exit code 3 if no plant holds the tolerance: none is written then; record and page say what was reached.
+    It is that of the updated model where the job has been run, and else of the model as it stands,
+    which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
+    page say what was reached.
 
     Parameters
     ----------
     job
         The job file (TOML).
     out
-        Folder DIR; by default that of the job's run. A finished run is sought there, and in the job's own folder.
+        Folder DIR; by default that of the job's run. A finished run is sought there, and in the
+        job's own folder.
     run
         Folder of the finished run, where it is another.
     workers
@@ -62,9 +64,15 @@ def plant(
     _say(describe_planted(made))
     assert loaded.plant is not None
     if not made.met:
-        _say(f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}")
+        _say(
+            f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
+        )
         return NOT_DETERMINED
-    files = [*loaded.plant.files, *(loaded.plant.sampled_files if made.sampled is not None else ()), CONTROL]
+    files = [
+        *loaded.plant.files,
+        *(loaded.plant.sampled_files if made.sampled is not None else ()),
+        CONTROL,
+    ]
     _say(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")
     return DONE
 
@@ -79,21 +87,34 @@ def describe_planted(made: Planted) -> str:
         lines.append(made.message)
     else:
         lines += [
-            f"{_counted(found.n_states, 'state')}, {_counted(len(found.inputs), 'input')}, "
-            f"{_counted(len(found.outputs), 'output')}; {_counted(found.rigid, 'rigid-body mode')}, "
-            f"{_counted(len(found.modes) - found.rigid, 'flexible mode')}",
-            f"error {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)} of the height of a "
-            f"resonance; tolerance {_percent(made.tolerance)}",
+            (
+                f"{_counted(found.n_states, 'state')}, {_counted(len(found.inputs), 'input')},"
+                f" {_counted(len(found.outputs), 'output')};"
+                f" {_counted(found.rigid, 'rigid-body mode')},"
+                f" {_counted(len(found.modes) - found.rigid, 'flexible mode')}"
+            ),
+            (
+                f"error {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)}"
+                f" of the height of a resonance; tolerance {_percent(made.tolerance)}"
+            ),
             f"route: {found.route}",
         ]
         if made.sampled is not None and made.sampled.dt is not None:
             late = f", input late by {made.sampled.delay} intervals" if made.sampled.delay else ""
-            lines.append(f"sampled every {made.sampled.dt:g} s: {made.sampled.n_states} states{late}")
+            lines.append(
+                f"sampled every {made.sampled.dt:g} s: {made.sampled.n_states} states{late}"
+            )
         if made.family is not None:
             lines.append(made.family.summary())
             lines += [weight.summary() for weight in made.weights.values()]
     rows = [
-        [c.name, _percent(c.error), _percent(c.peak_error), "used" if found and c.name == found.route else "", c.note]
+        [
+            c.name,
+            _percent(c.error),
+            _percent(c.peak_error),
+            "used" if found and c.name == found.route else "",
+            c.note,
+        ]
         for c in made.conversions
     ]
     head = [
@@ -105,7 +126,11 @@ def describe_planted(made: Planted) -> str:
     ]
     lines += ["", table(head, rows)]
     lines += [f"note: {note}" for note in made.notes]
-    lines += [f"\n{found.summary()}" for found in (made.servo, *made.nonlinear, made.drive) if found is not None]
+    lines += [
+        f"\n{found.summary()}"
+        for found in (made.servo, *made.nonlinear, made.drive)
+        if found is not None
+    ]
     return "\n".join(lines)
 
 
@@ -118,14 +143,20 @@ def describe_wish(ready: Prepared) -> str:
         return ""
     test = ready.tests[part_of_plant(ready.job)]
     band = band_of_plant(ready.job, test.frf)
-    names = ", ".join(p.name for p in table.input_ports), ", ".join(p.name for p in table.output_ports)
+    names = (
+        ", ".join(p.name for p in table.input_ports),
+        ", ".join(p.name for p in table.output_ports),
+    )
     lines = [
-        f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}: "
-        f"{_counted(len(table.inputs), 'input')} ({names[0]}), {_counted(len(table.outputs), 'output')} ({names[1]})"
+        f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}:"
+        f" {_counted(len(table.inputs), 'input')} ({names[0]}),"
+        f" {_counted(len(table.outputs), 'output')} ({names[1]})"
     ]
     if servo is not None and servo.controller is not None:
         positioned = f" and {servo.position}" if servo.position else ""
-        lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}{positioned}")
+        lines.append(
+            f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}{positioned}"
+        )
     said = beyond_the_data(band, test.frf)
     return "\n".join([*lines, *([f"note: {said}"] if said else [])])
 
@@ -135,4 +166,6 @@ def _counted(count: int, what: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return "-" if share != share else f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
+    return (
+        "-" if share != share else f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
+    )

@@ -18,8 +18,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Watch", "watch"]
 
-_STOPPING = "\nStopping after these lines; the results so far will be written. Ctrl-C again to leave at once.\n"
-_EVERY_S, _WITHIN_S = 1.0, 10.0  # plain lines of one stage, not closer than this: between steps, and within one
+_STOPPING = (
+    "\nStopping after these lines; the results so far will be written. Ctrl-C again to leave at"
+    " once.\n"
+)
+_EVERY_S, _WITHIN_S = (
+    1.0,
+    10.0,
+)  # plain lines of one stage, not closer than this: between steps, and within one
 
 
 class Watch:
@@ -41,8 +47,16 @@ class Watch:
     def __call__(self, progress: Progress) -> bool:
         """Show a step, or how far the next one is; return whether to stop."""
         step = progress.iteration if progress.cost == progress.cost else -1  # nan: none so far
-        text = f"{progress.stage}  iteration {step}  cost {progress.cost:.6g}" if step >= 0 else progress.stage
-        solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)" if progress.n_lines else ""
+        text = (
+            f"{progress.stage}  iteration {step}  cost {progress.cost:.6g}"
+            if step >= 0
+            else progress.stage
+        )
+        solved = (
+            f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
+            if progress.n_lines
+            else ""
+        )
         if self._live is not None:
             self._live.update(self._task, description=text, solved=solved)
             return self.stopping
@@ -51,7 +65,13 @@ class Watch:
         first = progress.stage != stage or shown < 0 <= step
         if first or pause >= (_EVERY_S if step != shown else _WITHIN_S):
             self._shown = progress.stage, step, time.monotonic()
-            self.console.print(f"{text}  {solved}".rstrip(), markup=False, emoji=False, highlight=False, soft_wrap=True)
+            self.console.print(
+                f"{text}  {solved}".rstrip(),
+                markup=False,
+                emoji=False,
+                highlight=False,
+                soft_wrap=True,
+            )
         return self.stopping
 
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:
@@ -72,7 +92,11 @@ class Watch:
         from rich.progress import Progress as Bar
         from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = (SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.fields[solved]}"))
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            TextColumn("{task.fields[solved]}"),
+        )
         with Bar(*columns, TimeElapsedColumn(), console=self.console, transient=True) as self._live:
             self._task = self._live.add_task("starting", total=None, solved="")
             yield self
@@ -83,7 +107,9 @@ class Watch:
 def watch(console: Console) -> Iterator[Watch]:
     """Give a `Watch` that Ctrl-C reaches: the first asks the run to end in order, the second ends it."""
     watching = Watch(console)
-    if threading.current_thread() is not threading.main_thread():  # only the main thread is told of Ctrl-C
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # only the main thread is told of Ctrl-C
         with watching.shown():
             yield watching
         return

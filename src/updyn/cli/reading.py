@@ -34,7 +34,9 @@ _WORDS = {
 
 
 def read_anything(
-    path: str | Path, kinds: Sequence[str] = tuple(KINDS), options: Mapping[str, Mapping[str, Any]] | None = None
+    path: str | Path,
+    kinds: Sequence[str] = tuple(KINDS),
+    options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[str, Any]:
     """Read a file as the first of some kinds that it holds.
 
@@ -74,11 +76,17 @@ def read_anything(
     if len(told) == 1:
         raise reasons[told[0]]
     plant = reasons.get("plant")
-    if plant is not None and not told and _may_be_plant(path):  # JSON, which nothing else is read from
+    if (
+        plant is not None and not told and _may_be_plant(path)
+    ):  # JSON, which nothing else is read from
         raise plant
     if plant is not None and told and NO_PLANT not in str(plant) and _may_be_plant(path):
         told.append("plant")
-    why = "".join(f"\n  as {_WORDS[k]}: {_without_path(e)}" for k, e in reasons.items() if not told or k in told)
+    why = "".join(
+        f"\n  as {_WORDS[k]}: {_without_path(e)}"
+        for k, e in reasons.items()
+        if not told or k in told
+    )
     raise FormatError(f"could not be read{why}", path)
 
 

@@ -57,7 +57,9 @@ class Watch:
     def __call__(self, progress: Progress) -> bool:
         """Show a step; return whether to stop."""
         self.lines_solved = progress.lines_done
-        if self.callback is not None and self.callback(replace(progress, stage=f"{self.stage}: {progress.stage}")):
+        if self.callback is not None and self.callback(
+            replace(progress, stage=f"{self.stage}: {progress.stage}")
+        ):
             self.stopped = True
         return self.stopped
 
@@ -88,7 +90,13 @@ class Bench:
     _subsets: dict[int, tuple[Test, ...]] = field(default_factory=dict, init=False)
 
     @classmethod
-    def build(cls, tests: Sequence[Test], parameters: ParameterSet, given: Given, running: Mapping[str, Any]) -> Bench:
+    def build(
+        cls,
+        tests: Sequence[Test],
+        parameters: ParameterSet,
+        given: Given,
+        running: Mapping[str, Any],
+    ) -> Bench:
         """Choose the lines once, for all methods, and see that what they are given fits together.
 
         Raises
@@ -104,7 +112,9 @@ class Bench:
             if test.lines is None:
                 lines = None
             elif isinstance(test.lines, str):
-                lines = fitted.freq[choose_lines(test.lines, _problem(test, fitted, parameters, running))]
+                lines = fitted.freq[
+                    choose_lines(test.lines, _problem(test, fitted, parameters, running))
+                ]
             else:
                 lines = fitted.freq[fitted.find_lines(test.lines)]
             made.append(replace(test, validation=held, lines=lines))
@@ -135,7 +145,8 @@ class Bench:
         return Row(
             **known,
             status=result.status,
-            message=first.message + ("" if self._regularises(name) else " It was run without regularisation."),
+            message=first.message
+            + ("" if self._regularises(name) else " It was run without regularisation."),
             updated=tuple(p.name for p in taken),
             left=tuple(p.name for p in self.parameters if p not in taken),
             values=values,
@@ -154,17 +165,25 @@ class Bench:
 
     def refused(self, name: str, why: str) -> Row:
         """Return the row of a method that cannot be used."""
-        return Row(**about(name), status=NOT_APPLICABLE, message=why, left=tuple(self.parameters.names))
+        return Row(
+            **about(name), status=NOT_APPLICABLE, message=why, left=tuple(self.parameters.names)
+        )
 
-    def _fit(self, name: str, unknowns: ParameterSet, watch: Watch, tests: tuple[Test, ...]) -> _Result:
+    def _fit(
+        self, name: str, unknowns: ParameterSet, watch: Watch, tests: tuple[Test, ...]
+    ) -> _Result:
         held = tuple(p for p in self.parameters if p not in unknowns)
-        chosen = Selection(unknowns, left_out={p.name: f"{name} cannot update it" for p in held}, held=held)
+        chosen = Selection(
+            unknowns, left_out={p.name: f"{name} cannot update it" for p in held}, held=held
+        )
         how = {**self.running, **self.given.options.get(name, {}), "callback": watch}
         if not self._regularises(name):
             del how["regularise"]
         if len(tests) == 1 and not tests[0].name:
             (t,) = tests
-            return update(t.model, t.frf, chosen, name, t.lines, t.noise, validation=t.validation, **how)
+            return update(
+                t.model, t.frf, chosen, name, t.lines, t.noise, validation=t.validation, **how
+            )
         return update_jointly(tests, chosen, name, **how)
 
     def _regularises(self, name: str) -> bool:
@@ -182,7 +201,9 @@ class Bench:
         unknowns, stage = row.result.parameters, watch.stage
         n_lines = max(len(frf.freq) for frf in self.data)
         if self.given.options.get(row.method, {}).get("modes") is not None:
-            return Fewest(None, note="it was given measured modes, and does not depend on the lines")
+            return Fewest(
+                None, note="it was given measured modes, and does not depend on the lines"
+            )
         distance = self._distance(row, unknowns)
         if isinstance(distance, Fewest):
             return distance
@@ -203,11 +224,15 @@ class Bench:
 
         free = sum(1 for p in unknowns if p.prior_std is None)
         if row.status == "max-iterations" and distance(row.values) > 1.0:
-            return Fewest(None, tried=((n_lines, distance(row.values)),))  # what is slow with all is so with few
+            return Fewest(
+                None, tried=((n_lines, distance(row.values)),)
+            )  # what is slow with all is so with few
         numbers = counts(n_lines, sum(frf.values[0].size for frf in self.data), free)
         return fewest_lines(numbers, off, lambda count: _lines_of(self._on(count)[0]))
 
-    def _distance(self, row: Row, unknowns: ParameterSet) -> Callable[[Mapping[str, float]], float] | Fewest:
+    def _distance(
+        self, row: Row, unknowns: ParameterSet
+    ) -> Callable[[Mapping[str, float]], float] | Fewest:
         """Return what tells how far values are off, as a multiple of what counts as recovered, or why nothing can."""
         truth, tolerance = self.given.truth, self.given.tolerance
         if not truth:
@@ -226,7 +251,10 @@ class Bench:
     def _on(self, count: int) -> tuple[Test, ...]:
         """Return the tests with so many of their lines; the same for every method."""
         if count not in self._subsets:
-            made = [self._thinned(test, frf, count) for test, frf in zip(self.tests, self.data, strict=True)]
+            made = [
+                self._thinned(test, frf, count)
+                for test, frf in zip(self.tests, self.data, strict=True)
+            ]
             self._subsets[count] = tuple(made)
         return self._subsets[count]
 
@@ -263,8 +291,14 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
 
 def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Problem:
     """Return what lines are chosen by; it is not kept, as a large model takes room."""
-    tier = "sparse" if is_reduced(running["tier"], test.model.n_dofs, len(frf.freq)) else running["tier"]
-    return Problem.build(test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name)
+    tier = (
+        "sparse"
+        if is_reduced(running["tier"], test.model.n_dofs, len(frf.freq))
+        else running["tier"]
+    )
+    return Problem.build(
+        test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
+    )
 
 
 def _lines_of(test: Test) -> tuple[float, ...]:

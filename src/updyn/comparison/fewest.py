@@ -27,7 +27,8 @@ class Fewest:
     lines : tuple of float
         Which, in Hz, of the first test.
     tried : tuple of (int, float)
-        Every number of lines that was tried and how far its fit was off, as a multiple of what counts as recovered.
+        Every number of lines that was tried and how far its fit was off, as a multiple of what
+        counts as recovered.
     note : str
         Why nothing, or no more, was tried; may be empty.
     """
@@ -52,16 +53,19 @@ def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
     """
     which = "D-optimally at the start of the unknowns" if chosen == "d-optimal" else "evenly"
     goal = (
-        f"every unknown that the method updates is within {tolerance:g} of the truth (as a share of it; for a loss "
-        "factor as it is)"
+        f"every unknown that the method updates is within {tolerance:g} of the truth (as a share of"
+        " it; for a loss factor as it is)"
         if truth
-        else f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of the method's own "
-        "answer with all lines"
+        else (
+            f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of"
+            " the method's own answer with all lines"
+        )
     )
     return (
-        f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen {which}, from the same "
-        f"start, until {goal}. Numbers of lines with fewer measured values than unknowns are passed over; a method "
-        "that has not arrived with all lines after its largest number of steps is not tried with fewer."
+        f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen"
+        f" {which}, from the same start, until {goal}. Numbers of lines with fewer measured values"
+        " than unknowns are passed over; a method that has not arrived with all lines after its"
+        " largest number of steps is not tried with fewer."
     )
 
 
@@ -102,7 +106,9 @@ def _scale(parameter: Parameter, value: float) -> float:
     return next((abs(x) for x in (value, parameter.start) if x != 0.0), 1.0)
 
 
-def own_answer(result: UpdateResult | JointResult, tolerance: float) -> Callable[[Mapping[str, float]], float]:
+def own_answer(
+    result: UpdateResult | JointResult, tolerance: float
+) -> Callable[[Mapping[str, float]], float]:
     """Return what tells how far values are from a method's own answer, as a multiple of what counts as recovered."""
     parameters = result.parameters
 
@@ -118,19 +124,22 @@ def own_answer(result: UpdateResult | JointResult, tolerance: float) -> Callable
 
 
 def fewest_lines(
-    numbers: list[int], distance: Callable[[int], float | None], lines: Callable[[int], tuple[float, ...]]
+    numbers: list[int],
+    distance: Callable[[int], float | None],
+    lines: Callable[[int], tuple[float, ...]],
 ) -> Fewest:
     """Try numbers of lines in ascending order until one is enough.
 
-    Upwards, as fits with few lines cost little, and as it need not be taken for granted that more lines never hurt.
+    Upwards, as fits with few lines cost little, and as it need not be taken for granted that more
+    lines never hurt.
 
     Parameters
     ----------
     numbers : list of int
         What to try, ascending.
     distance : callable
-        How far the fit with so many lines is off, as a multiple of what counts as recovered; None where the user has
-        stopped.
+        How far the fit with so many lines is off, as a multiple of what counts as recovered; None
+        where the user has stopped.
     lines : callable
         Which lines these are, in Hz.
     """

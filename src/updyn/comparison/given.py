@@ -70,17 +70,23 @@ class Given:
         names = _methods(methods, options)
         if chosen not in CHOSEN:
             raise OptionError(f"chosen {chosen!r}: {suggest(str(chosen), CHOSEN)}")
-        return cls(names, options, _truth(truth, parameters), fewest, _tolerance(tolerance), chosen, title)
+        return cls(
+            names, options, _truth(truth, parameters), fewest, _tolerance(tolerance), chosen, title
+        )
 
 
-def _methods(given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+def _methods(
+    given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
+) -> tuple[str, ...]:
     if isinstance(given, str):
         raise OptionError(f"methods {given!r}: expected a list of names, such as [{given!r}]")
     names = tuple(METHODS if given is None else given)
     if not names:
         raise OptionError(f"methods: expected at least one; {suggest('', METHODS)}")
     for name in [*names, *options]:
-        make_method(name, options.get(name, {}))  # what is wrong with its name or options is wrong with the input
+        make_method(
+            name, options.get(name, {})
+        )  # what is wrong with its name or options is wrong with the input
     twice = [name for i, name in enumerate(names) if name in names[:i]]
     if twice:
         raise OptionError(f"methods: {twice[0]!r} stands twice")

@@ -47,17 +47,19 @@ class Row:
     left : tuple of str
         Unknowns left at their start, as they are of those quantities.
     values, std : mapping of str to float
-        By unknown; those left stand at their start, with no (nan) standard deviation. Empty where it does not apply.
+        By unknown; those left stand at their start, with no (nan) standard deviation. Empty where
+        it does not apply.
     errors : mapping of str to float
-        Estimate against the truth where that is known, as `errors_against` has it. Unknowns left at their start count
-        with it.
+        Estimate against the truth where that is known, as `errors_against` has it. Unknowns left at
+        their start count with it.
     off : mapping of str to float
         Estimate minus truth, in the unit of the unknown, where the truth is known.
     fitted, held_out : mapping of str to mapping of str to float
-        ``before`` and ``after``: figures of agreement with the data of the fit and with what was held out
-        (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
+        ``before`` and ``after``: figures of agreement with the data of the fit and with what was
+        held out (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
     rank : int
-        Independent combinations of the unknowns that it was run with which it finds the data to determine.
+        Independent combinations of the unknowns that it was run with which it finds the data to
+        determine.
     iterations : int
         Accepted steps, those of its search included.
     lines_solved : int
@@ -113,13 +115,16 @@ class Row:
     @property
     def error_max_updated(self) -> float:
         """Largest size of `errors` of the unknowns that it was run with; nan where the truth is not known."""
-        return max((abs(e) for name, e in self.errors.items() if name in self.updated), default=math.nan)
+        return max(
+            (abs(e) for name, e in self.errors.items() if name in self.updated), default=math.nan
+        )
 
     @property
     def off_in_std(self) -> float:
         """Largest distance from the truth in the method's own standard deviations, of unknowns that have one.
 
-        Below 3 or so where these can be believed; nan where the truth is not known or nothing is determined.
+        Below 3 or so where these can be believed; nan where the truth is not known or nothing is
+        determined.
         """
         known = [name for name in self.off if 0.0 < self.std.get(name, math.nan) < math.inf]
         return max((abs(self.off[name]) / self.std[name] for name in known), default=math.nan)
@@ -174,7 +179,8 @@ class Comparison(Sequence[Row]):
             found = next((row for row in self.rows if row.method == item), None)
             if found is None:
                 raise OptionError(
-                    f"no method {item!r} in this comparison; {suggest(item, [r.method for r in self.rows])}"
+                    f"no method {item!r} in this comparison;"
+                    f" {suggest(item, [r.method for r in self.rows])}"
                 )
             return found
         return self.rows[item]
@@ -184,7 +190,10 @@ class Comparison(Sequence[Row]):
 
     def __repr__(self) -> str:
         run = sum(row.applies for row in self.rows)
-        return f"Comparison({len(self.rows)} methods, {run} of them run, {len(self.parameters)} unknowns)"
+        return (
+            f"Comparison({len(self.rows)} methods, {run} of them run, {len(self.parameters)}"
+            " unknowns)"
+        )
 
     @property
     def before(self) -> Mapping[str, float]:
@@ -201,11 +210,16 @@ class Comparison(Sequence[Row]):
 def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
     """Return the figures of agreement of what was fitted and of what was held out; of several tests the worst."""
     results = [result] if isinstance(result, UpdateResult) else list(result.results.values())
-    fitted = {when: _worst([r.correlation.get(when) or {} for r in results]) for when in ("before", "after")}
+    fitted = {
+        when: _worst([r.correlation.get(when) or {} for r in results])
+        for when in ("before", "after")
+    }
     held = [r.correlation.get("validation") or {} for r in results]
-    return fitted, {when: _worst([h.get(when) or {} for h in held]) for when in ("before", "after")} if any(
-        held
-    ) else {}
+    return fitted, (
+        {when: _worst([h.get(when) or {} for h in held]) for when in ("before", "after")}
+        if any(held)
+        else {}
+    )
 
 
 def _worst(tables: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -213,6 +227,8 @@ def _worst(tables: Sequence[Mapping[str, float]]) -> dict[str, float]:
     names = list(dict.fromkeys(name for t in there for name in t))
     out: dict[str, float] = {}
     for name in names:
-        values: NDArray[np.float64] = np.array([t[name] for t in there if name in t], dtype=np.float64)
+        values: NDArray[np.float64] = np.array(
+            [t[name] for t in there if name in t], dtype=np.float64
+        )
         out[name] = float(values.max() if name.startswith("db_") else values.min())
     return out

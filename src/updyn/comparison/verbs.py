@@ -54,8 +54,8 @@ def compare(
 ) -> Comparison:
     """Run every method on the same model, measurement, lines and unknowns.
 
-    A method that cannot be used on them is a row that says why. One that cannot update some of the quantities is run
-    with the other unknowns, and its row says which were left at their start.
+    A method that cannot be used on them is a row that says why. One that cannot update some of the
+    quantities is run with the other unknowns, and its row says which were left at their start.
 
     Parameters
     ----------
@@ -66,23 +66,27 @@ def compare(
     lines, noise, engine
         As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
     callback : callable, optional
-        As for `updyn.update`; the stage of what it is shown begins with the method. Returning True ends the
-        comparison, with the rows so far.
+        As for `updyn.update`; the stage of what it is shown begins with the method. Returning True
+        ends the comparison, with the rows so far.
     truth : mapping of str to float, optional
-        True values of unknowns, by name, as far as they are known: then the rows hold the errors, too.
+        True values of unknowns, by name, as far as they are known: then the rows hold the errors,
+        too.
     validation
         As for `updyn.update`.
     fewest : bool
-        Also seek the fewest lines with which each method still recovers; that takes several fits a method.
+        Also seek the fewest lines with which each method still recovers; that takes several fits a
+        method.
     tolerance : float
-        What counts as recovered: so far from the truth, as a share of it (of a loss factor as it is); or, where no
-        truth is given, so far or 3 standard deviations from the method's own answer with all lines.
+        What counts as recovered: so far from the truth, as a share of it (of a loss factor as it
+        is); or, where no truth is given, so far or 3 standard deviations from the method's own
+        answer with all lines.
     chosen : {"d-optimal", "even"}
         How the fewest lines are chosen among the lines.
     options : mapping of str to mapping, optional
         Options by method.
     title, tier, backend, accuracy, regularise
-        As for `updyn.update`. Methods that know no regularisation are run without it, and their rows say so.
+        As for `updyn.update`. Methods that know no regularisation are run without it, and their
+        rows say so.
 
     Returns
     -------
@@ -91,7 +95,8 @@ def compare(
     Raises
     ------
     InputError
-        If model, data and unknowns do not fit together, or an option, a method or a true value is not known.
+        If model, data and unknowns do not fit together, or an option, a method or a true value is
+        not known.
     SolverError
         If the model cannot be solved at a line where it starts.
     """
@@ -99,7 +104,14 @@ def compare(
     test = Test(model, frf, "", lines, noise, validation)
     check([test], selected.parameters)
     given = Given.checked(
-        selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
+        selected.parameters,
+        methods,
+        options,
+        truth,
+        fewest=fewest,
+        tolerance=tolerance,
+        chosen=chosen,
+        title=title,
     )
     how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
     return _compare([test], selected, given, how, engine, callback)
@@ -142,7 +154,8 @@ def compare_jointly(
     Raises
     ------
     InputError
-        If models, data and unknowns do not fit together, or an option, a method or a true value is not known.
+        If models, data and unknowns do not fit together, or an option, a method or a true value is
+        not known.
     SolverError
         If a model cannot be solved at a line where it starts.
     """
@@ -152,9 +165,18 @@ def compare_jointly(
     selected = Selection.of(parameters)
     check(listed, selected.parameters)
     given = Given.checked(
-        selected.parameters, methods, options, truth, fewest=fewest, tolerance=tolerance, chosen=chosen, title=title
+        selected.parameters,
+        methods,
+        options,
+        truth,
+        fewest=fewest,
+        tolerance=tolerance,
+        chosen=chosen,
+        title=title,
     )
-    named = [replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)]
+    named = [
+        replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
+    ]
     how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
     return _compare(named, selected, given, how, engine, callback)
 

@@ -22,7 +22,9 @@ Column = tuple[str, str, "Callable[[Row], str]"]
 
 def _figure(row: Row, held: bool, name: str) -> str:
     table = (row.held_out if held else row.fitted).get("after") or {}
-    value = math.nan if row.status == "failed" else table.get(name, math.nan)  # what failed is where it started
+    value = (
+        math.nan if row.status == "failed" else table.get(name, math.nan)
+    )  # what failed is where it started
     if math.isnan(value):
         return "-"
     if name.startswith("db_"):
@@ -110,25 +112,40 @@ def summary(comparison: Comparison) -> str:
     """Return the table, then why methods do not apply, what was left at its start, and how lines were chosen."""
     shown = columns(comparison)
     start = comparison.before
-    before = f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}" if start else ""
+    before = (
+        f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}"
+        if start
+        else ""
+    )
     n_lines = max((row.n_lines for row in comparison), default=0)
     lines = [
-        f"{comparison.title or 'Comparison'}: {len(comparison.parameters)} unknowns, {n_lines} lines{before}",
+        (
+            f"{comparison.title or 'Comparison'}: {len(comparison.parameters)} unknowns, {n_lines}"
+            f" lines{before}"
+        ),
         "",
         _table([heading for _, heading, _ in shown], [cells(row, shown) for row in comparison]),
         "",
-        "misfit: median level difference to the data of the fit; rank: combinations of its unknowns that the data "
-        "determine; steps, solved: steps of the fit and lines at which the model was solved.",
+        (
+            "misfit: median level difference to the data of the fit; rank: combinations of its"
+            " unknowns that the data determine; steps, solved: steps of the fit and lines at which"
+            " the model was solved."
+        ),
     ]
     if comparison.truth:
         lines.append(
-            "error: estimate / truth - 1, of loss factors estimate - truth; unknowns left at their start count with it."
+            "error: estimate / truth - 1, of loss factors estimate - truth; unknowns left at their"
+            " start count with it."
         )
     if comparison.rule:
         lines.append(comparison.rule)
-    lines += [f"{row.method} does not apply: {row.message}" for row in comparison if not row.applies]
     lines += [
-        f"{row.method} leaves at the start: {', '.join(row.left)}" for row in comparison if row.applies and row.left
+        f"{row.method} does not apply: {row.message}" for row in comparison if not row.applies
+    ]
+    lines += [
+        f"{row.method} leaves at the start: {', '.join(row.left)}"
+        for row in comparison
+        if row.applies and row.left
     ]
     lines += [
         f"{row.method}: fewest lines not sought to the end: {row.fewest.note}"
@@ -147,7 +164,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) 
     width = [max(len(r[i]) for r in [header, *rows]) for i in range(len(header))]
     return "\n".join(
         "  ".join(
-            c.ljust(w) if i in texts else c.rjust(w) for i, (c, w) in enumerate(zip(r, width, strict=True))
+            c.ljust(w) if i in texts else c.rjust(w)
+            for i, (c, w) in enumerate(zip(r, width, strict=True))
         ).rstrip()
         for r in [header, *rows]
     )
@@ -161,5 +179,7 @@ def listing() -> str:
 
     rows = [Row(**about(name), status="", message="") for name in METHODS]
     return _table(
-        ["method", "cannot update", "reference"], [[row.method, limits(row), row.reference or "-"] for row in rows], 3
+        ["method", "cannot update", "reference"],
+        [[row.method, limits(row), row.reference or "-"] for row in rows],
+        3,
     )

@@ -1,16 +1,16 @@
 """Internal variables: stiffness K_e (1 + gamma g(s)) with g(s) = sum_k a_k s / (s + b_k), a_k >= 0.
 
-M. A. Biot, Physical Review 97 (1955) 1463-1469 (the form, and why a_k >= 0: hidden coordinates that relax);
-D. F. Golla & P. C. Hughes, J. Applied Mechanics 52 (1985) 897-906, and D. J. McTavish & P. C. Hughes, J. Vibration and
-Acoustics 115 (1993) 103-110 (GHM: hidden coordinates of finite elements). The terms are fitted so that Im g = 1 over
-the band, times the course of a table. Every term is passive, so that the plant is passive and stable however strong and
-local the damping.
+M. A. Biot, Physical Review 97 (1955) 1463-1469 (the form, and why a_k >= 0: hidden coordinates that
+relax); D. F. Golla & P. C. Hughes, J. Applied Mechanics 52 (1985) 897-906, and D. J. McTavish & P.
+C. Hughes, J. Vibration and Acoustics 115 (1993) 103-110 (GHM: hidden coordinates of finite
+elements). The terms are fitted so that Im g = 1 over the band, times the course of a table. Every
+term is passive, so that the plant is passive and stable however strong and local the damping.
 
-Causality has a price: with a constant loss factor the stiffness of a passive material grows with frequency, by
-2 gamma / pi for every e-fold (the Kramers-Kronig relation), while the model's is constant. That part, Re g, is taken
-out of the modal stiffness at each pair of modes, phi_r^T D phi_s Re g(i sqrt(omega_r omega_s)), so that every mode
-keeps its frequency; what remains is the growth between the modes. Where that would leave a negative static stiffness
-the route is refused.
+Causality has a price: with a constant loss factor the stiffness of a passive material grows with
+frequency, by 2 gamma / pi for every e-fold (the Kramers-Kronig relation), while the model's is
+constant. That part, Re g, is taken out of the modal stiffness at each pair of modes, phi_r^T D
+phi_s Re g(i sqrt(omega_r omega_s)), so that every mode keeps its frequency; what remains is the
+growth between the modes. Where that would leave a negative static stiffness the route is refused.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
 
     Notes
     -----
-    Rates b_k stand geometrically over the band and a little beyond; their weights by non-negative least squares.
+    Rates b_k stand geometrically over the band and a little beyond; their weights by non-negative
+    least squares.
     """
     low, high = max(band[0], 1e-4 * band[1]), band[1]
     freq = np.geomspace(low, high, _LINES)
@@ -84,7 +85,11 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
     wanted = part.relative(freq)
     best, least = None, np.inf
     for beyond in (1.0, 1.5, 2.0, 3.0, 5.0):
-        b = np.geomspace(omega[0] / beyond, omega[-1] * beyond, n) if n > 1 else np.sqrt(omega[[0]] * omega[[-1]])
+        b = (
+            np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
+            if n > 1
+            else np.sqrt(omega[[0]] * omega[[-1]])
+        )
         shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
         a, left = nnls(shares, wanted)
         if left < least:
@@ -139,8 +144,9 @@ class Biot:
         scale = omega[first:]
         if len(scale) and np.linalg.eigvalsh(flexible / np.outer(scale, scale))[0] <= 0.0:
             raise ModelError(
-                "plant: route 'biot': the damping is so strong that a passive stiffness which has it over the whole "
-                "band would be negative at rest; narrow the band, or use route='complex'"
+                "plant: route 'biot': the damping is so strong that a passive stiffness which has"
+                " it over the whole band would be negative at rest; narrow the band, or use"
+                " route='complex'"
             )
         return K
 
@@ -149,7 +155,9 @@ class Biot:
         out = []
         lossy = self.base.space.lossy
         for k in range(len(self.terms[0].b) if self.terms else 0):
-            W = sum((t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(()))
+            W = sum(
+                (t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(())
+            )
             values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
             use = values > _RANK * max(values[-1], 1e-300)
             if use.any() and values[-1] > 0:
@@ -164,7 +172,9 @@ class Biot:
         Z[:, at, at] += s[:, None] ** 2
         for rate, L in self._relaxing(kept):
             Z += (s / (s + rate))[:, None, None] * (L @ L.T)
-        q = np.linalg.solve(Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs))))
+        q = np.linalg.solve(
+            Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
+        )
         return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
@@ -186,7 +196,9 @@ class Biot:
             first = own.stop
         C = np.hstack([C0, np.zeros((len(C0), more))])
         if (self.base.powers == 2).any():
-            C[self.base.powers == 2] = (self.base.space.outputs[:, kept] @ A[n : 2 * n])[self.base.powers == 2]
+            C[self.base.powers == 2] = (self.base.space.outputs[:, kept] @ A[n : 2 * n])[
+                self.base.powers == 2
+            ]
         return A, np.vstack([B0, np.zeros((more, B0.shape[1]))]), C, D
 
 
@@ -208,7 +220,9 @@ def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: 
     return Biot(plain, ranking, _with_same_rates(space, band, n))
 
 
-def _with_same_rates(space: ModalSpace, band: tuple[float, float], n: int) -> tuple[Relaxation, ...]:
+def _with_same_rates(
+    space: ModalSpace, band: tuple[float, float], n: int
+) -> tuple[Relaxation, ...]:
     """Fit the groups; where tables make their rates differ, all take those of the first and fit again."""
     found = [relaxation(part, band, n) for part in space.lossy]
     if not found or all(np.array_equal(f.b, found[0].b) for f in found):

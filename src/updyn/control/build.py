@@ -32,7 +32,9 @@ __all__ = ["ROUTES", "ConversionError", "conversions", "plant"]
 ROUTES = ("auto", "modal", "complex", "biot")
 _REFUSED = {
     "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
-    "single-frequency": "structural damping converted at one frequency is right at that frequency only",
+    "single-frequency": (
+        "structural damping converted at one frequency is right at that frequency only"
+    ),
 }
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
@@ -47,7 +49,8 @@ class ConversionError:
     Attributes
     ----------
     name : str
-        ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``, ``"single-frequency"``.
+        ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``,
+        ``"single-frequency"``.
     error, peak_error : float
         As those of a `Plant`; nan where it is not possible.
     note : str
@@ -111,8 +114,8 @@ def plant(
 ) -> Plant:
     """Make a real, causal, stable state-space model of a structure.
 
-    Rigid-body motion is kept as it is. What lies above the band is there as residual flexibility: as feed-through of
-    displacements, as modes above the band of velocities and accelerations.
+    Rigid-body motion is kept as it is. What lies above the band is there as residual flexibility:
+    as feed-through of displacements, as modes above the band of velocities and accelerations.
 
     Parameters
     ----------
@@ -123,19 +126,20 @@ def plant(
     band : (float, float)
         Lowest and highest line in Hz between which it has to answer as the structure does.
     tolerance : float
-        On the largest error of a channel as a share of its peak in the band, and on the height of its resonances.
+        On the largest error of a channel as a share of its peak in the band, and on the height of
+        its resonances.
     quantity : str or sequence of str
-        What the outputs are, one for all or one each: ``"receptance"`` (displacements), ``"mobility"`` (velocities),
-        ``"accelerance"`` (accelerations).
+        What the outputs are, one for all or one each: ``"receptance"`` (displacements),
+        ``"mobility"`` (velocities), ``"accelerance"`` (accelerations).
     route : {"auto", "modal", "complex", "biot"}
-        How structural damping becomes poles. ``"modal"``: real modes with the full modal damping matrix, passive.
-        ``"complex"``: the poles and residues of the damped structure, closest where damping is strong and local; the
-        outputs fitted to the structure's answer where that alone does not hold the tolerance.
-        ``"biot"``: internal variables, passive, static stiffness differs slightly. ``"auto"``: modal, or complex where
-        that does not hold the tolerance.
+        How structural damping becomes poles. ``"modal"``: real modes with the full modal damping
+        matrix, passive. ``"complex"``: the poles and residues of the damped structure, closest
+        where damping is strong and local; the outputs fitted to the structure's answer where that
+        alone does not hold the tolerance. ``"biot"``: internal variables, passive, static stiffness
+        differs slightly. ``"auto"``: modal, or complex where that does not hold the tolerance.
     tier, backend : str, optional
-        How the structure's own answer is computed, as for `updyn.response`; by default exactly up to 300 DOFs, by a
-        reduced model proved to 1e-8 above.
+        How the structure's own answer is computed, as for `updyn.response`; by default exactly up
+        to 300 DOFs, by a reduced model proved to 1e-8 above.
 
     Returns
     -------
@@ -145,8 +149,8 @@ def plant(
     Raises
     ------
     OptionError
-        If an option is not valid; a route that converts the damping at one frequency or by modal damping ratios is
-        refused, with the error that it would have.
+        If an option is not valid; a route that converts the damping at one frequency or by modal
+        damping ratios is refused, with the error that it would have.
     ModelError
         If the structure is not statically stable.
     ToleranceError
@@ -158,14 +162,16 @@ def plant(
 
     Notes
     -----
-    Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see `updyn.control.second_order`,
-    `complex_modes` and `biot` for the routes.
+    Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see
+    `updyn.control.second_order`, `complex_modes` and `biot` for the routes.
     """
     own = _model(model)
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     task, quantities = _task(own, *ports, band, quantity, tier, backend)
     if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
-        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share of the peak between 1e-9 and 0.5")
+        raise OptionError(
+            f"plant: tolerance {tolerance!r}; expected a share of the peak between 1e-9 and 0.5"
+        )
     found = _chosen(task, _check_route(route, task), tolerance)
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
@@ -190,7 +196,10 @@ def plant(
         found.conversion.name,
         task.space.rigid,
         np.concatenate(
-            [np.zeros(task.space.rigid), np.sort(found.conversion.frequency[found.mask & _flexible(found)])]
+            [
+                np.zeros(task.space.rigid),
+                np.sort(found.conversion.frequency[found.mask & _flexible(found)]),
+            ]
         ),
         facts=facts,
     )
@@ -207,8 +216,8 @@ def _checked(made: Plant, target: Target) -> Plant:
     scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
     if (made.poles.real > 1e-9 * scale).any():
         raise ModelError(
-            f"plant: route {made.route!r} gave an unstable pole, {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; "
-            "use another route"
+            f"plant: route {made.route!r} gave an unstable pole,"
+            f" {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; use another route"
         )
     facts = dict(made.facts)
     if target.slow:
@@ -235,9 +244,9 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
     others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
     best = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
     raise ToleranceError(
-        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to {task.band[1]:g} Hz; reached: "
-        f"{best}. Allow a larger tolerance, "
-        f"narrow the band{f', or try route {others}' if others else ''}"
+        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
+        f" {task.band[1]:g} Hz; reached: {best}. Allow a larger tolerance, narrow the"
+        f" band{f', or try route {others}' if others else ''}"
     )
 
 
@@ -261,8 +270,8 @@ def conversions(
     Returns
     -------
     tuple of ConversionError
-        Routes of `plant` first, then those that it refuses. The single frequency is the middle of the band on a
-        logarithmic scale.
+        Routes of `plant` first, then those that it refuses. The single frequency is the middle of
+        the band on a logarithmic scale.
 
     Raises
     ------
@@ -270,7 +279,9 @@ def conversions(
         As `plant`.
     """
     own = _model(model)
-    task, _ = _task(own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend)
+    task, _ = _task(
+        own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend
+    )
     return tuple(_error_of(task, name) for name in (*ROUTES[1:], *_REFUSED))
 
 
@@ -278,12 +289,18 @@ def _error_of(task: _Task, name: str) -> ConversionError:
     best = ConversionError(name, float("nan"), float("nan"))
     try:
         for conversion in task.tried(name):
-            G = conversion.response(np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq)
+            G = conversion.response(
+                np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq
+            )
             found = ConversionError(name, task.target.error(G), task.target.peak_error(G))
             if not best.error <= found.error:
                 best = found
     except ModelError as error:
-        return best if np.isfinite(best.error) else ConversionError(name, best.error, best.peak_error, str(error))
+        return (
+            best
+            if np.isfinite(best.error)
+            else ConversionError(name, best.error, best.peak_error, str(error))
+        )
     return best
 
 
@@ -293,11 +310,14 @@ def _model(given: object) -> Model:
     if isinstance(given, JointResult):
         names = ", ".join(repr(n) for n in given.results)
         raise OptionError(
-            f"plant: the update has several tests ({names}), each with its own model; pass the result of the one whose "
-            f"boundary conditions are those of the plant, such as result[{next(iter(given.results))!r}]"
+            f"plant: the update has several tests ({names}), each with its own model; pass the"
+            " result of the one whose boundary conditions are those of the plant, such as"
+            f" result[{next(iter(given.results))!r}]"
         )
     if not isinstance(given, UpdateResult):
-        raise OptionError(f"plant: expected a model or the result of an update, found {type(given).__name__}")
+        raise OptionError(
+            f"plant: expected a model or the result of an update, found {type(given).__name__}"
+        )
     return given.model
 
 
@@ -314,12 +334,15 @@ def _task(
     named = [quantity] * len(outputs) if isinstance(quantity, str) else list(quantity)
     quantities = tuple(check_quantity(q) for q in named)
     if len(quantities) != len(outputs):
-        raise OptionError(f"plant: {len(quantities)} quantities for {len(outputs)} outputs; expected one, or one each")
+        raise OptionError(
+            f"plant: {len(quantities)} quantities for {len(outputs)} outputs; expected one, or one"
+            " each"
+        )
     space = modal_space(model, inputs, outputs, (low, high), backend=backend)
     if space.rigid and low == 0.0:
         raise OptionError(
-            f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the structure have no "
-            "finite answer; begin it above"
+            f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the"
+            " structure have no finite answer; begin it above"
         )
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     lines = target_lines(_poles(space), (low, high))
@@ -336,7 +359,9 @@ def _task(
         backend=backend,
     )
     if not np.isfinite(target.values).all():
-        raise SolverError("plant: the structure has no finite answer at a line of the band: it is not damped")
+        raise SolverError(
+            "plant: the structure has no finite answer at a line of the band: it is not damped"
+        )
     return _Task(space, target, powers, (low, high)), quantities
 
 
@@ -354,7 +379,9 @@ def _check_band(band: Sequence[float]) -> tuple[float, float]:
     except (TypeError, ValueError) as error:
         raise OptionError(f"plant: band {band!r}; expected two lines in Hz") from error
     if not (np.isfinite(high) and 0.0 <= low < high):
-        raise OptionError(f"plant: band from {low:g} to {high:g} Hz; expected the lower line first, not negative")
+        raise OptionError(
+            f"plant: band from {low:g} to {high:g} Hz; expected the lower line first, not negative"
+        )
     return low, high
 
 
@@ -362,9 +389,10 @@ def _check_route(route: str, task: _Task) -> tuple[str, ...]:
     if route in _REFUSED:
         found = _error_of(task, route)
         raise OptionError(
-            f"plant: route {route!r} is refused: {_REFUSED[route]}. From {task.band[0]:g} to {task.band[1]:g} Hz it is "
-            f"wrong by {100 * found.error:.3g} % of a peak, and by {100 * found.peak_error:.3g} % in the height of a "
-            f"resonance; use route='modal' or 'complex'"
+            f"plant: route {route!r} is refused: {_REFUSED[route]}. From {task.band[0]:g} to"
+            f" {task.band[1]:g} Hz it is wrong by {100 * found.error:.3g} % of a peak, and by"
+            f" {100 * found.peak_error:.3g} % in the height of a resonance; use route='modal' or"
+            " 'complex'"
         )
     if route not in ROUTES:
         raise OptionError(f"plant: no route {route!r}; {suggest(str(route), ROUTES)}")

@@ -2,24 +2,26 @@
 
 With structural damping the model has the receptance (M = I in modal coordinates)
 
-    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C) u_j = 1
+    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C)
+    u_j = 1
 
-(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that come in no
-conjugate pairs: r of them above the real axis, stable, which make the resonances, and r below it, of which the
-structural damping makes unstable ones. At positive frequencies those below are far away. They are replaced by the
-conjugates of those above:
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that
+come in no conjugate pairs: r of them above the real axis, stable, which make the resonances, and r
+below it, of which the structural damping makes unstable ones. At positive frequencies those below
+are far away. They are replaced by the conjugates of those above:
 
     G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
 
-Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at most eta^2 at rest,
-where nothing causal has losses; the poles and residues that make the resonances it does not change at all. That is
-closer than any real damping matrix where damping is strong and local. It is stable, and passive
-only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
-with a viscous damper, are those of the structure without D.
+Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at
+most eta^2 at rest, where nothing causal has losses; the poles and residues that make the resonances
+it does not change at all. That is closer than any real damping matrix where damping is strong and
+local. It is stable, and passive only as far as the structure it stands for is close to causal. Real
+poles, of rigid-body motion and of overdamped motion with a viscous damper, are those of the
+structure without D.
 
-The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with a force. Those of G
-do not quite: a velocity has a small feed-through in the band. Above the band a real pole takes it away, so that the
-plant rolls off as the structure does.
+The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with
+a force. Those of G do not quite: a velocity has a small feed-through in the band. Above the band a
+real pole takes it away, so that the plant rolls off as the structure does.
 """
 
 from __future__ import annotations
@@ -91,7 +93,9 @@ class ComplexModes:
         out = np.empty((len(self.poles), len(self.powers), len(self.at_inputs)))
         for j, pole in enumerate(self.poles):
             R = np.outer(self.at_outputs[:, j], self.at_inputs[:, j])
-            own = (R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]) * rates(self.powers, s)
+            own = (
+                R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]
+            ) * rates(self.powers, s)
             static = np.where((self.powers == 0)[:, None], -2.0 * (R / pole).real, 0.0)
             out[j] = np.abs(own - static).max(axis=0)
         return out
@@ -102,7 +106,10 @@ class ComplexModes:
         out = self.slow_response(s)
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
-        for p, U, W in ((poles, left * growth, right), (poles.conj(), (left * growth).conj(), right.conj())):
+        for p, U, W in (
+            (poles, left * growth, right),
+            (poles.conj(), (left * growth).conj(), right.conj()),
+        ):
             out += (U[None] / (s[:, None] - p)[:, None, :]) @ W.T
         through, jump = self._through(kept)
         return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
@@ -113,7 +120,9 @@ class ComplexModes:
         if not len(A):
             return np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
         shift = s[:, None, None] * np.eye(len(A)) - A
-        return np.asarray(self.slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape))))
+        return np.asarray(
+            self.slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))
+        )
 
     def slow_rows(self) -> _Real:
         """Return what the outputs read of the motion with real poles."""
@@ -123,8 +132,8 @@ class ComplexModes:
     def _through(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
         """Return the feed-through, and what is one in the band only.
 
-        The first is the static flexibility of what is left out, or the jump of an acceleration; the second what is left
-        of a jump of a velocity.
+        The first is the static flexibility of what is left out, or the jump of an acceleration; the
+        second what is left of a jump of a velocity.
         """
         R = np.einsum("im,jm->mij", self.at_outputs, self.at_inputs)
         static = -2.0 * (R / self.poles[:, None, None])[~kept].real.sum(axis=0)
@@ -165,7 +174,9 @@ class ComplexModes:
         """Return A, B, C, D: what is slow, a block of each pair of poles, and what is fast."""
         left, right = self.at_outputs[:, kept], self.at_inputs[:, kept]
         # Each side of a residue takes the same share of it.
-        balance = np.sqrt(np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300))
+        balance = np.sqrt(
+            np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300)
+        )
         balance[balance == 0.0] = 1.0
         A0, B0 = self.blocks(kept, right * balance)
         grown = 2.0 * (left / balance) * self.poles[kept] ** self.powers[:, None]
@@ -210,7 +221,9 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
     order = np.argsort(np.abs(poles), kind="stable")
     poles, vectors = poles[order], vectors[:, order]
     slow = slow_A, slow_B @ space.inputs.T, space.outputs @ slow_C
-    return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, _FAST * _TWO_PI * top)
+    return ComplexModes(
+        poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, _FAST * _TWO_PI * top
+    )
 
 
 def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
@@ -227,11 +240,15 @@ def _above(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex
     values, U = values[top], vectors[: len(space), top]
     norm = np.einsum("im,im->m", U, 2.0 * values * U + space.viscous @ U)
     if (np.abs(norm) <= 1e-12 * np.abs(values) * np.einsum("im,im->m", np.abs(U), np.abs(U))).any():
-        raise ModelError("plant: two modes of the damped structure have become one; use route='modal'")
+        raise ModelError(
+            "plant: two modes of the damped structure have become one; use route='modal'"
+        )
     return values, U / np.sqrt(norm)
 
 
-def _followed(space: ModalSpace, poles: _Complex, vectors: _Complex, wanted: int) -> tuple[_Complex, _Complex]:
+def _followed(
+    space: ModalSpace, poles: _Complex, vectors: _Complex, wanted: int
+) -> tuple[_Complex, _Complex]:
     """Return each pole as the loss factors at its own frequency make it."""
     poles, vectors = poles.copy(), vectors.copy()
     for j in range(len(poles)):
@@ -276,7 +293,11 @@ def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
     """Split off the part with real poles: an ordered Schur form, decoupled by a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
-    floor = _ON_AXIS * float(space.omega[space.omega > 0].min(initial=np.inf)) if (space.omega > 0).any() else 0.0
+    floor = (
+        _ON_AXIS * float(space.omega[space.omega > 0].min(initial=np.inf))
+        if (space.omega > 0).any()
+        else 0.0
+    )
     on_axis = lambda a, b: abs(b) <= max(_ON_AXIS * np.hypot(a, b), floor)  # noqa: E731
     T, Q, n = scipy.linalg.schur(A, sort=on_axis)
     if n == 0:

@@ -19,7 +19,8 @@ Matrices = tuple[_Real, _Real, _Real, _Real]
 class Conversion(Protocol):
     """What `updyn.control.order` chooses from.
 
-    A candidate that is left out still gives its static flexibility where the output is a displacement.
+    A candidate that is left out still gives its static flexibility where the output is a
+    displacement.
     """
 
     @property

@@ -78,13 +78,15 @@ class PlantFamily:
             for what in ("inputs", "outputs", "quantities", "dt", "delay"):
                 own, nominal = getattr(member, what), getattr(self.nominal, what)
                 if own != nominal:
-                    raise ModelError(f"member {number}: {what} {own!r}; the nominal plant has {nominal!r}")
+                    raise ModelError(
+                        f"member {number}: {what} {own!r}; the nominal plant has {nominal!r}"
+                    )
         values = np.array(self.values, dtype=np.float64)
         values = values.reshape(len(self.members), 0) if values.size == 0 else values
         if values.shape != (len(self.members), len(self.names)):
             raise ModelError(
-                f"values has shape {values.shape}; expected {(len(self.members), len(self.names))}, a row a member and "
-                "a column an unknown"
+                f"values has shape {values.shape}; expected {(len(self.members), len(self.names))},"
+                " a row a member and a column an unknown"
             )
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -93,7 +95,9 @@ class PlantFamily:
         return len(self.members)
 
     def __repr__(self) -> str:
-        return f"PlantFamily({len(self)} members of {len(self.names)} unknowns about {self.nominal!r})"
+        return (
+            f"PlantFamily({len(self)} members of {len(self.names)} unknowns about {self.nominal!r})"
+        )
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -129,7 +133,9 @@ class PlantFamily:
             As `Plant.response`.
         """
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
-        if lines[0] == 0.0 or self.nominal.dt is not None:  # on a pole, or above half the sampling rate: let it say so
+        if (
+            lines[0] == 0.0 or self.nominal.dt is not None
+        ):  # on a pole, or above half the sampling rate: let it say so
             return np.array([member.response(lines).values for member in self.members])
         return np.array([sweep(member, lines) for member in self.members])
 
@@ -151,14 +157,20 @@ class PlantFamily:
         DataError
             As `Plant.response`.
         """
-        size = np.abs(np.concatenate([self.nominal.response(freq).values[None], self.response(freq)]))
+        size = np.abs(
+            np.concatenate([self.nominal.response(freq).values[None], self.response(freq)])
+        )
         return size.min(axis=0), size.max(axis=0)
 
     def summary(self) -> str:
         """Return the family as text: what it was drawn from, its errors, and how far its resonances move."""
-        said = [f"Family: {len(self)} members of {len(self.names)} unknowns, {self.facts.get('source', 'given')}"]
+        said = [
+            f"Family: {len(self)} members of {len(self.names)} unknowns,"
+            f" {self.facts.get('source', 'given')}"
+        ]
         said += [
-            f"Largest error of a plant against its own model: {self.error:.2g} (allowed: {self.nominal.tolerance:g})"
+            f"Largest error of a plant against its own model: {self.error:.2g} (allowed:"
+            f" {self.nominal.tolerance:g})"
         ]
         modes = [p.modes for p in self.members]
         if len({len(m) for m in (self.nominal.modes, *modes)}) == 1 and len(self.nominal.modes):
@@ -169,10 +181,14 @@ class PlantFamily:
         else:
             counts = sorted({p.n_states for p in (self.nominal, *self.members)})
             said.append(
-                f"The plants have {' to '.join(str(c) for c in (counts[0], counts[-1])[: len(counts)])} states."
+                "The plants have"
+                f" {' to '.join(str(c) for c in (counts[0], counts[-1])[: len(counts)])} states."
             )
         cut = self.facts.get("cut", {})
-        said += [f"{100 * share:.0f} % of the draws of {name} lie on its bound." for name, share in cut.items()]
+        said += [
+            f"{100 * share:.0f} % of the draws of {name} lie on its bound."
+            for name, share in cut.items()
+        ]
         return "\n".join([*said, *filter(None, [self.facts.get("note", "")])])
 
     def channel(self, output: str, input: str) -> PlantFamily:
@@ -203,7 +219,9 @@ class PlantFamily:
         ModelError
             If the plants are no longer alike.
         """
-        return replace(self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members))
+        return replace(
+            self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members)
+        )
 
 
 def plant_family(
@@ -230,15 +248,15 @@ def plant_family(
     result : UpdateResult or JointResult
         An update that has ended at a minimum.
     inputs, outputs, band, tolerance, quantity, route, tier, backend
-        As for `updyn.plant`. Every plant holds the tolerance against its own model with structural damping; all are
-        made by one route.
+        As for `updyn.plant`. Every plant holds the tolerance against its own model with structural
+        damping; all are made by one route.
     n : int
         Number of members.
     seed : int
         Of the draws; member number i is the same whatever `n`, and wherever it is made.
     draws : Draws, optional
-        Of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` are taken at even distances. By
-        default the unknowns are drawn from the covariance of the update.
+        Of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` are taken at
+        even distances. By default the unknowns are drawn from the covariance of the update.
     test : str, optional
         Of several tests, the one whose model it is.
     engine : None, int, dask.distributed Client or Engine
@@ -247,24 +265,28 @@ def plant_family(
     Returns
     -------
     PlantFamily
-        `facts` hold ``source`` (``"covariance"``, ``"bootstrap"``, ``"sampling"``), ``n``, ``seed``, ``route``,
-        ``status`` of the update, ``cut`` (by unknown, the share of draws that were cut at a bound) and ``note``.
+        `facts` hold ``source`` (``"covariance"``, ``"bootstrap"``, ``"sampling"``), ``n``,
+        ``seed``, ``route``, ``status`` of the update, ``cut`` (by unknown, the share of draws that
+        were cut at a bound) and ``note``.
 
     Raises
     ------
     OptionError
-        If an option is not understood, the update did not end at a minimum, the data leave an unknown of the model open
-        (what may cure that is said), or the draws are fewer than `n` or about another update.
+        If an option is not understood, the update did not end at a minimum, the data leave an
+        unknown of the model open (what may cure that is said), or the draws are fewer than `n` or
+        about another update.
     ModelError, SolverError, DofError
         As `updyn.plant`; the message names the member and the values of its unknowns.
 
     Notes
     -----
-    The covariance is that of a Gaussian in the logarithms of factors and in loss factors as they are, the coordinates
-    of the fit. What falls beyond a bound is put on it: a loss factor that cannot be told from 0 is 0 in half of the
-    members, as in a bootstrap. Draws are in no need of that, nor of a likelihood that looks Gaussian.
+    The covariance is that of a Gaussian in the logarithms of factors and in loss factors as they
+    are, the coordinates of the fit. What falls beyond a bound is put on it: a loss factor that
+    cannot be told from 0 is 0 in half of the members, as in a bootstrap. Draws are in no need of
+    that, nor of a likelihood that looks Gaussian.
 
-    A spread says what the data leave unsure. It does not know of a wrong model (`UpdateResult.adequacy`).
+    A spread says what the data leave unsure. It does not know of a wrong model
+    (`UpdateResult.adequacy`).
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
@@ -288,7 +310,8 @@ def plant_family(
         try:
             members = making.members(values, nominal.route, made)
         except ModelError:
-            # What converts the damping of the nominal plant well enough may not do so for all; one route serves all.
+            # What converts the damping of the nominal plant well enough may not do so for all; one
+            # route serves all.
             if route != "auto" or nominal.route == _CLOSEST:
                 raise
             nominal = making.plant(own.model, _CLOSEST)
@@ -318,7 +341,9 @@ class _Making:
     options: Mapping[str, Any]
 
     def plant(self, model: Model, route: str) -> Plant:
-        return plant(model, self.inputs, self.outputs, self.band, self.tolerance, route=route, **self.options)
+        return plant(
+            model, self.inputs, self.outputs, self.band, self.tolerance, route=route, **self.options
+        )
 
     def members(self, values: _Real, route: str, engine: Engine) -> tuple[Plant, ...]:
         items = [(number, route, row) for number, row in enumerate(values)]
@@ -330,7 +355,10 @@ def _member(making: _Making, item: tuple[int, str, _Real]) -> Plant:
     try:
         return making.plant(making.parameters.apply(making.start, values), route)
     except (ModelError, SolverError) as error:
-        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(making.parameters.names, values, strict=True))
+        at = ", ".join(
+            f"{name} = {value:.6g}"
+            for name, value in zip(making.parameters.names, values, strict=True)
+        )
         raise type(error)(f"member {number} of the family ({at}): {error}") from error
 
 
@@ -338,16 +366,22 @@ def _chosen(result: UpdateResult | JointResult, test: str | None) -> UpdateResul
     if isinstance(result, JointResult):
         if test is None or test not in result.results:
             known = suggest(str(test), result.results)
-            raise OptionError(f"plant_family: test = {test!r}; which test's model is the plant's? {known}")
+            raise OptionError(
+                f"plant_family: test = {test!r}; which test's model is the plant's? {known}"
+            )
         own = result.results[test]
     elif not isinstance(result, UpdateResult):
-        raise OptionError(f"plant_family: expected the result of an update, found {type(result).__name__}")
+        raise OptionError(
+            f"plant_family: expected the result of an update, found {type(result).__name__}"
+        )
     elif test is not None:
         raise OptionError(f"plant_family: test = {test!r}; this update has one test only")
     else:
         own = result
     if own.status not in _ENDED:
-        raise OptionError(f"plant_family: the update has ended as {own.status!r}, not at a minimum: {own.message}")
+        raise OptionError(
+            f"plant_family: the update has ended as {own.status!r}, not at a minimum: {own.message}"
+        )
     return own
 
 
@@ -358,8 +392,9 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     if unsure:
         few = ", ".join(unsure[:6]) + (f" and {len(unsure) - 6} more" if len(unsure) > 6 else "")
         raise OptionError(
-            f"plant_family: the data do not determine {few}, so that nobody knows how far off the plant may be. "
-            f"{result.identifiability.advice} Or give draws= of a sampling, in which priors and bounds limit them."
+            f"plant_family: the data do not determine {few}, so that nobody knows how far off the"
+            f" plant may be. {result.identifiability.advice} Or give draws= of a sampling, in which"
+            " priors and bounds limit them."
         )
     coordinates = Coordinates(parameters)
     x = coordinates.to_x(np.array([result.values[name] for name in parameters.names]))
@@ -367,20 +402,30 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
     # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
-    z = np.array([np.random.default_rng((seed, number)).standard_normal(len(x)) for number in range(n)])
+    z = np.array(
+        [np.random.default_rng((seed, number)).standard_normal(len(x)) for number in range(n)]
+    )
     drawn = x + z @ root
     within = np.clip(drawn, *coordinates.bounds)
     share = (drawn != within).mean(axis=0)
     values = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
-    return values, {name: float(s) for name, s in zip(parameters.names, share, strict=True) if s > 0.0}
+    return values, {
+        name: float(s) for name, s in zip(parameters.names, share, strict=True) if s > 0.0
+    }
 
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:
     """Return draws thinned, shape (n, n_unknowns), what made them, and what is said of them."""
     if not isinstance(draws, Draws):
-        raise OptionError(f"plant_family: expected draws of a bootstrap or a sampling, found {type(draws).__name__}")
+        raise OptionError(
+            "plant_family: expected draws of a bootstrap or a sampling, found"
+            f" {type(draws).__name__}"
+        )
     known = draws.of(result)
     if len(known) < n:
-        raise OptionError(f"plant_family: {n} members of {len(known)} draws; make more draws, or ask for fewer members")
+        raise OptionError(
+            f"plant_family: {n} members of {len(known)} draws; make more draws, or ask for fewer"
+            " members"
+        )
     at = np.linspace(0, len(known) - 1, n).round().astype(np.intp)
     return known.values[at], known.kind, known.message

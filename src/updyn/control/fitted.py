@@ -1,10 +1,11 @@
 """Complex modes whose part in each output is fitted to the structure's answer over the band.
 
-Where damping is so strong that modes overlap, what `updyn.control.complex_modes` leaves out at negative frequencies is
-a smooth but not a small part of the answer in a band without a sharp peak. The poles stay as they are, and so does what
-the inputs do to them; the rows of the outputs, a feed-through and some real poles about the band are fitted by linear
-least squares to the answer, the residue step of vector fitting (B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery
-14 (1999) 1052-1061). Stable as before, and right in the band; outside of it no better than before.
+Where damping is so strong that modes overlap, what `updyn.control.complex_modes` leaves out at
+negative frequencies is a smooth but not a small part of the answer in a band without a sharp peak.
+The poles stay as they are, and so does what the inputs do to them; the rows of the outputs, a
+feed-through and some real poles about the band are fitted by linear least squares to the answer,
+the residue step of vector fitting (B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery 14 (1999)
+1052-1061). Stable as before, and right in the band; outside of it no better than before.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 #: The real poles lie up to this factor beyond the band.
 _BEYOND = 3.0
-#: Singular values below this share are left out: no large parts that cancel in the band and add up outside.
+#: Singular values below this share are left out: no large parts that cancel in the band and add up
+#: outside.
 _RANK = 1e-7
 
 
@@ -85,10 +87,17 @@ class Fitted:
         poles = self.base.poles[kept]
         up = right / (s[:, None, None] - poles[:, None])
         down = right.conj() / (s[:, None, None] - poles.conj()[:, None])
-        pairs = np.stack([up + down, 1j * (up - down)], axis=2).reshape(len(s), 2 * len(poles), len(right.T)) / 2.0
+        pairs = (
+            np.stack([up + down, 1j * (up - down)], axis=2).reshape(
+                len(s), 2 * len(poles), len(right.T)
+            )
+            / 2.0
+        )
         own = self.extra / (s[:, None] + self.extra)
         eye = np.eye(right.shape[1])
-        return np.concatenate([pairs, (own[:, :, None, None] * eye).reshape(len(s), -1, right.shape[1])], axis=1)
+        return np.concatenate(
+            [pairs, (own[:, :, None, None] * eye).reshape(len(s), -1, right.shape[1])], axis=1
+        )
 
     def _fit(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
         """Return the rows of the outputs on these states, and the feed-through."""
@@ -96,15 +105,23 @@ class Fitted:
         states = self._states(kept, target.freq)
         wanted = target.values - self.base.slow_response(imaginary(target.freq))
         weight = 1.0 / np.maximum(target.broad, np.abs(target.values))
-        rows, through = np.zeros((len(self.base.powers), states.shape[1])), np.zeros((len(self.base.powers), n_u))
+        rows, through = (
+            np.zeros((len(self.base.powers), states.shape[1])),
+            np.zeros((len(self.base.powers), n_u)),
+        )
         eye = np.broadcast_to(np.eye(n_u), (len(states), n_u, n_u))
         for i, power in enumerate(self.base.powers):
-            known = states if power == 1 else np.concatenate([states, eye], axis=1)  # no velocity jumps
+            known = (
+                states if power == 1 else np.concatenate([states, eye], axis=1)
+            )  # no velocity jumps
             A = (known * weight[:, i, None, :]).transpose(0, 2, 1).reshape(-1, known.shape[1])
             b = (wanted[:, i] * weight[:, i]).ravel()
             real = np.vstack([A.real, A.imag])
             scale = np.maximum(np.linalg.norm(real, axis=0), 1e-300)
-            found = np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=_RANK)[0] / scale
+            found = (
+                np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=_RANK)[0]
+                / scale
+            )
             rows[i] = found[: states.shape[1]]
             if power != 1:
                 through[i] = found[states.shape[1] :]

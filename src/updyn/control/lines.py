@@ -70,14 +70,19 @@ def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
 
 
 def dense_lines(
-    sharp: Iterable[_Complex], others: Iterable[_Complex], low: float, high: float, per_decade: int = _PER_DECADE
+    sharp: Iterable[_Complex],
+    others: Iterable[_Complex],
+    low: float,
+    high: float,
+    per_decade: int = _PER_DECADE,
 ) -> _Real:
     """Return lines that follow every resonance and antiresonance.
 
     Parameters
     ----------
     sharp, others : iterable of ndarray of complex
-        Poles and zeros in rad/s: those about which a response peaks, and those that it merely passes.
+        Poles and zeros in rad/s: those about which a response peaks, and those that it merely
+        passes.
     low, high : float
         First and last line in Hz.
     per_decade : int

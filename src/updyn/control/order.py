@@ -12,7 +12,8 @@ from updyn.control.target import Target
 
 __all__ = ["Kept", "fewest"]
 
-#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all its modes reach.
+#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all
+#: its modes reach.
 _SHORT = 1.2
 
 
@@ -48,13 +49,16 @@ class Kept:
         return float(self.errors[:2].max())
 
 
-def fewest(conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False) -> Kept:
+def fewest(
+    conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False
+) -> Kept:
     """Find the fewest candidates that answer within a tolerance. What lies below the band is always kept.
 
-    Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a share of the peak of
-    its channel (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems, Measurement, and Control 102 (1980) 151-158, in
-    the largest instead of the mean square). Double integrators are always kept and need no Gramian. The number comes by
-    bisection, and single ones are then left out as long as the tolerance holds.
+    Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a
+    share of the peak of its channel (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,
+    Measurement, and Control 102 (1980) 151-158, in the largest instead of the mean square). Double
+    integrators are always kept and need no Gramian. The number comes by bisection, and single ones
+    are then left out as long as the tolerance holds.
 
     Parameters
     ----------
@@ -65,8 +69,8 @@ def fewest(conversion: Conversion, target: Target, tolerance: float, *, lenient:
     tolerance : float
         On the error and on the height of resonances.
     lenient : bool
-        False: all of `Target.judged` has to be within the tolerance. True: what a plant states, and of the rest what
-        all candidates together reach.
+        False: all of `Target.judged` has to be within the tolerance. True: what a plant states, and
+        of the rest what all candidates together reach.
 
     Returns
     -------
@@ -109,5 +113,7 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _judged(conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]) -> Kept:
+def _judged(
+    conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]
+) -> Kept:
     return Kept(conversion, mask, target.judged(conversion.response(mask, target.freq)), limits)

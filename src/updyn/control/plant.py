@@ -74,17 +74,19 @@ class Plant:
     input_ports, output_ports : tuple of Port
         What u and y are.
     quantities : tuple of str
-        Of each output: ``"receptance"`` (a displacement), ``"mobility"`` (a velocity) or ``"accelerance"``.
+        Of each output: ``"receptance"`` (a displacement), ``"mobility"`` (a velocity) or
+        ``"accelerance"``.
     band : (float, float)
         Lowest and highest line in Hz for which it was made.
     tolerance : float
         What was asked of `error`.
     error : float
-        Largest error of a channel in the band, as a share of its peak there, against the model with its structural
-        damping, line by line.
+        Largest error of a channel in the band, as a share of its peak there, against the model with
+        its structural damping, line by line.
     peak_error : float
-        Largest error of the height of a resonance in the band, as a share of it. Those from a tenth of the channel's
-        peak count; where rigid-body motion hides them, `facts` have that of the accelerations.
+        Largest error of the height of a resonance in the band, as a share of it. Those from a tenth
+        of the channel's peak count; where rigid-body motion hides them, `facts` have that of the
+        accelerations.
     route : str
         How the damping was converted.
     rigid : int
@@ -119,7 +121,13 @@ class Plant:
 
     def __post_init__(self) -> None:
         n, n_u, n_y = len(self.A), len(self.input_ports), len(self.output_ports)
-        for name, shape in (("A", (n, n)), ("B", (n, n_u)), ("C", (n_y, n)), ("D", (n_y, n_u)), ("modes", None)):
+        for name, shape in (
+            ("A", (n, n)),
+            ("B", (n, n_u)),
+            ("C", (n_y, n)),
+            ("D", (n_y, n_u)),
+            ("modes", None),
+        ):
             array = np.array(getattr(self, name), dtype=np.float64)
             if shape is not None and array.shape != shape:
                 raise ModelError(f"plant: {name} has shape {array.shape}; expected {shape}")
@@ -132,13 +140,15 @@ class Plant:
         for quantity in self.quantities:
             check_quantity(quantity)
         if self.dt is not None and not 0.0 < self.dt < np.inf:
-            raise ModelError(f"plant: sampling interval {self.dt!r} s; expected a finite number above 0, or None")
+            raise ModelError(
+                f"plant: sampling interval {self.dt!r} s; expected a finite number above 0, or None"
+            )
 
     def __repr__(self) -> str:
         sampled = "" if self.dt is None else f", sampled every {self.dt:g} s"
         return (
-            f"Plant({self.n_states} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs, "
-            f"error {self.error:.2g} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
+            f"Plant({self.n_states} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs,"
+            f" error {self.error:.2g} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
         )
 
     @property
@@ -164,7 +174,9 @@ class Plant:
     @property
     def output_units(self) -> tuple[str, ...]:
         """Units of the outputs."""
-        return tuple(p.motion_unit(q) for p, q in zip(self.output_ports, self.quantities, strict=True))
+        return tuple(
+            p.motion_unit(q) for p, q in zip(self.output_ports, self.quantities, strict=True)
+        )
 
     @property
     def poles(self) -> _Complex:
@@ -186,16 +198,19 @@ class Plant:
         Raises
         ------
         DataError
-            If a line is negative, not finite, out of order, above half the sampling rate, or on a pole: 0 Hz of a
-            plant with rigid-body motion.
+            If a line is negative, not finite, out of order, above half the sampling rate, or on a
+            pole: 0 Hz of a plant with rigid-body motion.
         """
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
         if self.dt is not None and lines[-1] > 0.5 / self.dt * (1 + 1e-12):
             raise DataError(
-                f"line {lines[-1]:g} Hz lies above half the sampling rate of the plant, {0.5 / self.dt:g} Hz"
+                f"line {lines[-1]:g} Hz lies above half the sampling rate of the plant,"
+                f" {0.5 / self.dt:g} Hz"
             )
         s = 2j * np.pi * lines
-        return PlantResponse(lines, self.at(s if self.dt is None else np.exp(s * self.dt)), self.outputs, self.inputs)
+        return PlantResponse(
+            lines, self.at(s if self.dt is None else np.exp(s * self.dt)), self.outputs, self.inputs
+        )
 
     def at(self, s: ArrayLike) -> _Complex:
         """Return C (s I - A)^-1 B + D.
@@ -221,7 +236,9 @@ class Plant:
             try:
                 out[i] = self.C @ np.linalg.solve(point * eye - self.A, self.B) + self.D
             except np.linalg.LinAlgError as error:
-                raise DataError(f"the plant has a pole at s = {point:.6g}: its response there is not finite") from error
+                raise DataError(
+                    f"the plant has a pole at s = {point:.6g}: its response there is not finite"
+                ) from error
         return out
 
     def channel(self, output: str, input: str) -> Plant:
@@ -242,7 +259,8 @@ class Plant:
             If there is none of that name; the nearest is named.
         """
         i, j = (
-            _position(n, names, w) for n, names, w in ((output, self.outputs, "output"), (input, self.inputs, "input"))
+            _position(n, names, w)
+            for n, names, w in ((output, self.outputs, "output"), (input, self.inputs, "input"))
         )
         return replace(
             self,

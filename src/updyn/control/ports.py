@@ -21,8 +21,9 @@ __all__ = ["Port", "as_ports", "port_matrix"]
 class Port:
     """A force that acts on DOFs, or a motion that is read from them.
 
-    As an input, one unit of it puts `weights` on the DOFs, as forces (N) or moments (N m). As an output it is the
-    sum of weight times motion. An input and an output of one port are power conjugate.
+    As an input, one unit of it puts `weights` on the DOFs, as forces (N) or moments (N m). As an
+    output it is the sum of weight times motion. An input and an output of one port are power
+    conjugate.
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ class Port:
     Raises
     ------
     OptionError
-        If the name is empty, a weight is not a finite number, all are 0, or translations and rotations are mixed and
-        `rotation` does not say what comes of them.
+        If the name is empty, a weight is not a finite number, all are 0, or translations and
+        rotations are mixed and `rotation` does not say what comes of them.
     DofError
         If a label cannot be read, or two are of one DOF.
     """
@@ -50,21 +51,29 @@ class Port:
         if not isinstance(self.name, str) or not self.name.strip():
             raise OptionError(f"port: name {self.name!r}; expected a text")
         if not isinstance(self.weights, Mapping) or not self.weights:
-            raise OptionError(f"port {self.name!r}: expected weights by DOF, found {self.weights!r}")
+            raise OptionError(
+                f"port {self.name!r}: expected weights by DOF, found {self.weights!r}"
+            )
         DofSet(self.weights)
         for label, weight in self.weights.items():
             if not is_number(weight) or not np.isfinite(weight):
-                raise OptionError(f"port {self.name!r}: weight of {label} is {weight!r}; expected a finite number")
+                raise OptionError(
+                    f"port {self.name!r}: weight of {label} is {weight!r}; expected a finite number"
+                )
         if not any(self.weights.values()):
             raise OptionError(f"port {self.name!r}: all weights are 0")
         kinds = {label.rpartition(":")[2].lstrip("+-").startswith("R") for label in self.weights}
         if self.rotation is None and len(kinds) > 1:
             raise OptionError(
-                f"port {self.name!r} mixes translations and rotations ({', '.join(self.weights)}); say rotation=True "
-                "or rotation=False for what comes of them"
+                f"port {self.name!r} mixes translations and rotations ({', '.join(self.weights)});"
+                " say rotation=True or rotation=False for what comes of them"
             )
-        object.__setattr__(self, "weights", MappingProxyType({k: float(w) for k, w in self.weights.items()}))
-        object.__setattr__(self, "rotation", kinds.pop() if self.rotation is None else bool(self.rotation))
+        object.__setattr__(
+            self, "weights", MappingProxyType({k: float(w) for k, w in self.weights.items()})
+        )
+        object.__setattr__(
+            self, "rotation", kinds.pop() if self.rotation is None else bool(self.rotation)
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         return Port, (self.name, dict(self.weights), self.rotation)
@@ -91,17 +100,18 @@ class Port:
     def geared(cls, dof: str | Dof, ratio: float, name: str | None = None) -> Port:
         """Return the port of a shaft as seen from the other side of a gear train.
 
-        The motor (angle theta, torque T) of a drive that turns `ratio` times as fast as the load reads theta / ratio
-        on the load's side and gives T ratio there: both are the motor's DOF with the weight 1 / ratio. So is the load
-        seen from the motor with 1 / ratio given as the ratio.
+        The motor (angle theta, torque T) of a drive that turns `ratio` times as fast as the load
+        reads theta / ratio on the load's side and gives T ratio there: both are the motor's DOF
+        with the weight 1 / ratio. So is the load seen from the motor with 1 / ratio given as the
+        ratio.
 
         Parameters
         ----------
         dof : str or Dof
             Of the shaft.
         ratio : float
-            Turns of the shaft for one turn of the side it is seen from; negative where the sense of rotation is
-            reversed.
+            Turns of the shaft for one turn of the side it is seen from; negative where the sense of
+            rotation is reversed.
         name : str, optional
             By default the label with the ratio.
 
@@ -136,7 +146,11 @@ class Port:
         -------
         str
         """
-        return ("rad" if self.rotation else "m") + {"receptance": "", "mobility": "/s", "accelerance": "/s2"}[quantity]
+        return ("rad" if self.rotation else "m") + {
+            "receptance": "",
+            "mobility": "/s",
+            "accelerance": "/s2",
+        }[quantity]
 
 
 def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) -> tuple[Port, ...]:
@@ -169,7 +183,9 @@ def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) ->
     return ports
 
 
-def port_matrix(ports: tuple[Port, ...], model: Model, what: str) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def port_matrix(
+    ports: tuple[Port, ...], model: Model, what: str
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the DOFs of a model that ports touch, and their weights.
 
     Parameters
@@ -202,5 +218,7 @@ def port_matrix(ports: tuple[Port, ...], model: Model, what: str) -> tuple[NDArr
     index = np.unique(np.concatenate([m.index for m in matches]))
     weights = np.zeros((len(ports), len(index)))
     for row, (port, match) in enumerate(zip(ports, matches, strict=True)):
-        weights[row, np.searchsorted(index, match.index)] = match.sign * np.array(list(port.weights.values()))
+        weights[row, np.searchsorted(index, match.index)] = match.sign * np.array(
+            list(port.weights.values())
+        )
     return index, weights

@@ -30,8 +30,9 @@ def to_control(plant: Plant) -> control.StateSpace:
     Returns
     -------
     control.StateSpace
-        ``dt`` is 0 for a continuous plant and the sampling interval in s for a sampled one, whatever the default of
-        python-control is set to; no state is removed. python-control has no dots in names: each becomes ``_``.
+        ``dt`` is 0 for a continuous plant and the sampling interval in s for a sampled one,
+        whatever the default of python-control is set to; no state is removed. python-control has no
+        dots in names: each becomes ``_``.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def _names(names: Sequence[str], what: str) -> list[str]:
     for i, name in enumerate(out):
         if name in out[:i]:
             raise OptionError(
-                f"{what} {names[out.index(name)]!r} and {names[i]!r} are one name to python-control, which has no dots "
-                "in names; give one of the ports another name"
+                f"{what} {names[out.index(name)]!r} and {names[i]!r} are one name to"
+                " python-control, which has no dots in names; give one of the ports another name"
             )
     return out

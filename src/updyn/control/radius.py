@@ -11,7 +11,15 @@ from updyn.control.plant import Plant
 from updyn.control.weight_fit import Bound
 from updyn.errors import ModelError
 
-__all__ = ["channels_of", "closest", "family_lines", "floors_of", "radius_of", "refuse_unbounded", "refuse_undamped"]
+__all__ = [
+    "channels_of",
+    "closest",
+    "family_lines",
+    "floors_of",
+    "radius_of",
+    "refuse_unbounded",
+    "refuse_undamped",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -50,14 +58,14 @@ def refuse_undamped(roots: list[_Complex]) -> None:
         moving = size > _STILL * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
         if (poles.real[moving] > _UNDAMPED * size[moving]).any():
             raise ModelError(
-                f"{_name(number)} has a pole in the right half plane: a bound on the distance is not enough to tell "
-                "stability then"
+                f"{_name(number)} has a pole in the right half plane: a bound on the distance is"
+                " not enough to tell stability then"
             )
         bad = np.flatnonzero(moving & (np.abs(poles.real) <= _UNDAMPED * size))
         if bad.size:
             raise ModelError(
-                f"{_name(number)} has an undamped resonance at {size[bad[0]] / (2 * np.pi):.6g} Hz, where the distance "
-                "to it has no bound; give the model damping"
+                f"{_name(number)} has an undamped resonance at {size[bad[0]] / (2 * np.pi):.6g} Hz,"
+                " where the distance to it has no bound; give the model damping"
             )
 
 
@@ -117,25 +125,31 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
         for f in bad:
             if radius_of(family, np.array([f * (1 + 1e-9)]), kind)[0, i, j] > 1e3:
                 raise ModelError(
-                    f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant has an undamped antiresonance at "
-                    f"{f:.6g} Hz, where the multiplicative radius has no bound; use kind='additive'"
+                    f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant has an undamped"
+                    f" antiresonance at {f:.6g} Hz, where the multiplicative radius has no bound;"
+                    " use kind='additive'"
                 )
         if not np.isfinite(radius[:, i, j]).all():
             at = lines[np.flatnonzero(~np.isfinite(radius[:, i, j]))[0]]
             raise ModelError(
-                f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant does not answer at {at:.6g} Hz while "
-                "members do: the multiplicative radius has no bound; use kind='additive'"
+                f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant does not answer at"
+                f" {at:.6g} Hz while members do: the multiplicative radius has no bound; use"
+                " kind='additive'"
             )
 
 
 def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
     """Return the floor of each channel; 0 where the members are the nominal plant."""
     peak = radius.max(axis=0)
-    plain = np.full(peak.shape, family.nominal.tolerance) if kind == "multiplicative" else 1e-3 * peak
+    plain = (
+        np.full(peak.shape, family.nominal.tolerance) if kind == "multiplicative" else 1e-3 * peak
+    )
     return np.where(peak > 0.0, plain if floor is None else floor, 0.0)
 
 
-def closest(lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float) -> _Real:
+def closest(
+    lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float
+) -> _Real:
     """Return lines between those there are, where a weight comes closest to what it bounds.
 
     Parameters

@@ -22,7 +22,8 @@ _Complex = NDArray[np.complex128]
 _Matrices = tuple[_Real, _Real, _Real, _Real]
 
 _METHODS = ("zoh", "tustin")
-#: A delay so close to a whole number of intervals, in intervals, is meant to be whole (0.003 / 0.001 is not 3).
+#: A delay so close to a whole number of intervals, in intervals, is meant to be whole (0.003 /
+#: 0.001 is not 3).
 _WHOLE = 1e-9
 #: Dense matrices of more states than this do not fit.
 _MOST_STATES = 2000
@@ -32,7 +33,14 @@ _LINES = 400
 _SINGULAR = 1e-9
 
 
-def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *, prewarp: float | None = None) -> Plant:
+def sampled(
+    plant: Plant,
+    dt: float,
+    method: str = "zoh",
+    delay: float = 0.0,
+    *,
+    prewarp: float | None = None,
+) -> Plant:
     """Return a plant that is sampled: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
 
     Parameters
@@ -42,38 +50,41 @@ def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *,
     dt : float
         Sampling interval in s.
     method : {"zoh", "tustin"}
-        ``"zoh"``: the input is held over each interval, as the converter of a drive does; exact at the samples.
-        ``"tustin"``: s = 2 (z - 1) / (dt (z + 1)), without a hold: for a plant that is to be compared with a
-        continuous one, or is not driven by a converter.
+        ``"zoh"``: the input is held over each interval, as the converter of a drive does; exact at
+        the samples. ``"tustin"``: s = 2 (z - 1) / (dt (z + 1)), without a hold: for a plant that is
+        to be compared with a continuous one, or is not driven by a converter.
     delay : float
-        Time in s by which the input acts late (computation, transport, current loop), of any length. Each interval
-        begun adds one state for each input. Of ``"tustin"`` a whole number of intervals.
+        Time in s by which the input acts late (computation, transport, current loop), of any
+        length. Each interval begun adds one state for each input. Of ``"tustin"`` a whole number of
+        intervals.
     prewarp : float, optional
         Frequency in Hz at which ``"tustin"`` has the response of the continuous plant exactly.
 
     Returns
     -------
     Plant
-        With `Plant.dt`, and with `Plant.delay` the intervals of delay, a begun one counted as whole. What `Plant.error`
-        says stays that of the continuous one. ``facts["sampling"]`` holds ``method``, ``dt``, ``delay`` (in s),
-        ``prewarp`` (in Hz or None), ``deviation`` and ``deviation_without_hold``: the largest difference of a channel
-        in the band from hold x continuous plant x exp(-s delay), and from the same without the hold, both measured line
-        by line, as shares of the channel's peak there; and ``above_nyquist``: natural frequencies in Hz that lie above
-        half the sampling rate and appear in the band as others.
+        With `Plant.dt`, and with `Plant.delay` the intervals of delay, a begun one counted as
+        whole. What `Plant.error` says stays that of the continuous one. ``facts["sampling"]`` holds
+        ``method``, ``dt``, ``delay`` (in s), ``prewarp`` (in Hz or None), ``deviation`` and
+        ``deviation_without_hold``: the largest difference of a channel in the band from hold x
+        continuous plant x exp(-s delay), and from the same without the hold, both measured line by
+        line, as shares of the channel's peak there; and ``above_nyquist``: natural frequencies in
+        Hz that lie above half the sampling rate and appear in the band as others.
 
     Raises
     ------
     OptionError
-        If the plant is sampled already, `dt` is not above 0, the band reaches above half the sampling rate, the method
-        is unknown, the delay is negative or cannot be had, `prewarp` is not within the band of the sampler, or the
-        plant has a pole where the substitution of ``"tustin"`` is singular (s = 2 / dt).
+        If the plant is sampled already, `dt` is not above 0, the band reaches above half the
+        sampling rate, the method is unknown, the delay is negative or cannot be had, `prewarp` is
+        not within the band of the sampler, or the plant has a pole where the substitution of
+        ``"tustin"`` is singular (s = 2 / dt).
 
     Notes
     -----
-    Hold: exponential of the matrix augmented with the input (Van Loan 1978, IEEE Trans. Autom. Control 23, p. 395), no
-    inverse of A. Delay by a part of an interval: the input changes once within each interval (Franklin, Powell &
-    Workman, Digital Control of Dynamic Systems, 3rd ed., section 4.3). Bilinear substitution and prewarping: ibid.,
-    chapter 6.
+    Hold: exponential of the matrix augmented with the input (Van Loan 1978, IEEE Trans. Autom.
+    Control 23, p. 395), no inverse of A. Delay by a part of an interval: the input changes once
+    within each interval (Franklin, Powell & Workman, Digital Control of Dynamic Systems, 3rd ed.,
+    section 4.3). Bilinear substitution and prewarping: ibid., chapter 6.
 
     Examples
     --------
@@ -85,13 +96,16 @@ def sampled(plant: Plant, dt: float, method: str = "zoh", delay: float = 0.0, *,
     whole, part = _intervals(delay, interval, len(plant.inputs), plant.n_states)
     if method == "zoh":
         if prewarp is not None:
-            raise OptionError("prewarp is of method 'tustin'; a held input is exact at every frequency")
+            raise OptionError(
+                "prewarp is of method 'tustin'; a held input is exact at every frequency"
+            )
         prompt = _held(plant, interval, part)
     else:
         if part:
             raise OptionError(
-                f"delay {delay:g} s is {delay / interval:g} intervals of {interval:g} s; method 'tustin' takes a whole "
-                f"number of them, nearest {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
+                f"delay {delay:g} s is {delay / interval:g} intervals of {interval:g} s; method"
+                " 'tustin' takes a whole number of them, nearest"
+                f" {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
             )
         prompt = _tustin(plant, interval, prewarp)
     warped = None if prewarp is None else float(prewarp)
@@ -114,13 +128,16 @@ def _replaced(plant: Plant, matrices: _Matrices, **more: Any) -> Plant:
 # -- what is asked for -------------------------------------------------------------------------------------
 def _interval(plant: Plant, dt: float) -> float:
     if plant.dt is not None:
-        raise OptionError(f"the plant is sampled already, every {plant.dt:g} s; sample the continuous one")
+        raise OptionError(
+            f"the plant is sampled already, every {plant.dt:g} s; sample the continuous one"
+        )
     if not is_number(dt) or not np.isfinite(dt) or dt <= 0:
         raise OptionError(f"dt is {dt!r}; expected a sampling interval in s, above 0")
     if plant.band[1] > 0.5 / dt:
         raise OptionError(
-            f"the band of the plant reaches to {plant.band[1]:g} Hz, but half the sampling rate is {0.5 / dt:g} Hz; "
-            f"sample every {0.5 / plant.band[1]:.4g} s or faster, or make the plant for a narrower band"
+            f"the band of the plant reaches to {plant.band[1]:g} Hz, but half the sampling rate is"
+            f" {0.5 / dt:g} Hz; sample every {0.5 / plant.band[1]:.4g} s or faster, or make the"
+            " plant for a narrower band"
         )
     return float(dt)
 
@@ -131,11 +148,16 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
         raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
     count = float(delay) / dt
     near = round(count)
-    whole, part = (near, 0.0) if abs(count - near) <= _WHOLE else (math.floor(count), count - math.floor(count))
+    whole, part = (
+        (near, 0.0)
+        if abs(count - near) <= _WHOLE
+        else (math.floor(count), count - math.floor(count))
+    )
     if n_states + (whole + 1) * n_inputs > _MOST_STATES:
         raise OptionError(
-            f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input and interval the "
-            f"plant would have more than {_MOST_STATES} states; is the delay in s?"
+            f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input"
+            f" and interval the plant would have more than {_MOST_STATES} states; is the delay"
+            " in s?"
         )
     return whole, part
 
@@ -160,7 +182,8 @@ def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
     n, m = B.shape
     if n == 0:
         return A, B
-    # Powers of 2, so that nothing is rounded: of the states, which are lengths beside speeds, and of the inputs.
+    # Powers of 2, so that nothing is rounded: of the states, which are lengths beside speeds, and
+    # of the inputs.
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
     scaled = B / scale[:, None]
     size, wanted = np.abs(scaled).max(axis=0), max(float(np.abs(balanced).max()), 1.0)
@@ -176,8 +199,8 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
     if prewarp is not None:
         if not is_number(prewarp) or not 0 < prewarp < 0.5 / dt:
             raise OptionError(
-                f"prewarp is {prewarp!r}; expected a frequency in Hz above 0 and below half the sampling rate, "
-                f"{0.5 / dt:g} Hz"
+                f"prewarp is {prewarp!r}; expected a frequency in Hz above 0 and below half the"
+                f" sampling rate, {0.5 / dt:g} Hz"
             )
         omega = 2 * np.pi * prewarp
         step = 2 * math.tan(omega * dt / 2) / omega
@@ -186,8 +209,9 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
     if singular.any():
         pole = poles[singular][0].real
         raise OptionError(
-            f"the plant has a pole at s = {pole:g} rad/s, where the substitution of method 'tustin' is singular "
-            f"(2 / dt{', prewarped' if prewarp is not None else ''}); choose another dt, or method 'zoh'"
+            f"the plant has a pole at s = {pole:g} rad/s, where the substitution of method 'tustin'"
+            f" is singular (2 / dt{', prewarped' if prewarp is not None else ''}); choose another"
+            " dt, or method 'zoh'"
         )
     eye = np.eye(plant.n_states)
     left = eye - 0.5 * step * plant.A
@@ -218,7 +242,8 @@ def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
 def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
     """Measure how far the sampled response is from that of the continuous plant, as shares of the channels' peaks.
 
-    `prompt` lacks the whole intervals of the delay: powers of z, whose states would cost a solution at each line.
+    `prompt` lacks the whole intervals of the delay: powers of z, whose states would cost a solution
+    at each line.
     """
     assert prompt.dt is not None
     s = 2j * np.pi * _lines(plant)
@@ -226,7 +251,9 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
     try:
         exact = plant.at(s) * np.exp(-s * delay)[:, None, None]
         found = prompt.at(np.exp(step)) * np.exp(-whole * step)[:, None, None]
-    except DataError:  # a pole without damping in the band: no line of it has a peak to compare with
+    except (
+        DataError
+    ):  # a pole without damping in the band: no line of it has a peak to compare with
         figures = {"deviation": math.nan, "deviation_without_hold": math.nan}
     else:
         hold = (-np.expm1(-step) / step)[:, None, None]
@@ -243,8 +270,12 @@ def _lines(plant: Plant) -> _Real:
     low, high = plant.band
     start = max(low, 1e-3 * high)
     poles = plant.poles[(plant.poles.imag > 0) & (plant.poles.real < 0)]
-    peaks = np.concatenate([poles.imag, poles.imag + poles.real, poles.imag - poles.real]) / (2 * np.pi)
-    lines = np.concatenate([np.linspace(start, high, _LINES // 2), np.geomspace(start, high, _LINES // 2), peaks])
+    peaks = np.concatenate([poles.imag, poles.imag + poles.real, poles.imag - poles.real]) / (
+        2 * np.pi
+    )
+    lines = np.concatenate(
+        [np.linspace(start, high, _LINES // 2), np.geomspace(start, high, _LINES // 2), peaks]
+    )
     return np.unique(lines[(lines >= start) & (lines <= high)])
 
 

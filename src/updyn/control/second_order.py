@@ -1,12 +1,14 @@
 """Real modes with a real damping matrix: q'' + C q' + Omega^2 q = Phi_u^T u, y = Phi_y q.
 
-Structural damping is not causal as it stands: iD has no counterpart in time. In real modes it becomes
+Structural damping is not causal as it stands: iD has no counterpart in time. In real modes it
+becomes
 
     C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s),
 
-which equals D at resonance, keeps it symmetric and positive semidefinite (so that every pole is stable and the plant
-passive), and couples the modes as D does. Its diagonal alone, the usual modal damping ratios, loses that coupling; D
-divided by one frequency is right at that frequency only. A loss factor with a table is taken at sqrt(f_r f_s).
+which equals D at resonance, keeps it symmetric and positive semidefinite (so that every pole is
+stable and the plant passive), and couples the modes as D does. Its diagonal alone, the usual modal
+damping ratios, loses that coupling; D divided by one frequency is right at that frequency only. A
+loss factor with a table is taken at sqrt(f_r f_s).
 """
 
 from __future__ import annotations
@@ -62,7 +64,9 @@ class SecondOrder:
         space, s = self.space, imaginary(freq)
         square = np.where(self.always, 1.0, space.omega**2)
         with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
-            own = 1.0 / (square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)  # (n_f, r)
+            own = 1.0 / (
+                square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2
+            )  # (n_f, r)
         size = rates(self.powers, s)[:, :, 0]
         out = np.empty((len(space), len(space.outputs), len(space.inputs)))
         for i, power in enumerate(self.powers):
@@ -88,8 +92,12 @@ class SecondOrder:
         size = np.abs(rates(self.powers, s)[:, :, 0])
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
             own = np.abs(1.0 / (square + s[:, None] * np.diag(self.damping) + s[:, None] ** 2))
-        peak = np.stack([np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))])
-        return np.asarray(np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2)))
+        peak = np.stack(
+            [np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))]
+        )
+        return np.asarray(
+            np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2))
+        )
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""
@@ -97,7 +105,9 @@ class SecondOrder:
         Z = s[:, None, None] * self.damping[np.ix_(kept, kept)]
         at = np.arange(int(kept.sum()))
         Z[:, at, at] += space.omega[kept] ** 2 + s[:, None] ** 2
-        q = np.linalg.solve(Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs))))
+        q = np.linalg.solve(
+            Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
+        )
         return (space.outputs[:, kept] @ q) * rates(self.powers, s) + self._static(kept)
 
     def _static(self, kept: NDArray[np.bool_]) -> _Real:
@@ -119,7 +129,9 @@ class SecondOrder:
         displacement = np.hstack([shapes_out / scale, np.zeros_like(shapes_out)])
         velocity = np.hstack([np.zeros_like(shapes_out), shapes_out])
         acceleration = shapes_out @ A[n:]
-        C = np.stack([displacement, velocity, acceleration])[self.powers, np.arange(len(self.powers))]
+        C = np.stack([displacement, velocity, acceleration])[
+            self.powers, np.arange(len(self.powers))
+        ]
         D = np.where((self.powers == 2)[:, None], shapes_out @ shapes_in.T, self._static(kept))
         return A, B, C, D
 
@@ -139,7 +151,9 @@ def full(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
 
 def diagonal(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
     """Return the modes with its diagonal alone: a damping ratio each."""
-    return SecondOrder("diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers)
+    return SecondOrder(
+        "diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers
+    )
 
 
 def single_frequency(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:

@@ -1,7 +1,8 @@
 """`ModalSpace`: a structure in its real modes, small enough for control: frequencies, shapes at the ports, damping.
 
-Small models are taken as they are. Of large ones the motions are those of a reduced model that is proved to its
-accuracy over the band (`updyn.dynamics.reduced`), so that what lies above the band, residual flexibility, is in it too.
+Small models are taken as they are. Of large ones the motions are those of a reduced model that is
+proved to its accuracy over the band (`updyn.dynamics.reduced`), so that what lies above the band,
+residual flexibility, is in it too.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ _Real = NDArray[np.float64]
 
 #: Models up to this many DOFs are taken as they are.
 _WHOLE = 300
-#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is small beside that of
-#: the motor, of which the error is a share.
+#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
+#: small beside that of the motor, of which the error is a share.
 _ACCURACY = 1e-8
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
@@ -119,7 +120,9 @@ class ModalSpace:
         """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid-body modes."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
-            own = sum(float(p.relative(self.omega[[i]] / _TWO_PI)[0]) * p.matrix[i, i] for p in self.lossy)
+            own = sum(
+                float(p.relative(self.omega[[i]] / _TWO_PI)[0]) * p.matrix[i, i] for p in self.lossy
+            )
             out[i] = own / self.omega[i] ** 2 + self.viscous[i, i] / self.omega[i]
         return out
 
@@ -173,19 +176,27 @@ def modal_space(
     at_inputs, weights_in = port_matrix(inputs, model, "input")
     at_outputs, weights_out = port_matrix(outputs, model, "output")
     system = AffineSystem.compile(model)
-    matrices, at, source, solver = _projected(system, at_inputs, at_outputs, band, backend, accuracy)
+    matrices, at, source, solver = _projected(
+        system, at_inputs, at_outputs, band, backend, accuracy
+    )
     totals = {q: np.zeros_like(matrices[0]) for q in ("stiffness", "mass", "viscous")}
-    for term, matrix, factor, rate in zip(system.terms, matrices, system.start.factor, system.start.rate, strict=True):
+    for term, matrix, factor, rate in zip(
+        system.terms, matrices, system.start.factor, system.start.rate, strict=True
+    ):
         totals[term.quantity] += factor * matrix
         if term.quantity != "viscous" and rate:
             totals["viscous"] += factor * rate * matrix
     rigid = _rigid_count(model)
     omega, shapes = _modes(totals["stiffness"], totals["mass"], rigid, band)
     lossy = []
-    for term, matrix, factor, loss in zip(system.terms, matrices, system.start.factor, system.start.loss, strict=True):
+    for term, matrix, factor, loss in zip(
+        system.terms, matrices, system.start.factor, system.start.loss, strict=True
+    ):
         if loss:
             own = shapes.T @ (factor * loss * matrix) @ shapes
-            own[:rigid] = own[:, :rigid] = 0.0  # a rigid-body motion strains nothing; what stands there is rounding
+            own[:rigid] = own[:, :rigid] = (
+                0.0  # a rigid-body motion strains nothing; what stands there is rounding
+            )
             lossy.append(Lossy(term.group, own, term.table))
     viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
     return ModalSpace(
@@ -208,16 +219,23 @@ def _projected(
         for term in system.terms:
             whole = np.zeros((system.n, system.n))
             local = term.local
-            whole[np.ix_(term.rows, term.rows)] = local if isinstance(local, np.ndarray) else local.toarray()
+            whole[np.ix_(term.rows, term.rows)] = (
+                local if isinstance(local, np.ndarray) else local.toarray()
+            )
             matrices.append(whole)
-        return matrices, lambda dofs: np.eye(system.n)[dofs], f"all {system.n} motions of the model", None
+        return (
+            matrices,
+            lambda dofs: np.eye(system.n)[dofs],
+            f"all {system.n} motions of the model",
+            None,
+        )
     reduction = Reduction(system, at_outputs, at_inputs, band, check_backend(backend), accuracy)
     reduction.build(system.start)
     found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
     if found.error > accuracy:
         raise SolverError(
-            f"plant: {found.size} motions reach an error of {found.error:.1g} of the largest receptance of a line, not "
-            f"{accuracy:g}; narrow the band, or allow a larger accuracy="
+            f"plant: {found.size} motions reach an error of {found.error:.1g} of the largest"
+            f" receptance of a line, not {accuracy:g}; narrow the band, or allow a larger accuracy="
         )
     basis = reduction.basis
     said = f"{found.size} motions of a reduced model, error at most {found.error:.1g}"
@@ -230,7 +248,9 @@ def _rigid_count(model: Model) -> int:
     while True:
         try:
             found = modes(model, n)
-        except ModelError:  # fewer modes than that; the message says how many, and halving finds them
+        except (
+            ModelError
+        ):  # fewer modes than that; the message says how many, and halving finds them
             n -= 1
             if n == 0:
                 raise
@@ -246,14 +266,19 @@ def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_
     top = (_TWO_PI * band[1]) ** 2
     P = K + top * M
     try:
-        share, shapes = scipy.linalg.eigh(top * M, P)  # share = top / (lambda + top): 1 at rest, 0 without mass
+        share, shapes = scipy.linalg.eigh(
+            top * M, P
+        )  # share = top / (lambda + top): 1 at rest, 0 without mass
     except scipy.linalg.LinAlgError as error:
-        raise ModelError("plant: a motion has neither stiffness nor mass, or a negative one") from error
+        raise ModelError(
+            "plant: a motion has neither stiffness nor mass, or a negative one"
+        ) from error
     share, shapes = share[::-1], shapes[:, ::-1]
     if share[0] > 1.0 + _UNSTABLE:
         raise ModelError(
-            f"plant: the stiffness is indefinite (omega^2 = {top * (1.0 / share[0] - 1.0):.3g} 1/s2 of a mode), so "
-            "that the structure does not stand by itself and no stable plant can be had of it"
+            f"plant: the stiffness is indefinite (omega^2 = {top * (1.0 / share[0] - 1.0):.3g} 1/s2"
+            " of a mode), so that the structure does not stand by itself and no stable plant can"
+            " be had of it"
         )
     least = 1.0 / (1.0 + _STIFF**2)
     share = np.clip(share, least, 1.0)

@@ -38,16 +38,19 @@ class Target:
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     values : ndarray of complex, shape (n_f, n_y, n_u)
-        Output over input: of the whole model, or of a reduced one proved to 1e-8 where there is one.
+        Output over input: of the whole model, or of a reduced one proved to 1e-8 where there is
+        one.
     level : ndarray of float, shape (n_y, n_u)
         Peak of each channel, or `floor` where it is no more than that.
     broad : ndarray of float, shape (n_y, n_u)
-        The same on evenly spaced lines, as a measurement would have it: lower where a resonance is very sharp.
+        The same on evenly spaced lines, as a measurement would have it: lower where a resonance is
+        very sharp.
     lift : ndarray of float, shape (n_f, n_y, 1)
-        Factor by which resonances are told: with rigid-body motion or a mode below the band that to the accelerations,
-        in which what is low in frequency does not hide the rest.
+        Factor by which resonances are told: with rigid-body motion or a mode below the band that to
+        the accelerations, in which what is low in frequency does not hide the rest.
     floor : ndarray of float, shape (n_y, n_u)
-        What is left of a channel without coupling: rounding, far below what its two ports have each.
+        What is left of a channel without coupling: rounding, far below what its two ports have
+        each.
     """
 
     freq: _Real
@@ -93,19 +96,29 @@ class Target:
         tier, backend : str, optional
             As for `updyn.response`.
         """
-        (columns, into), (rows, out) = port_matrix(inputs, model, "input"), port_matrix(outputs, model, "output")
+        (columns, into), (rows, out) = (
+            port_matrix(inputs, model, "input"),
+            port_matrix(outputs, model, "output"),
+        )
         if solver is not None and tier is None:
             coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * freq)
             found = solver.at(solver.solve(coefficients, columns, freq), rows).transpose(1, 0, 2)
         else:
-            found = response(model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend).values
+            found = response(
+                model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend
+            ).values
         power = np.array([QUANTITIES[q] for q in quantities])
         s = 2j * np.pi * freq
         values = (out @ found @ into.T) * (s[:, None] ** power)[:, :, None]
         size = np.abs(values)
         level = size.max(axis=0)
-        even = np.linspace(freq[0], freq[-1], _BETWEEN), np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN)
-        broad = size[np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))].max(axis=0)
+        even = (
+            np.linspace(freq[0], freq[-1], _BETWEEN),
+            np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN),
+        )
+        broad = size[
+            np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))
+        ].max(axis=0)
         lift = (np.abs(s)[:, None] ** ((2 - power) * slow))[:, :, None]
         floor = np.where(potential > 0, _UNCOUPLED * potential, 1.0)
         return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), lift, floor)
@@ -140,28 +153,31 @@ class Target:
     def judged(self, G: _Complex) -> _Real:
         """Return all errors of an answer, shape (4,).
 
-        Those that a plant states, `error` and `peak_error`; and what they may hide: `worst`, and `peak_error` where
-        slow motion hides no resonance.
+        Those that a plant states, `error` and `peak_error`; and what they may hide: `worst`, and
+        `peak_error` where slow motion hides no resonance.
 
         Parameters
         ----------
         G : ndarray of complex, shape (n_f, n_y, n_u)
             An answer at the same lines.
         """
-        return np.array([self.error(G), self.peak_error(G), self.worst(G), self.peak_error(G, strict=True)])
+        return np.array(
+            [self.error(G), self.peak_error(G), self.worst(G), self.peak_error(G, strict=True)]
+        )
 
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest error of the height of a resonance, as a share of it; 0 where there is none.
 
-        Resonances from a tenth of the highest of their channel count. Heights are compared between the minima beside a
-        resonance, so that a slight shift does not.
+        Resonances from a tenth of the highest of their channel count. Heights are compared between
+        the minima beside a resonance, so that a slight shift does not.
 
         Parameters
         ----------
         G : ndarray of complex, shape (n_f, n_y, n_u)
             An answer at the same lines.
         strict : bool
-            Whether resonances and their heights are those of the response times `lift`, or of the response itself.
+            Whether resonances and their heights are those of the response times `lift`, or of the
+            response itself.
         """
         own, size = self._seen(self.values, strict), self._seen(G, strict)
         worst = 0.0
@@ -194,8 +210,8 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
     Parameters
     ----------
     poles : ndarray of complex, shape (n,)
-        Of the structure, in rad/s. Undamped ones are not enough: strong damping in one part moves the sharp resonances
-        of the others by more than their width.
+        Of the structure, in rad/s. Undamped ones are not enough: strong damping in one part moves
+        the sharp resonances of the others by more than their width.
     band : (float, float)
         Lowest and highest line in Hz.
 
@@ -205,7 +221,9 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
         In Hz, ascending, both ends included.
     """
     low, high = band
-    poles = poles[np.abs(poles.real) > _UNDAMPED * np.abs(poles)]  # at an undamped resonance there is no answer
+    poles = poles[
+        np.abs(poles.real) > _UNDAMPED * np.abs(poles)
+    ]  # at an undamped resonance there is no answer
     width = np.abs(poles.real)
     around = ((np.abs(poles.imag)[:, None] + width[:, None] * _AROUND) / (2.0 * np.pi)).ravel()
     around = around[(around > low) & (around < high)]

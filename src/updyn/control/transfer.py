@@ -22,12 +22,13 @@ class Weight:
     Attributes
     ----------
     zeros, poles : ndarray of complex, shape (order,)
-        In rad/s, all in the left half plane; of an odd order the first is a single real one, then come pairs.
+        In rad/s, all in the left half plane; of an odd order the first is a single real one, then
+        come pairs.
     gain : float
         W at infinity.
     largest, mean : float
-        Largest excess |W| / l of a line, and its geometric mean over log frequency; l counts as the floor where it is
-        below.
+        Largest excess |W| / l of a line, and its geometric mean over log frequency; l counts as the
+        floor where it is below.
     peak : float
         Largest l.
     peak_at : float
@@ -35,7 +36,8 @@ class Weight:
     note : str
         What to know of this channel.
     A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
-        In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in python-control.
+        In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
+        python-control.
     """
 
     zeros: _Complex
@@ -58,7 +60,8 @@ class Weight:
 
     def __repr__(self) -> str:
         return (
-            f"Weight(order {self.order}, at most {self.largest:.3g} times what it bounds, {self.mean:.3g} in the mean)"
+            f"Weight(order {self.order}, at most {self.largest:.3g} times what it bounds,"
+            f" {self.mean:.3g} in the mean)"
         )
 
     @property
@@ -145,4 +148,8 @@ def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
     a1, a0 = -float(poles.sum().real), float(np.prod(poles).real)
     b1, b0 = -float(zeros.sum().real), float(np.prod(zeros).real)
     w = float(np.sqrt(a0))
-    return np.array([[0.0, w], [-w, -a1]]), np.array([[0.0], [1.0]]), np.array([[(b0 - a0) / w, b1 - a1]])
+    return (
+        np.array([[0.0, w], [-w, -a1]]),
+        np.array([[0.0], [1.0]]),
+        np.array([[(b0 - a0) / w, b1 - a1]]),
+    )

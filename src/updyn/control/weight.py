@@ -29,11 +29,13 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 KINDS = ("multiplicative", "additive")
-#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have between two of them.
+#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
+#: between two of them.
 _MARGIN = 1e-3
 #: Times that lines are added where the weight comes closest.
 _ROUNDS = 4
-#: How near to the closest place others are looked at in the last of them, in log |W|; five times that in each before.
+#: How near to the closest place others are looked at in the last of them, in log |W|; five times
+#: that in each before.
 _CLOSE = 0.005
 #: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
 _MISSED = 0.02
@@ -70,7 +72,10 @@ class UncertaintyWeight:
 
     def __repr__(self) -> str:
         orders = sorted({w.order for row in self.weights for w in row})
-        return f"UncertaintyWeight({self.kind}, {len(self.outputs)} x {len(self.inputs)} channels, orders {orders})"
+        return (
+            f"UncertaintyWeight({self.kind}, {len(self.outputs)} x {len(self.inputs)} channels,"
+            f" orders {orders})"
+        )
 
     def at(self, freq: ArrayLike) -> _Complex:
         """Return the weights at lines.
@@ -84,7 +89,9 @@ class UncertaintyWeight:
         -------
         ndarray of complex, shape (n_f, n_outputs, n_inputs)
         """
-        return np.stack([np.stack([w.at(freq) for w in row], axis=1) for row in self.weights], axis=1)
+        return np.stack(
+            [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights], axis=1
+        )
 
     def channel(self, output: str, input: str) -> Weight:
         """Return the weight between one input and one output.
@@ -101,10 +108,16 @@ class UncertaintyWeight:
 
     def summary(self) -> str:
         """Return the weights as text: order, how closely they lie above, and what to know of each channel."""
-        lines = [f"Uncertainty, {self.kind}: {len(self.freq)} lines from {self.freq[0]:.3g} to {self.freq[-1]:.3g} Hz"]
+        lines = [
+            f"Uncertainty, {self.kind}: {len(self.freq)} lines from {self.freq[0]:.3g} to"
+            f" {self.freq[-1]:.3g} Hz"
+        ]
         for output, row in zip(self.outputs, self.weights, strict=True):
             for input_, w in zip(self.inputs, row, strict=True):
-                close = f"order {w.order}, at most {w.largest:.3g} times the radius, {w.mean:.3g} in the mean"
+                close = (
+                    f"order {w.order}, at most {w.largest:.3g} times the radius, {w.mean:.3g} in"
+                    " the mean"
+                )
                 most = f"largest radius {w.peak:.3g} at {w.peak_at:.4g} Hz"
                 lines.append(f"{output} / {input_}: {close}; {most}. {w.note}".rstrip())
         return "\n".join(lines)
@@ -127,9 +140,10 @@ def uncertainty_weight(
     family : PlantFamily
         Continuous plants without poles in the right half plane.
     freq : array_like of float, shape (n_f,), optional
-        Lines in Hz, above 0; the weight then bounds the radius there, and nothing is said in between. By default lines
-        dense about the poles and zeros of all plants, over all frequencies at which they move, the plants taken as they
-        are beyond their band too; lines are added until the weight lies above in between as well.
+        Lines in Hz, above 0; the weight then bounds the radius there, and nothing is said in
+        between. By default lines dense about the poles and zeros of all plants, over all
+        frequencies at which they move, the plants taken as they are beyond their band too; lines
+        are added until the weight lies above in between as well.
     order : int, optional
         Of each weight; by default the lowest of 0, 1, 2, 4, 6 ... that meets `tolerance`.
     kind : {"multiplicative", "additive"}
@@ -139,8 +153,9 @@ def uncertainty_weight(
     largest_order : int
         Where the search for an order ends; the best is then returned, and its note says so.
     floor : float, optional
-        A radius below it counts as it: of the multiplicative by default the error that is allowed to a plant (2 %, as a
-        rule), of the additive a thousandth of its largest value in the channel.
+        A radius below it counts as it: of the multiplicative by default the error that is allowed
+        to a plant (2 %, as a rule), of the additive a thousandth of its largest value in the
+        channel.
 
     Returns
     -------
@@ -153,22 +168,24 @@ def uncertainty_weight(
     DataError
         If the lines are not increasing and above 0.
     ModelError
-        If the plants are sampled, one has a pole in the right half plane or an undamped one, or the radius has no bound
-        as the nominal plant has an undamped antiresonance.
+        If the plants are sampled, one has a pole in the right half plane or an undamped one, or the
+        radius has no bound as the nominal plant has an undamped antiresonance.
 
     Notes
     -----
-    Radius and weight: Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 7.4. All plants
-    have as many poles in the right half plane (none). So a controller K that is stable with G_0 is so with each member
-    if |W T| < 1 at all lines, T = G_0 K / (1 + G_0 K); of the additive, |W K / (1 + G_0 K)| < 1 (Doyle, Francis &
-    Tannenbaum, Feedback Control Theory, 1992, section 4.2). That is so for one channel under control, or for each of
-    several while the others stay as they are. The members are draws: the bound holds for them, and for what they were
-    drawn from as far as they stand for it.
+    Radius and weight: Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005,
+    section 7.4. All plants have as many poles in the right half plane (none). So a controller K
+    that is stable with G_0 is so with each member if |W T| < 1 at all lines, T = G_0 K / (1 + G_0
+    K); of the additive, |W K / (1 + G_0 K)| < 1 (Doyle, Francis & Tannenbaum, Feedback Control
+    Theory, 1992, section 4.2). That is so for one channel under control, or for each of several
+    while the others stay as they are. The members are draws: the bound holds for them, and for what
+    they were drawn from as far as they stand for it.
 
-    A small shift of a sharp antiresonance of G_0, or of a resonance by more than its width, makes the multiplicative
-    radius large there, however surely the plant is known otherwise: the disc of the theory knows no phase. The note of
-    the channel says where. A loop may then well be stable with every member without meeting |W T| < 1, as one from a
-    motor to its own speed; `updyn.servo` looks at the members one by one.
+    A small shift of a sharp antiresonance of G_0, or of a resonance by more than its width, makes
+    the multiplicative radius large there, however surely the plant is known otherwise: the disc of
+    the theory knows no phase. The note of the channel says where. A loop may then well be stable
+    with every member without meeting |W T| < 1, as one from a motor to its own speed; `updyn.servo`
+    looks at the members one by one.
     """
     _check(family, order, kind, tolerance, largest_order, floor)
     roots = [p.poles for p in (family.nominal, *family.members)]
@@ -179,7 +196,11 @@ def uncertainty_weight(
     radius = radius_of(family, lines, kind)
     refuse_unbounded(family, lines, radius, kind)
     floors = floors_of(family, radius, kind, floor)
-    bounds = {at: _fit(lines, radius, floors, at, order, tolerance, largest_order) for at in channels if floors[at] > 0}
+    bounds = {
+        at: _fit(lines, radius, floors, at, order, tolerance, largest_order)
+        for at in channels
+        if floors[at] > 0
+    }
     for left in range(_ROUNDS - 1 if given is None else -1, -1, -1):
         more = closest(lines, radius, floors, bounds, _CLOSE * 5.0**left)
         if not more.size:
@@ -204,9 +225,13 @@ def uncertainty_weight(
         if given is None:
             notes.append(_ends(lines, own, floor))
         if order is None and bound.mean > 1.0 + tolerance:
-            notes.append(f"Order {bound.order} does not bring the mean excess to {1.0 + tolerance:g}.")
+            notes.append(
+                f"Order {bound.order} does not bring the mean excess to {1.0 + tolerance:g}."
+            )
         made[i, j] = _weight(lines, own, floor, bound, " ".join(filter(None, notes)))
-    weights = tuple(tuple(made[i, j] for j in range(len(family.inputs))) for i in range(len(family.outputs)))
+    weights = tuple(
+        tuple(made[i, j] for j in range(len(family.inputs))) for i in range(len(family.outputs))
+    )
     for array in (lines, radius, floors):
         array.flags.writeable = False
     return UncertaintyWeight(kind, lines, radius, floors, weights, family.outputs, family.inputs)
@@ -221,19 +246,28 @@ def _fit(
     tolerance: float,
     largest_order: int,
 ) -> Bound:
-    return fit_above(2 * np.pi * lines, np.maximum(radius[:, *at], floors[at]), order, tolerance, largest_order)
+    return fit_above(
+        2 * np.pi * lines, np.maximum(radius[:, *at], floors[at]), order, tolerance, largest_order
+    )
 
 
 # -- what is asked -----------------------------------------------------------------------------------------
 def _check(
-    family: PlantFamily, order: int | None, kind: str, tolerance: float, largest_order: int, floor: float | None
+    family: PlantFamily,
+    order: int | None,
+    kind: str,
+    tolerance: float,
+    largest_order: int,
+    floor: float | None,
 ) -> None:
     if not isinstance(family, PlantFamily):
         raise OptionError(f"expected a PlantFamily, found {type(family).__name__}")
     if kind not in KINDS:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), KINDS)}")
     for what, number in (("order", order), ("largest_order", largest_order)):
-        if number is not None and (isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0):
+        if number is not None and (
+            isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0
+        ):
             raise OptionError(f"{what} = {number!r}: expected a whole number from 0 up")
     if not tolerance > 0.0:
         raise OptionError(f"tolerance = {tolerance!r}: expected a share above 0, such as 0.25")
@@ -241,7 +275,8 @@ def _check(
         raise OptionError(f"floor = {floor!r}: expected a radius above 0")
     if family.nominal.dt is not None:
         raise ModelError(
-            "the plants are sampled; a weight in s is made of the continuous family, and sampled with it afterwards"
+            "the plants are sampled; a weight in s is made of the continuous family, and sampled"
+            " with it afterwards"
         )
 
 
@@ -261,7 +296,9 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
     mean = float(np.exp(spacing @ excess / spacing.sum() + lift))
     top = int(np.argmax(radius))
     largest = float(np.exp(excess.max() + lift))
-    return Weight(*roots_of(bound, lift), largest, mean, float(radius[top]), float(lines[top]), note)
+    return Weight(
+        *roots_of(bound, lift), largest, mean, float(radius[top]), float(lines[top]), note
+    )
 
 
 def _ends(lines: _Real, radius: _Real, floor: float) -> str:
@@ -271,7 +308,10 @@ def _ends(lines: _Real, radius: _Real, floor: float) -> str:
         if radius[here] > floor and len(lines) > 1:
             rise = np.log(radius[here] / radius[inside]) / abs(np.log(lines[here] / lines[inside]))
             if rise > 0.5:
-                said.append(f"The radius grows on {what} {lines[here]:.3g} Hz, where the weight does not bound it.")
+                said.append(
+                    f"The radius grows on {what} {lines[here]:.3g} Hz, where the weight does not"
+                    " bound it."
+                )
     return " ".join(said)
 
 
@@ -284,13 +324,23 @@ def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int,
     top = 2j * np.pi * lines[int(np.argmax(radius))]
     zero = _nearest(channel_zeros(family.nominal, *at), top)
     pole = _nearest(np.concatenate([p.poles for p in (family.nominal, *family.members)]), top)
-    root = min((x for x in (zero, pole) if x is not None), key=lambda x: abs(x - top) / abs(x), default=None)
+    root = min(
+        (x for x in (zero, pole) if x is not None),
+        key=lambda x: abs(x - top) / abs(x),
+        default=None,
+    )
     if root is None or abs(root - top) > max(3.0 * abs(root.real), 0.02 * abs(root)):
         return said
     where = f"{abs(root) / (2 * np.pi):.4g} Hz (damping {-root.real / abs(root):.2g})"
     if root is zero:
-        what = f"the antiresonance of the nominal plant at {where}, where it hardly answers and members do"
-        return f"{said} It is as large as {radius.max():.3g} because of {what}; kind='additive' is not affected."
+        what = (
+            f"the antiresonance of the nominal plant at {where}, where it hardly answers and"
+            " members do"
+        )
+        return (
+            f"{said} It is as large as {radius.max():.3g} because of {what}; kind='additive' is not"
+            " affected."
+        )
     what = f"the resonance at {where}, which moves by more than its width"
     return f"{said} It is as large as {radius.max():.3g} because of {what}."
 

@@ -1,13 +1,14 @@
 """A stable, minimum-phase magnitude of low order that lies above given numbers, and closely.
 
-In sections: log |W| = log g + sum of log |zeros| - sum of log |poles|, each a first-order factor |1 + s / w| or a
-second-order one |1 + 2 z s / w + (s / w)^2| with z > 0, all of static gain 1. So every W is stable and minimum-phase by
-its make, over any number of decades. What lies above is linear in log |W|: the mean of the excess over log frequency
-(with a little of its largest) is brought down by a sequence of linear programs with |W| >= l at every line as their
-constraints. The fit of
+In sections: log |W| = log g + sum of log |zeros| - sum of log |poles|, each a first-order factor |1
++ s / w| or a second-order one |1 + 2 z s / w + (s / w)^2| with z > 0, all of static gain 1. So
+every W is stable and minimum-phase by its make, over any number of decades. What lies above is
+linear in log |W|: the mean of the excess over log frequency (with a little of its largest) is
+brought down by a sequence of linear programs with |W| >= l at every line as their constraints. The
+fit of
 |W|^2 = b(w^2) / a(w^2) by one linear program a level with spectral factorisation (Wu, Boyd & Vandenberghe, Proc. 35th
-IEEE CDC 1996) was tried beside it on a two-mass drive: smaller in the largest excess (order 4: 4.9 instead of 7.1),
-larger in the mean (3.5 instead of 1.8), and lost in rounding from order 5 on.
+IEEE CDC 1996) was tried beside it on a two-mass drive: smaller in the largest excess (order 4: 4.9
+instead of 7.1), larger in the mean (3.5 instead of 1.8), and lost in rounding from order 5 on.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ _POOLED = (120, 250)
 _PLACES = 9
 #: Half the way between the zeros and poles of a new step, in log frequency.
 _STEP = 0.7
-#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many lines.
+#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
+#: lines.
 _HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
 _SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
 _DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
@@ -59,10 +61,12 @@ class Bound:
     order : int
         Number of poles, and of zeros.
     p : ndarray of float, shape (1 + 2 * order,)
-        Logarithms: static gain; for an odd order frequencies of a first-order zero and pole; then for each pair of
-        zeros and poles frequency and damping of the zeros, frequency and damping of the poles. rad/s.
+        Logarithms: static gain; for an odd order frequencies of a first-order zero and pole; then
+        for each pair of zeros and poles frequency and damping of the zeros, frequency and damping
+        of the poles. rad/s.
     largest, mean : float
-        Largest excess, and its mean over log frequency: |W| / l of that line, and of the geometric mean.
+        Largest excess, and its mean over log frequency: |W| / l of that line, and of the geometric
+        mean.
     """
 
     order: int
@@ -75,7 +79,9 @@ class Bound:
         return _model(self.p, self.order, omega)[0]
 
 
-def fit_above(omega: _Real, level: _Real, order: int | None, tolerance: float, largest_order: int) -> Bound:
+def fit_above(
+    omega: _Real, level: _Real, order: int | None, tolerance: float, largest_order: int
+) -> Bound:
     """Fit a magnitude above given numbers.
 
     Parameters
@@ -85,7 +91,8 @@ def fit_above(omega: _Real, level: _Real, order: int | None, tolerance: float, l
     level : ndarray of float, shape (n_f,)
         Above what, all above 0.
     order : int or None
-        Of the magnitude; None: the lowest of 0, 1, 2, 4, 6 ... whose mean excess is at most 1 + `tolerance`.
+        Of the magnitude; None: the lowest of 0, 1, 2, 4, 6 ... whose mean excess is at most 1 +
+        `tolerance`.
     tolerance : float
         See `order`.
     largest_order : int
@@ -116,7 +123,8 @@ def _orders(last: int) -> list[int]:
 
 def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
     """Return fewer lines: of each run the one that is highest, with the weight of all."""
-    # Half by their number, which is dense about resonances, half by log frequency, in which the mean is taken.
+    # Half by their number, which is dense about resonances, half by log frequency, in which the
+    # mean is taken.
     share = np.linspace(0.0, 0.5, len(omega)) + 0.5 * np.log(omega / omega[0]) / max(
         np.log(omega[-1] / omega[0]), 1e-300
     )
@@ -134,31 +142,44 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
     middle = places[_PLACES // 2]
     if order % 2:
         starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
-        starts += [np.concatenate([p[:1], [w + d, w - d], p[1:]]) for w in places for d in (_STEP, -_STEP)]
+        starts += [
+            np.concatenate([p[:1], [w + d, w - d], p[1:]]) for w in places for d in (_STEP, -_STEP)
+        ]
     else:
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
-        starts += [np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)]
+        starts += [
+            np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)
+        ]
         humps = [(w, *d) for w in places for d in _HUMPS]
         touched, free = _touched_and_free(base, omega, y, weight)
-        humps += [(w, *d) for w in touched for d in (*_HUMPS, *_SPIKES)] + [(w, *d) for w in free for d in _DIPS]
-        starts += [np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps]
+        humps += [(w, *d) for w in touched for d in (*_HUMPS, *_SPIKES)] + [
+            (w, *d) for w in free for d in _DIPS
+        ]
+        starts += [
+            np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps
+        ]
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
     best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
     ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
     return Bound(order, min(ended, key=lambda one: one[1])[0], 0.0, 0.0)
 
 
-def _touched_and_free(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> tuple[list[float], list[float]]:
+def _touched_and_free(
+    bound: Bound, omega: _Real, y: _Real, weight: _Real
+) -> tuple[list[float], list[float]]:
     """Return log frequencies at which a bound rests on what it bounds, and middles of the widest gaps beneath it.
 
-    A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it down there.
+    A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it
+    down there.
     """
     excess = bound.log_magnitude(omega) - y
     touched = np.argsort(excess, kind="stable")[:_TOUCHED]
     # Gaps lie between places that are nearly touched; their size is their area over log frequency.
     near = np.flatnonzero(excess < _GAP * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
-    areas = [(float(weight[i : j + 1] @ excess[i : j + 1]), i, j) for i, j in pairwise(ends) if j > i + 1]
+    areas = [
+        (float(weight[i : j + 1] @ excess[i : j + 1]), i, j) for i, j in pairwise(ends) if j > i + 1
+    ]
     gaps = sorted(areas, reverse=True)[:_TOUCHED]
     x = np.log(omega)
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
@@ -170,10 +191,14 @@ def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
     lift = -float(excess.min())
     p = bound.p.copy()
     p[0] += lift
-    return Bound(bound.order, p, float(np.exp(excess.max() + lift)), float(np.exp(weight @ excess + lift)))
+    return Bound(
+        bound.order, p, float(np.exp(excess.max() + lift)), float(np.exp(weight @ excess + lift))
+    )
 
 
-def _polished(bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real) -> tuple[Bound, _Lines]:
+def _polished(
+    bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real
+) -> tuple[Bound, _Lines]:
     """Take up the lines at which the fit on few of them lies below, and fit again; return these lines too."""
     best, p = _raised(bound, omega, y, weight), bound.p
     for _ in range(_EXCHANGES):
@@ -192,7 +217,9 @@ def _polished(bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real) 
     return best, few
 
 
-def _descend(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int) -> tuple[_Real, float]:
+def _descend(
+    p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int
+) -> tuple[_Real, float]:
     """Bring the excess down by linear programs in a box that shrinks where one has promised too much."""
     lower, upper = _bounds(order, omega)
     p, f, J, cost = _lifted(np.clip(p, lower, upper), order, omega, y, weight)
@@ -232,10 +259,13 @@ def _reach(p: _Real, order: int) -> _Real:
     return reach
 
 
-def _lifted(p: _Real, order: int, omega: _Real, y: _Real, weight: _Real) -> tuple[_Real, _Real, _Real, float]:
+def _lifted(
+    p: _Real, order: int, omega: _Real, y: _Real, weight: _Real
+) -> tuple[_Real, _Real, _Real, float]:
     """Return the numbers with the gain that just lies above, log |W|, its slopes, and the cost.
 
-    No section is sharper than the lines are dense where it is: it could peak between them for nothing.
+    No section is sharper than the lines are dense where it is: it could peak between them for
+    nothing.
     """
     first = 3 if order % 2 else 1
     p = p.copy()

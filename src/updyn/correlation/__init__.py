@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from updyn.correlation.compare import Correlation, correlate
 from updyn.correlation.functions import csac, csf, db_error, fdac, frac
-from updyn.correlation.shapes import ModePairs, auto_mac, comac, cross_orthogonality, ecomac, mac, pair_modes
+from updyn.correlation.shapes import (
+    ModePairs,
+    auto_mac,
+    comac,
+    cross_orthogonality,
+    ecomac,
+    mac,
+    pair_modes,
+)
 
 __all__ = [
     "Correlation",

@@ -110,8 +110,8 @@ def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     Parameters
     ----------
     model_or_frf : Model or FRF
-        A model is asked for its response at the lines and DOFs of `frf`. An FRF must have the same lines and DOFs;
-        their order and signs may differ, and the quantity is converted.
+        A model is asked for its response at the lines and DOFs of `frf`. An FRF must have the same
+        lines and DOFs; their order and signs may differ, and the quantity is converted.
     frf : FRF
         The measured one.
 
@@ -122,7 +122,8 @@ def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     Raises
     ------
     DataError
-        If two FRFs differ in lines or DOFs; the message says which. Nothing is interpolated or dropped.
+        If two FRFs differ in lines or DOFs; the message says which. Nothing is interpolated or
+        dropped.
     DofError
         If a DOF of `frf` is not in the model.
     """
@@ -135,7 +136,9 @@ def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     elif isinstance(model_or_frf, FRF):
         computed = _aligned(model_or_frf, frf)
     else:
-        raise DataError(f"correlate: expected a Model or an FRF, found {type(model_or_frf).__name__}")
+        raise DataError(
+            f"correlate: expected a Model or an FRF, found {type(model_or_frf).__name__}"
+        )
     hx, ha = frf.values, computed.values
     parts = (frac(hx, ha), csac(hx, ha), csf(hx, ha), db_error(hx, ha))
     for array in parts:
@@ -146,11 +149,16 @@ def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
 def _aligned(computed: FRF, measured: FRF) -> FRF:
     a, x = computed.freq, measured.freq
     if len(a) != len(x):
-        raise DataError(f"the two FRFs differ in lines: {_span(a)} and {_span(x)}; select the same lines of both")
+        raise DataError(
+            f"the two FRFs differ in lines: {_span(a)} and {_span(x)}; select the same lines of"
+            " both"
+        )
     off = np.abs(a - x) > 1e-9 * x
     if off.any():
         i = int(np.flatnonzero(off)[0])
-        raise DataError(f"the two FRFs differ in lines: line {i + 1} is {a[i]:.9g} Hz and {x[i]:.9g} Hz")
+        raise DataError(
+            f"the two FRFs differ in lines: line {i + 1} is {a[i]:.9g} Hz and {x[i]:.9g} Hz"
+        )
     for what, own, other in (
         ("response", computed.responses, measured.responses),
         ("reference", computed.references, measured.references),
@@ -159,10 +167,12 @@ def _aligned(computed: FRF, measured: FRF) -> FRF:
             missing = [str(d) for d in here if d not in there]
             if missing:
                 raise DataError(
-                    f"the two FRFs differ: {what} {missing[0]} is not in the {name} ({len(missing)} such); "
-                    f"select the same {what}s of both"
+                    f"the two FRFs differ: {what} {missing[0]} is not in the {name} ({len(missing)}"
+                    f" such); select the same {what}s of both"
                 )
-    return computed.select(responses=measured.responses, references=measured.references).converted(measured.quantity)
+    return computed.select(responses=measured.responses, references=measured.references).converted(
+        measured.quantity
+    )
 
 
 def _span(freq: Array) -> str:
@@ -170,7 +180,8 @@ def _span(freq: Array) -> str:
 
 
 def _levels(error: Array) -> dict[str, float]:
-    # The percentile is one of the values, as interpolating between two infinite ones gives no number.
+    # The percentile is one of the values, as interpolating between two infinite ones gives no
+    # number.
     return {
         "db_error_median": float(np.median(error)),
         "db_error_p95": float(np.percentile(error, 95, method="inverted_cdf")),

@@ -1,7 +1,8 @@
 """Metrics of frequency response functions. Pure functions on arrays (lines, responses, references).
 
-Sources: Heylen & Lammens, Proc. Int. Conf. Identification in Engineering Systems (1996) 48-57 (FRAC); Grafe, PhD
-thesis, Imperial College, 1998 (CSAC chi_s, CSF chi_a); Pascual, Golinval & Razeto, IMAC XV (1997) 587-592 (FDAC).
+Sources: Heylen & Lammens, Proc. Int. Conf. Identification in Engineering Systems (1996) 48-57
+(FRAC); Grafe, PhD thesis, Imperial College, 1998 (CSAC chi_s, CSF chi_a); Pascual, Golinval &
+Razeto, IMAC XV (1997) 587-592 (FDAC).
 """
 
 from __future__ import annotations
@@ -95,14 +96,15 @@ def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
 
     Parameters
     ----------
-    HX, HA : array_like of complex, shape (n_x, n_responses, n_references) and (n_a, n_responses, n_references)
+    HX, HA : array_like of complex, shape (n_x, n_responses, n_references) and (n_a, n_responses,
+    n_references)
         Measured and computed; the lines may differ.
 
     Returns
     -------
     ndarray of float, shape (n_a, n_x)
-        Between 0 and 1, row: line of the computed, column: line of the measured. A ridge off the diagonal shows a
-        frequency shift. 0 where either vector is zero.
+        Between 0 and 1, row: line of the computed, column: line of the measured. A ridge off the
+        diagonal shows a frequency shift. 0 where either vector is zero.
 
     Raises
     ------
@@ -137,23 +139,34 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
     x, a = np.abs(hx), np.abs(ha)
     out = np.full(x.shape, np.inf)
     both = (x > 0) & (a > 0)
-    # A difference of logarithms: the quotient of a tiny and a huge number would leave the range of the format.
+    # A difference of logarithms: the quotient of a tiny and a huge number would leave the range of
+    # the format.
     out[both] = np.abs(20.0 * (np.log10(a[both]) - np.log10(x[both])))
     out[(x == 0) & (a == 0)] = 0.0
     return out
 
 
-def _functions(HX: ArrayLike, HA: ArrayLike, *, same_lines: bool = True) -> tuple[NDArray[Any], NDArray[Any]]:
+def _functions(
+    HX: ArrayLike, HA: ArrayLike, *, same_lines: bool = True
+) -> tuple[NDArray[Any], NDArray[Any]]:
     arrays = []
     for name, given in (("HX", HX), ("HA", HA)):
         array = np.asarray(given, dtype=np.complex128)
         if array.ndim != 3 or 0 in array.shape:
-            raise DataError(f"{name}: expected (lines, responses, references), found an array of shape {array.shape}")
+            raise DataError(
+                f"{name}: expected (lines, responses, references), found an array of shape"
+                f" {array.shape}"
+            )
         if not np.isfinite(array).all():
             line, row, column = np.argwhere(~np.isfinite(array))[0]
-            raise DataError(f"{name}: line {line + 1}, response {row + 1}, reference {column + 1} is not finite")
+            raise DataError(
+                f"{name}: line {line + 1}, response {row + 1}, reference {column + 1} is not finite"
+            )
         arrays.append(array)
     x, a = arrays
     if x.shape[1:] != a.shape[1:] or (same_lines and len(x) != len(a)):
-        raise DataError(f"HX has shape {x.shape}, HA {a.shape}; expected the same lines, responses and references")
+        raise DataError(
+            f"HX has shape {x.shape}, HA {a.shape}; expected the same lines, responses and"
+            " references"
+        )
     return x, a

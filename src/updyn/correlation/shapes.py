@@ -1,7 +1,8 @@
 """Correlation of mode shapes: MAC and its kin, and the pairing of modes. Pure functions on arrays; shapes are columns.
 
-Sources: Allemang & Brown, IMAC I (1982) 110-116 (MAC); Allemang, Sound and Vibration 37 (8) (2003) 14-21
-(cross-orthogonality, ECOMAC); Lieven & Ewins, IMAC VI (1988) 690-695 (COMAC); Hunt, IMAC X (1992) 66-71 (ECOMAC).
+Sources: Allemang & Brown, IMAC I (1982) 110-116 (MAC); Allemang, Sound and Vibration 37 (8) (2003)
+14-21 (cross-orthogonality, ECOMAC); Lieven & Ewins, IMAC VI (1988) 690-695 (COMAC); Hunt, IMAC X
+(1992) 66-71 (ECOMAC).
 """
 
 from __future__ import annotations
@@ -13,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import DataError
 
-__all__ = ["ModePairs", "auto_mac", "comac", "cross_orthogonality", "ecomac", "mac", "pair_modes", "ratio"]
+__all__ = [
+    "ModePairs",
+    "auto_mac",
+    "comac",
+    "cross_orthogonality",
+    "ecomac",
+    "mac",
+    "pair_modes",
+    "ratio",
+]
 
 Array = NDArray[np.float64]
 
@@ -77,7 +87,8 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
     Returns
     -------
     ndarray of float or complex, shape (n_a, n_b)
-        Modulus 1 for equal modes, 0 for different modes of one structure; the sign is that of the shapes.
+        Modulus 1 for equal modes, 0 for different modes of one structure; the sign is that of the
+        shapes.
 
     Raises
     ------
@@ -88,7 +99,9 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
     _same_rows(a, b)
     mass = M if hasattr(M, "tocsr") else np.atleast_2d(np.asarray(M, dtype=np.float64))
     if mass.shape != (len(a), len(a)):
-        raise DataError(f"mass of shape {mass.shape} for shapes with {len(a)} rows; expected {(len(a), len(a))}")
+        raise DataError(
+            f"mass of shape {mass.shape} for shapes with {len(a)} rows; expected {(len(a), len(a))}"
+        )
     weights = []
     for name, shapes in (("A", a), ("B", b)):
         own = np.einsum("in,in->n", shapes.conj(), mass @ shapes).real
@@ -202,9 +215,15 @@ def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
         raise DataError(f"{name}: expected numbers, found {array.dtype}")
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or 0 in array.shape:
-        raise DataError(f"{name}: expected shapes as columns, (DOFs, modes), found an array of shape {array.shape}")
+        raise DataError(
+            f"{name}: expected shapes as columns, (DOFs, modes), found an array of shape"
+            f" {array.shape}"
+        )
     if not np.isfinite(array).all():
-        raise DataError(f"{name}: shape {int(np.argwhere(~np.isfinite(array))[0][1]) + 1} holds a number not finite")
+        raise DataError(
+            f"{name}: shape {int(np.argwhere(~np.isfinite(array))[0][1]) + 1} holds a number not"
+            " finite"
+        )
     return array * 1.0
 
 
@@ -212,18 +231,24 @@ def _unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     array = _shapes(name, given)
     largest = np.abs(array).max(axis=0)
     if (largest == 0).any():
-        raise DataError(f"{name}: shape {int(np.flatnonzero(largest == 0)[0]) + 1} is zero; it has no direction")
+        raise DataError(
+            f"{name}: shape {int(np.flatnonzero(largest == 0)[0]) + 1} is zero; it has no direction"
+        )
     array = array / largest
     return np.asarray(array / np.linalg.norm(array, axis=0))
 
 
 def _same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
     if len(a) != len(b):
-        raise DataError(f"shapes at {len(a)} and at {len(b)} DOFs; expected the same DOFs in the same order")
+        raise DataError(
+            f"shapes at {len(a)} and at {len(b)} DOFs; expected the same DOFs in the same order"
+        )
 
 
 def _paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
     a, b = _unit_shapes("A", A), _unit_shapes("B", B)
     if a.shape != b.shape:
-        raise DataError(f"arrays of shape {a.shape} and {b.shape}; expected paired modes (see pair_modes)")
+        raise DataError(
+            f"arrays of shape {a.shape} and {b.shape}; expected paired modes (see pair_modes)"
+        )
     return a, b

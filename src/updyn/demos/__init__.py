@@ -1,10 +1,12 @@
 """Shipped examples: each writes its inputs and a job file, and runs as any job does.
 
-Adding one is a module here with ``write_inputs(folder) -> path of the job file``; where one run is not all,
-``next_job(results, folder) -> path or None``, asked after every run; where there is more to say than the summaries,
-``epilogue(results, folder) -> text``; and one line in `DEMOS`. A module is loaded when its demo is run.
+Adding one is a module here with ``write_inputs(folder) -> path of the job file``; where one run is
+not all, ``next_job(results, folder) -> path or None``, asked after every run; where there is more
+to say than the summaries, ``epilogue(results, folder) -> text``; and one line in `DEMOS`. A module
+is loaded when its demo is run.
 
-What a demo comes to is what its last run comes to: an example may well begin with a run that the data cannot determine.
+What a demo comes to is what its last run comes to: an example may well begin with a run that the
+data cannot determine.
 """
 
 from __future__ import annotations
@@ -93,11 +95,21 @@ class Demo:
 
 _ALL = (
     Demo("beam", "a free-free steel beam, measured by impact hammer", "updyn.demos.beam"),
-    Demo("gear-train", "the seven-DOF gear train of Bao, Wang & Cheng (2010), 18 unknowns", "updyn.demos.gear_train"),
     Demo(
-        "antenna", "a 4 m antenna with its drives, rotors locked and free: two tests, one model", "updyn.demos.antenna"
+        "gear-train",
+        "the seven-DOF gear train of Bao, Wang & Cheng (2010), 18 unknowns",
+        "updyn.demos.gear_train",
     ),
-    Demo("chain", "a 12-DOF damped chain, synthetic data with 1 % noise: 12 unknowns recovered", "updyn.demos.chain"),
+    Demo(
+        "antenna",
+        "a 4 m antenna with its drives, rotors locked and free: two tests, one model",
+        "updyn.demos.antenna",
+    ),
+    Demo(
+        "chain",
+        "a 12-DOF damped chain, synthetic data with 1 % noise: 12 unknowns recovered",
+        "updyn.demos.chain",
+    ),
 )
 
 #: By name, the default first.

@@ -1,14 +1,16 @@
 """A 4 m antenna with its two drives, tested with its rotors locked and free; data made from a hidden truth, with noise.
 
-The model is generated (`updyn.demos.antenna_model`). The hidden truth makes the data and is compared with at the end;
-the update sees neither. Where there is no unknown the truth is as the drawings have it.
+The model is generated (`updyn.demos.antenna_model`). The hidden truth makes the data and is
+compared with at the end; the update sees neither. Where there is no unknown the truth is as the
+drawings have it.
 
 What is not among the unknowns, and why (checked by freeing it, at the truth):
 
-- The stages of a gearbox act in series, far below their own modes: 20 of 21 unknowns would be determined. One factor
-  stands for a gearbox with its shafts.
-- The elevation pinion cannot be reached by a sensor. Mesh and gearbox, in series too, would be known to 7 and 4 % only,
-  their sum to 0.03 %: one factor for all. On the azimuth drive a sensor on the pinion tells them apart.
+- The stages of a gearbox act in series, far below their own modes: 20 of 21 unknowns would be
+  determined. One factor stands for a gearbox with its shafts.
+- The elevation pinion cannot be reached by a sensor. Mesh and gearbox, in series too, would be
+  known to 7 and 4 % only, their sum to 0.03 %: one factor for all. On the azimuth drive a sensor on
+  the pinion tells them apart.
 - Chords, webs and hoops of the truss could be told apart, but are of one steel: one modulus.
 - Pedestal, torque tube, hub and feed legs are as drawn and weighed.
 """
@@ -32,7 +34,16 @@ from updyn.model import Model
 if TYPE_CHECKING:
     from updyn.updating.result import JointResult
 
-__all__ = ["HAMMER", "MOTORS", "SENSORS", "TRUTH", "epilogue", "measure", "true_values", "write_inputs"]
+__all__ = [
+    "HAMMER",
+    "MOTORS",
+    "SENSORS",
+    "TRUTH",
+    "epilogue",
+    "measure",
+    "true_values",
+    "write_inputs",
+]
 
 #: Where the sensors are: DOFs by place, as a survey would choose them.
 SENSORS: Mapping[str, tuple[str, ...]] = {
@@ -71,7 +82,10 @@ TRUTH: dict[str, dict[str, float]] = {
     "elevation motor": {"mass": 0.93},
     "azimuth drag": {"viscous": 1.6},
     "elevation drag": {"viscous": 0.7},
-    **{f"truss {part}": {"stiffness": 0.93, "loss_factor": 0.016} for part in ("chords", "webs", "hoops")},
+    **{
+        f"truss {part}": {"stiffness": 0.93, "loss_factor": 0.016}
+        for part in ("chords", "webs", "hoops")
+    },
     "reflector": {"stiffness": _THICKER, "mass": _THICKER},
     "reflector bending": {"stiffness": _THICKER**3},
 }
@@ -110,12 +124,16 @@ validation = ["463:Z"]
 
 def _plain(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
     listed = ", ".join(f'"{g}"' for g in groups)
-    return f'[[parameter]]\ngroups = [{listed}]\nquantity = "{quantity}"\nbounds = [{low}, {high}]\n'
+    return (
+        f'[[parameter]]\ngroups = [{listed}]\nquantity = "{quantity}"\nbounds = [{low}, {high}]\n'
+    )
 
 
 def _linked(name: str, drives: Mapping[str, float], low: float, high: float, more: str = "") -> str:
     table = ", ".join(f'"{drive}" = {power:g}' for drive, power in drives.items())
-    return f'[[parameter]]\nname = "{name}"\ndrives = {{ {table} }}\nbounds = [{low}, {high}]\n{more}'
+    return (
+        f'[[parameter]]\nname = "{name}"\ndrives = {{ {table} }}\nbounds = [{low}, {high}]\n{more}'
+    )
 
 
 def _unknowns() -> str:
@@ -125,7 +143,10 @@ def _unknowns() -> str:
     return "\n".join(
         [
             _plain(
-                ["foundation", "azimuth bearing", "elevation bearings", "yoke", "azimuth mesh"], "stiffness", 0.3, 3
+                ["foundation", "azimuth bearing", "elevation bearings", "yoke", "azimuth mesh"],
+                "stiffness",
+                0.3,
+                3,
             ),
             _linked("azimuth gearbox.stiffness", ones("azimuth", _GEARBOX, "stiffness"), 0.3, 3.0),
             _linked("elevation drive.stiffness", ones("elevation", _DRIVE, "stiffness"), 0.3, 3.0),
@@ -134,7 +155,13 @@ def _unknowns() -> str:
             _linked("elevation drive.loss", ones("elevation", _DRIVE, "loss_factor"), 0.0, 0.2),
             _plain(["azimuth motor", "elevation motor", "counterweight"], "mass", 0.5, 2.0),
             _plain(["azimuth drag", "elevation drag"], "viscous", 0.05, 20.0),
-            _linked("truss.E", {"truss *.stiffness": 1}, 0.5, 2.0, f'nominal = {STEEL["E"]:g}\nunit = "Pa"\n'),
+            _linked(
+                "truss.E",
+                {"truss *.stiffness": 1},
+                0.5,
+                2.0,
+                f'nominal = {STEEL["E"]:g}\nunit = "Pa"\n',
+            ),
             _linked("truss.loss", {"truss *.loss_factor": 1}, 0.0, 0.2),
             _linked(
                 "reflector.thickness",
@@ -157,17 +184,21 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     seed : int
         Of the noise.
     torques : bool
-        Whether the rotors are free, so that the encoders move and torques of the motors are references too.
+        Whether the rotors are free, so that the encoders move and torques of the motors are
+        references too.
     n_lines : int
         Lines, evenly over `BAND`.
 
     Returns
     -------
     FRF
-        Accelerances with noise, and the coherence of n averages that goes with it, from which E|dH|^2 is estimated as
+        Accelerances with noise, and the coherence of n averages that goes with it, from which
+        E|dH|^2 is estimated as
         |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data, 2010).
     """
-    sensors = [label for labels in SENSORS.values() for label in labels] + (list(MOTORS) if torques else [])
+    sensors = [label for labels in SENSORS.values() for label in labels] + (
+        list(MOTORS) if torques else []
+    )
     forces = [*HAMMER, *(MOTORS if torques else ())]
     exact = response(model, np.linspace(*BAND, n_lines), sensors, forces, quantity="accelerance")
     H = exact.values
@@ -175,7 +206,8 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     variance = (_NOISE["relative"] * np.abs(H)) ** 2 + (_NOISE["floor"] * rms) ** 2
     draw = np.random.default_rng(seed).normal(size=(2, *H.shape)) / np.sqrt(2.0)
     values = H + np.sqrt(variance) * (draw[0] + 1j * draw[1])
-    # What the spectra leave unexplained belongs to these very values: n averages less the one number that was fitted.
+    # What the spectra leave unexplained belongs to these very values: n averages less the one
+    # number that was fitted.
     unexplained = variance * np.random.default_rng((seed, 1)).gamma(_AVERAGES - 1, size=H.shape)
     coherence: NDArray[np.float64] = np.abs(values) ** 2 / (np.abs(values) ** 2 + unexplained)
     return FRF(
@@ -235,7 +267,10 @@ def _frequencies(result: JointResult) -> str:
     for name, one in result.results.items():
         free = one.model.n_dofs == max(r.model.n_dofs for r in result.results.values())
         skip = len(MOTORS) if free else 0  # both axes turn freely
-        three = [modes(m, skip + 4).frequency[skip:] for m in (one.start, one.model, one.start.scaled(TRUTH))]
+        three = [
+            modes(m, skip + 4).frequency[skip:]
+            for m in (one.start, one.model, one.start.scaled(TRUTH))
+        ]
         lines += [
             f"{name + f', {number}':<26}" + "".join(f"{f:>10.3f}" for f in row)
             for number, row in enumerate(zip(*three, strict=True), 1)
@@ -246,4 +281,6 @@ def _frequencies(result: JointResult) -> str:
 def _margins(result: JointResult) -> str:
     one = result.results["rotors free"]
     models = {"drawings": one.start, "updated": one.model, "true": one.start.scaled(TRUTH)}
-    return "Azimuth servo, its controller set from the drawings:\n" + antenna_servo.margins_table(models)
+    return "Azimuth servo, its controller set from the drawings:\n" + antenna_servo.margins_table(
+        models
+    )

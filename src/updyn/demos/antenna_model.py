@@ -1,13 +1,15 @@
 """A 4 m antenna, generated: shell pedestal, yoke, backup truss, reflector, and two drive trains with motors.
 
-Everything is in SI units. X points where the dish looks at the horizon, Y along the elevation axis, Z up; the dish
-stands at 45 degrees of elevation.
+Everything is in SI units. X points where the dish looks at the horizon, Y along the elevation axis,
+Z up; the dish stands at 45 degrees of elevation.
 
-Dimensions and weights are of a common design, 4 m of aluminium skin on a welded truss of steel tubes, 0.87 t above the
-pedestal; no built antenna was copied. What holds the frequencies to what is usual: with its drives held a dish of D
-metres has its first mode at some 20 D^-0.7 Hz (W. Gawronski, Modeling and Control of Antennas and Telescopes, Springer
+Dimensions and weights are of a common design, 4 m of aluminium skin on a welded truss of steel
+tubes, 0.87 t above the pedestal; no built antenna was copied. What holds the frequencies to what is
+usual: with its drives held a dish of D metres has its first mode at some 20 D^-0.7 Hz (W.
+Gawronski, Modeling and Control of Antennas and Telescopes, Springer
 2008), here 7.6; this one has 7.1. Stiffnesses of bearings, foundation and gears were chosen, each so that it matters in
-some mode. That of a mesh has bearings and carrier of its pinion in it; the teeth alone would be ten times as stiff.
+some mode. That of a mesh has bearings and carrier of its pinion in it; the teeth alone would be ten
+times as stiff.
 """
 
 from __future__ import annotations
@@ -23,7 +25,16 @@ from numpy.typing import NDArray
 
 from updyn.elements.constraints import Equation, constrain, join
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Shaft, drivetrain, mounted
-from updyn.elements.structure import Beam, PointMass, RigidLink, Section, Shell, Spring, structure, tube
+from updyn.elements.structure import (
+    Beam,
+    PointMass,
+    RigidLink,
+    Section,
+    Shell,
+    Spring,
+    structure,
+    tube,
+)
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 
@@ -42,8 +53,16 @@ _VERTEX = 0.55  # of the paraboloid, in front of the elevation axis
 #: Nodes with a place in the text: what is measured, struck or driven.
 NODES = {"foundation": 1, "pedestal top": 2, "turntable": 3, "hub": 4, "feed": 5, "tube": 200}
 
-#: Nodes of the drive trains: rotor against its housing, rotor, first stage, second stage, pinion, ring, housing.
-AZIMUTH = {"motor": 2001, "rotor": 2002, "input": 2003, "stage 1": 2004, "stage 2": 2005, "pinion": 2006}
+#: Nodes of the drive trains: rotor against its housing, rotor, first stage, second stage, pinion,
+#: ring, housing.
+AZIMUTH = {
+    "motor": 2001,
+    "rotor": 2002,
+    "input": 2003,
+    "stage 1": 2004,
+    "stage 2": 2005,
+    "pinion": 2006,
+}
 AZIMUTH |= {"ring": 2007, "housing": 2008}
 ELEVATION = {name: node + 1000 for name, node in AZIMUTH.items()}
 _RATIO = 800.0  # of both drives: two stages of 10, pinion on ring 8
@@ -55,8 +74,8 @@ def antenna() -> Model:
     Returns
     -------
     Model
-        The rotation of a motor (nodes 2001 and 3001) is that of its rotor against its housing: what its encoder reads
-        and its torque acts on, so that a rotor is locked by holding this DOF.
+        The rotation of a motor (nodes 2001 and 3001) is that of its rotor against its housing: what
+        its encoder reads and its torque acts on, so that a rotor is locked by holding this DOF.
     """
     body = _split(_structure(SKIN), _structure(2.0 * SKIN))
     y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -66,12 +85,20 @@ def antenna() -> Model:
         (ELEVATION, "elevation", NODES["tube"] + 6, _yoke_top(1), y),
     ):
         drive = drivetrain(trains(name))
-        model = mounted(drive, model, {train["ring"]: (ring, axis), train["housing"]: (housing, axis)})
-        drag = Model.from_groups({f"{name} drag": Group(viscous=[[2e-3]])}, [f"{train['motor']}:RZ"])
+        model = mounted(
+            drive, model, {train["ring"]: (ring, axis), train["housing"]: (housing, axis)}
+        )
+        drag = Model.from_groups(
+            {f"{name} drag": Group(viscous=[[2e-3]])}, [f"{train['motor']}:RZ"]
+        )
         turning = {f"{train['motor']}:RZ": 1.0, f"{housing}:R{'YZ'[axis == z]}": 1.0}
-        model = constrain(join([model, drag], title="Antenna of 4 m"), [Equation(f"{train['rotor']}:RZ", turning)])
+        model = constrain(
+            join([model, drag], title="Antenna of 4 m"), [Equation(f"{train['rotor']}:RZ", turning)]
+        )
     assert body.geometry is not None
-    return Model.from_groups(model.groups, model.dofs, geometry=_with_drives(body.geometry), title=model.title)
+    return Model.from_groups(
+        model.groups, model.dofs, geometry=_with_drives(body.geometry), title=model.title
+    )
 
 
 def locked(model: Model) -> Model:
@@ -100,8 +127,12 @@ def trains(which: str) -> list[Any]:
         Motor(f"{which} motor", at["rotor"], inertia=2.5e-3),
         Shaft(f"{which} input shaft", at["rotor"], at["input"], stiffness=8e3, loss_factor=0.03),
         GearPair(f"{which} stage 1", at["input"], at["stage 1"], torsional_stiffness=4e4, **stage),
-        GearPair(f"{which} stage 2", at["stage 1"], at["stage 2"], torsional_stiffness=1.5e5, **stage),
-        Shaft(f"{which} pinion shaft", at["stage 2"], at["pinion"], stiffness=9e4, loss_factor=0.03),
+        GearPair(
+            f"{which} stage 2", at["stage 1"], at["stage 2"], torsional_stiffness=1.5e5, **stage
+        ),
+        Shaft(
+            f"{which} pinion shaft", at["stage 2"], at["pinion"], stiffness=9e4, loss_factor=0.03
+        ),
         Inertia(f"{which} pinion", at["pinion"], 4e-3),
         GearPair(
             f"{which} mesh",
@@ -117,16 +148,25 @@ def trains(which: str) -> list[Any]:
 def _with_drives(geometry: Geometry) -> Geometry:
     """Return the geometry with the drives beside what they turn, to be seen."""
     nodes, xyz, lines = [geometry.nodes], [geometry.xyz], [geometry.lines]
-    azimuth = np.array([[0.75, 0.0, 1.0], [0.75, 0.0, 1.2], [0.75, 0.0, 1.4], [0.75, 0.0, 1.6], [0.45, 0.0, 1.85]])
+    azimuth = np.array(
+        [[0.75, 0.0, 1.0], [0.75, 0.0, 1.2], [0.75, 0.0, 1.4], [0.75, 0.0, 1.6], [0.45, 0.0, 1.85]]
+    )
     start = np.array([-0.55, 1.15, _AXIS_HEIGHT - 0.55])
     elevation = start + np.outer([0.0, 0.25, 0.5, 0.75, 1.0], [0.4, -0.35, 0.5])
-    for train, places, ring in ((AZIMUTH, azimuth, NODES["turntable"]), (ELEVATION, elevation, NODES["tube"] + 6)):
+    for train, places, ring in (
+        (AZIMUTH, azimuth, NODES["turntable"]),
+        (ELEVATION, elevation, NODES["tube"] + 6),
+    ):
         chain = [train[name] for name in ("motor", "input", "stage 1", "stage 2", "pinion")]
         nodes.append(np.array(chain))
         xyz.append(places)
         lines.append(np.array(list(pairwise([*chain, ring]))))
     axes = np.tile(np.eye(3), (sum(len(some) for some in nodes), 1, 1))
-    axes[-len(elevation) :] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # its shafts turn about Y: that is their RZ
+    axes[-len(elevation) :] = [
+        [0, 0, 1],
+        [1, 0, 0],
+        [0, 1, 0],
+    ]  # its shafts turn about Y: that is their RZ
     return Geometry(np.concatenate(nodes), np.concatenate(xyz), np.concatenate(lines), axes)
 
 
@@ -156,7 +196,13 @@ def _structure(thickness: float) -> Model:
         "feed": _dish(_VERTEX + FOCUS - 0.05),
     }.items():
         nodes.row(NODES[name], [place])
-    made = [*_pedestal(nodes), *_yoke(nodes), *_tube(nodes), *_reflector(nodes, thickness), *_feed(nodes)]
+    made = [
+        *_pedestal(nodes),
+        *_yoke(nodes),
+        *_tube(nodes),
+        *_reflector(nodes, thickness),
+        *_feed(nodes),
+    ]
     links = [part for part in made if isinstance(part, RigidLink)]
     parts = [part for part in made if not isinstance(part, RigidLink)]
     return structure(nodes.xyz, parts, links=links, title="Antenna of 4 m")
@@ -165,8 +211,8 @@ def _structure(thickness: float) -> Model:
 def _split(single: Model, double: Model) -> Model:
     """Return the model with the bending of the reflector in a group of its own.
 
-    With t its thickness K = t A + t^3 B, and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear go with t, bending with its
-    cube.
+    With t its thickness K = t A + t^3 B, and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear go with
+    t, bending with its cube.
     """
     skin, thick = single.group("reflector"), double.group("reflector")
     assert skin.stiffness is not None
@@ -185,7 +231,9 @@ def _box(height: float, width: float, wall: float) -> Section:
     Iyy = (height * width**3 - (height - 2 * wall) * (width - 2 * wall) ** 3) / 12
     Izz = (width * height**3 - (width - 2 * wall) * (height - 2 * wall) ** 3) / 12
     A = height * width - (height - 2 * wall) * (width - 2 * wall)
-    return Section(A, Iyy, Izz, 2 * (h * b) ** 2 * wall / (h + b), h / (2 * (h + b)) * 2, b / (2 * (h + b)) * 2)
+    return Section(
+        A, Iyy, Izz, 2 * (h * b) ** 2 * wall / (h + b), h / (2 * (h + b)) * 2, b / (2 * (h + b)) * 2
+    )
 
 
 def _pedestal(nodes: _Nodes) -> Iterator[Any]:
@@ -196,7 +244,12 @@ def _pedestal(nodes: _Nodes) -> Iterator[Any]:
     yield Shell("pedestal", _quads(rings), thickness=0.008, loss_factor=0.01, **STEEL)
     yield RigidLink(NODES["foundation"], rings[0])
     yield RigidLink(NODES["pedestal top"], rings[-1])
-    yield Spring("foundation", NODES["foundation"], stiffness=[6e8, 6e8, 1.2e9, 1.5e8, 1.5e8, 1.5e8], loss_factor=0.04)
+    yield Spring(
+        "foundation",
+        NODES["foundation"],
+        stiffness=[6e8, 6e8, 1.2e9, 1.5e8, 1.5e8, 1.5e8],
+        loss_factor=0.04,
+    )
     yield Spring(
         "azimuth bearing",
         NODES["pedestal top"],
@@ -231,9 +284,14 @@ def _tube(nodes: _Nodes) -> Iterator[Any]:
     first = NODES["tube"]
     line = nodes.row(first, [(0, y, _AXIS_HEIGHT) for y in np.linspace(-0.66, 0.66, 7)])
     yield Beam("tube", list(pairwise(line)), section=tube(0.27, 0.25), loss_factor=0.01, **STEEL)
-    for side, end, along in ((1, line[-1], 3e8), (-1, line[0], 0.0)):  # the other end floats along the axis
+    for side, end, along in (
+        (1, line[-1], 3e8),
+        (-1, line[0], 0.0),
+    ):  # the other end floats along the axis
         stiffness = [1.5e8, along, 1.5e8, 0, 0, 0]
-        yield Spring("elevation bearings", _yoke_top(side), end, stiffness=stiffness, loss_factor=0.03)
+        yield Spring(
+            "elevation bearings", _yoke_top(side), end, stiffness=stiffness, loss_factor=0.03
+        )
     for start, at in ((211, line[1]), (221, line[-2])):
         y = float(nodes.xyz[at][1])
         arm = nodes.row(start, [_dish(-s, 0.0, y) for s in (0.3, 0.6, 0.9)])
@@ -309,7 +367,9 @@ def _feed(nodes: _Nodes) -> Iterator[Any]:
         to = nodes.xyz[NODES["feed"]] - nodes.xyz[foot]
         inside = nodes.row(801 + 10 * leg, [nodes.xyz[foot] + s * to for s in (1 / 3, 2 / 3)])
         line = [foot, *inside, NODES["feed"]]
-        yield Beam("feed legs", list(pairwise(line)), section=tube(0.045, 0.040), loss_factor=0.01, **STEEL)
+        yield Beam(
+            "feed legs", list(pairwise(line)), section=tube(0.045, 0.040), loss_factor=0.01, **STEEL
+        )
     yield PointMass("feed", NODES["feed"], 18.0, inertia=[0.4, 0.4, 0.4])
 
 

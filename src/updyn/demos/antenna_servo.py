@@ -1,10 +1,12 @@
 """The azimuth servo of the antenna: its plant, a controller that was set from the drawings, and what its margins are.
 
-The motor's torque and speed are counted at the load. An encoder on the motor closes the velocity loop, one on the
-turntable the position loop; the wind turns the dish. The elevation motor is free, as in the test with free rotors.
+The motor's torque and speed are counted at the load. An encoder on the motor closes the velocity
+loop, one on the turntable the position loop; the wind turns the dish. The elevation motor is free,
+as in the test with free rotors.
 
-The controller is sized for a crossover of 7 Hz from the inertia of the drawings. Its notch stands at the resonance of
-torque to motor speed that the drawings have there, 9.55 Hz, and is as narrow as one would dare that trusts them.
+The controller is sized for a crossover of 7 Hz from the inertia of the drawings. Its notch stands
+at the resonance of torque to motor speed that the drawings have there, 9.55 Hz, and is as narrow as
+one would dare that trusts them.
 """
 
 from __future__ import annotations
@@ -21,7 +23,15 @@ from updyn.control.servo.servo import servo
 from updyn.demos.antenna_model import AZIMUTH, NODES
 from updyn.model import Model
 
-__all__ = ["BAND", "CONTROLLER", "FIGURES", "azimuth_plant", "azimuth_servo", "job_tables", "margins_table"]
+__all__ = [
+    "BAND",
+    "CONTROLLER",
+    "FIGURES",
+    "azimuth_plant",
+    "azimuth_servo",
+    "job_tables",
+    "margins_table",
+]
 
 MOTOR, TURNTABLE, HUB = f"{AZIMUTH['motor']}:RZ", f"{NODES['turntable']}:RZ", f"{NODES['hub']}:RZ"
 RATIO = -800.0  # the ring turns the other way
@@ -59,8 +69,8 @@ def azimuth_plant(model: Model) -> Plant:
     Returns
     -------
     Plant
-        Torque at the motor, counted at the load, and torque of the wind at the hub, in N m; speed of the motor, counted
-        at the load, in rad/s, angles of turntable and hub in rad.
+        Torque at the motor, counted at the load, and torque of the wind at the hub, in N m; speed
+        of the motor, counted at the load, in rad/s, angles of turntable and hub in rad.
     """
     return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES)
 
@@ -86,7 +96,10 @@ def margins_table(models: Mapping[str, Model]) -> str:
     for at, loop in enumerate(("velocity", "position")):
         for what, unit, attribute in FIGURES:
             label = f"{loop} loop, {what}{f' in {unit}' if unit else ''}"
-            lines.append(f"{label:<34}" + "".join(_cell(s.loops[at].margins, attribute) for s in found.values()))
+            lines.append(
+                f"{label:<34}"
+                + "".join(_cell(s.loops[at].margins, attribute) for s in found.values())
+            )
     return "\n".join(lines)
 
 

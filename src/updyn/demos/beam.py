@@ -1,11 +1,12 @@
 """A free-free steel beam, struck at six points and measured by seven accelerometers (Ladisk; see ``data/README.md``).
 
-Two jobs: the whole beam with its pads and accelerometers, then, from there, the beam in segments. Two accelerometers
-are held out of both.
+Two jobs: the whole beam with its pads and accelerometers, then, from there, the beam in segments.
+Two accelerometers are held out of both.
 
-What the model takes for granted was not measured. The source gives neither drawing nor positions: length, section and
-stations were inferred from these FRFs (natural frequencies, mode shapes, level), the pads and the mass of the
-accelerometers are assumed. E = 200 GPa and the density are handbook values of steel.
+What the model takes for granted was not measured. The source gives neither drawing nor positions:
+length, section and stations were inferred from these FRFs (natural frequencies, mode shapes,
+level), the pads and the mass of the accelerometers are assumed. E = 200 GPa and the density are
+handbook values of steel.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ OTHER_E = 210e9
 
 _AT = {101: 0.086, 102: 0.250, 103: 0.418, 104: 0.582, 105: 0.750, 106: 0.918, 107: 0.334}
 _AT |= {201: 0.088, 202: 0.246, 204: 0.580, 205: 0.745, 206: 0.915}
-#: Position in m by node number: 101 to 107 accelerometers, 201 to 206 hammer points; the third of these is at 103.
+#: Position in m by node number: 101 to 107 accelerometers, 201 to 206 hammer points; the third of
+#: these is at 103.
 STATIONS = {node: round(LENGTH * x, 5) for node, x in _AT.items()}
 SENSORS = tuple(f"{node}:Z" for node in range(101, 108))
 HAMMER = ("201:Z", "202:Z", "103:Z", "204:Z", "205:Z", "206:Z")
@@ -50,15 +52,17 @@ HELD_OUT = ("103:Z", "107:Z")
 
 BAND = (100.0, 4500.0)  # Hz
 _EVERY = 20  # lines: neighbours say the same
-#: Where the foam blocks stand, in m: about a twentieth of the length from each end, by the photograph of the source.
+#: Where the foam blocks stand, in m: about a twentieth of the length from each end, by the
+#: photograph of the source.
 PADS = (0.028, 0.537)
 _PADS = {"stiffness": 2e4, "loss_factor": 0.1}  # N/m each
 _ACCELEROMETER = 0.004  # kg each
 
 _SOURCE = "Measurement: Ladisk, sample data of sdypy-EMA 0.27.3, MIT licence (inputs/README.md)."
 _JOB = """\
-# The measurement is Ladisk's (see README.md beside this file). Dimensions and positions are inferred from it, not
-# measured; E and the density are handbook values. Everything is scored over all lines of the band.
+# The measurement is Ladisk's (see README.md beside this file). Dimensions and positions are
+# inferred from it, not measured; E and the density are handbook values. Everything is scored over
+# all lines of the band.
 title = "{title}"
 
 [model]
@@ -155,15 +159,17 @@ def segments_job(values: Mapping[str, float], folder: Path, number: int = 4) -> 
     """
     edges = np.linspace(0.0, LENGTH, number + 1).round(6)
     segments = [
-        {"name": f"segment {i + 1}", "start": float(a), "end": float(b)} for i, (a, b) in enumerate(pairwise(edges))
+        {"name": f"segment {i + 1}", "start": float(a), "end": float(b)}
+        for i, (a, b) in enumerate(pairwise(edges))
     ]
     text = _job(
         folder,
         title=f"Steel beam, {number} segments",
         start=values,
         unknowns=[
-            # One bar was rolled: segments differ by per cents. Its steel has one loss factor; without the narrow
-            # prior, what the supports do to mode 1 appears as segments without any damping beside segments with double.
+            # One bar was rolled: segments differ by per cents. Its steel has one loss factor;
+            # without the narrow prior, what the supports do to mode 1 appears as segments without
+            # any damping beside segments with double.
             _unknown("segment *", "stiffness", 0.7, 1.4, 0.03),
             _unknown("segment *", "mass", 0.7, 1.4, 0.03),
             _unknown("segment *", "loss_factor", 1e-4, 0.05, 3e-4),
@@ -187,7 +193,10 @@ def _job(
     """Return the text of a job; `start` holds estimates to start from, none of them where it is empty."""
     from updyn.io import read_frf
 
-    factor = {k: start.get(k, 1.0) for k in ("beam.stiffness", "beam.mass", "pads.stiffness", "accelerometers.mass")}
+    factor = {
+        k: start.get(k, 1.0)
+        for k in ("beam.stiffness", "beam.mass", "pads.stiffness", "accelerometers.mass")
+    }
     pads = {
         "stiffness": _PADS["stiffness"] * factor["pads.stiffness"],
         "loss_factor": start.get("pads.loss_factor", _PADS["loss_factor"]),
@@ -196,7 +205,9 @@ def _job(
     parts += [_part("supports", {"name": "pads", "x": x, **pads}) for x in PADS]
     mass = _ACCELEROMETER * factor["accelerometers.mass"]
     parts += [
-        _part("masses", {"name": "accelerometers", "x": STATIONS[n], "mass": mass}) for n in sorted(STATIONS) if n < 200
+        _part("masses", {"name": "accelerometers", "x": STATIONS[n], "mass": mass})
+        for n in sorted(STATIONS)
+        if n < 200
     ]
     lines = read_frf(folder / "ladisk_beam.uff").select(band=BAND).freq[::_EVERY]
     texts = [f"{f:.6f}" for f in lines]
@@ -213,7 +224,9 @@ def _job(
         unknowns="\n".join(unknowns),
         held=str(list(HELD_OUT)).replace("'", '"'),
         options=options,
-        lines="\n".join("    " + ", ".join(texts[i : i + 10]) + "," for i in range(0, len(texts), 10)),
+        lines="\n".join(
+            "    " + ", ".join(texts[i : i + 10]) + "," for i in range(0, len(texts), 10)
+        ),
     )
 
 
@@ -222,7 +235,9 @@ def _part(kind: str, keys: Mapping[str, Any]) -> str:
     return _PART.format(kind=kind, keys="\n".join(rows))
 
 
-def _unknown(groups: str, quantity: str, lower: float, upper: float, prior_std: float | None = None) -> str:
+def _unknown(
+    groups: str, quantity: str, lower: float, upper: float, prior_std: float | None = None
+) -> str:
     text = _UNKNOWN.format(groups=groups, quantity=quantity, lower=lower, upper=upper)
     return text if prior_std is None else text + f"prior_std = {prior_std}\n"
 

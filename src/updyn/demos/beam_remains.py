@@ -27,12 +27,22 @@ _BANDS = ((BAND[0], 300.0), (300.0, 1000.0), (1000.0, 2200.0), (2200.0, BAND[1])
 def comparison(results: Sequence[UpdateResult]) -> str:
     """Return a table of the start and of every run: fitted and held-out sensors, over all lines of the band."""
     first = results[0]
-    rows = [(f"start, E = {E / 1e9:g} GPa", first.correlation["before"], first.correlation["validation"]["before"])]
-    rows += [(r.title, r.correlation["after"], r.correlation["validation"]["after"]) for r in results]
+    rows = [
+        (
+            f"start, E = {E / 1e9:g} GPa",
+            first.correlation["before"],
+            first.correlation["validation"]["before"],
+        )
+    ]
+    rows += [
+        (r.title, r.correlation["after"], r.correlation["validation"]["after"]) for r in results
+    ]
     held = ", ".join(first.validation_responses)
     lines = [
-        f"Over all {len(first.frf.freq)} lines from {BAND[0]:g} to {BAND[1]:g} Hz, medians "
-        f"({len(first.lines)} lines were fitted; held out: {held}):",
+        (
+            f"Over all {len(first.frf.freq)} lines from {BAND[0]:g} to {BAND[1]:g} Hz, medians "
+            f"({len(first.lines)} lines were fitted; held out: {held}):"
+        ),
         f"{'':<24} {'fitted sensors':>20}   {'held-out sensors':>20}",
         f"{'':<24} {'|dB|':>10} {'FRAC':>9}   {'|dB|':>10} {'FRAC':>9}",
     ]
@@ -47,11 +57,12 @@ def _start(result: UpdateResult) -> str:
     other = result.start.scaled({"beam": {"stiffness": OTHER_E / E}})
     figures = correlate(other, result.frf.select(responses=result.fitted_responses)).figures()
     return (
-        f"The start has the dimensions inferred from these FRFs and a handbook E of {E / 1e9:g} GPa. Its FRAC is near "
-        f"0 because resonances as sharp as these miss each other when frequencies are off by per cents: with "
-        f"{OTHER_E / 1e9:g} GPa, a handbook value too, the start would read {figures['db_error_median']:.2f} dB and "
-        f"{figures['frac_median']:.2f}. Judge by what is reached, not by how far it came. "
-        "(A fit weighs every value by its noise, resonances and antiresonances alike; medians may go either way.)"
+        f"The start has the dimensions inferred from these FRFs and a handbook E of {E / 1e9:g}"
+        " GPa. Its FRAC is near 0 because resonances as sharp as these miss each other when"
+        f" frequencies are off by per cents: with {OTHER_E / 1e9:g} GPa, a handbook value too, the"
+        f" start would read {figures['db_error_median']:.2f} dB and {figures['frac_median']:.2f}."
+        " Judge by what is reached, not by how far it came. (A fit weighs every value by its"
+        " noise, resonances and antiresonances alike; medians may go either way.)"
     )
 
 
@@ -60,7 +71,8 @@ def remains(result: UpdateResult) -> str:
     computed = correlate(result.model, result.frf)
     error = computed.db_error
     levels = ", ".join(
-        f"{np.median(error[(computed.freq >= a) & (computed.freq < b)]):.2f} dB in {a:g}-{b:g} Hz" for a, b in _BANDS
+        f"{np.median(error[(computed.freq >= a) & (computed.freq < b)]):.2f} dB in {a:g}-{b:g} Hz"
+        for a, b in _BANDS
     )
     apart = 1e3 * max(abs(STATIONS[int(s[:3])] - STATIONS[int(h[:3])]) for s, h in _PAIRS)
     twisted, mac = torsion(computed, LENGTH)
@@ -71,21 +83,36 @@ def remains(result: UpdateResult) -> str:
         [
             f"What remains of '{result.title}', and why:",
             f"- By band: {levels}.",
-            f"- A mode at {twisted:.0f} Hz is missing from the model, and the shapes agree least around it (CSAC "
-            f"{computed.csac.min():.2f}). At the sensors it moves much as the first torsion of a free bar "
-            f"would (MAC {mac:.2f}), struck and measured off the axis; a beam that bends in one plane has no torsion.",
-            f"- Swapping hammer and sensor between stations changes the measurement by {swapped:.1%} (median). The two "
-            f"are up to {apart:.1f} mm apart there; {unexplained:.1%} is more than the model can put down to that: "
-            "torsion, calibration, repeatability.",
-            "- Each sensor lies off the model by a level of its own (calibration, or position), which is no unknown: "
-            f"{', '.join(f'{k} {v:+.2f}' for k, v in levels_of(computed.measured, computed.computed).items())} dB.",
-            f"- Mode 1 is measured with a loss factor of {found:.2%}; the model gives it {ours:.2%}. The foam under "
-            "the ends dissipates otherwise than two springs with one loss factor. Loss factors that differ between "
-            "segments are the nearest that the model has to it: read them as that, not as a finding about the steel.",
-            "- Length, section and positions were inferred, and the form of the model chosen, with sight of all "
-            "sensors, the held-out ones included, and so was the number of segments (benchmarks/beam.py has others). "
-            "Segments that differ by a few per cent may as well be positions that are off by millimetres. Suspension "
-            "modes, below 60 Hz, are not modelled.",
+            (
+                f"- A mode at {twisted:.0f} Hz is missing from the model, and the shapes agree"
+                f" least around it (CSAC {computed.csac.min():.2f}). At the sensors it moves much"
+                f" as the first torsion of a free bar would (MAC {mac:.2f}), struck and measured"
+                " off the axis; a beam that bends in one plane has no torsion."
+            ),
+            (
+                "- Swapping hammer and sensor between stations changes the measurement by"
+                f" {swapped:.1%} (median). The two are up to {apart:.1f} mm apart there;"
+                f" {unexplained:.1%} is more than the model can put down to that: torsion,"
+                " calibration, repeatability."
+            ),
+            (
+                "- Each sensor lies off the model by a level of its own (calibration, or position),"
+                " which is no unknown: "
+                f"{', '.join(f'{k} {v:+.2f}' for k, v in levels_of(computed.measured, computed.computed).items())} dB."
+            ),
+            (
+                f"- Mode 1 is measured with a loss factor of {found:.2%}; the model gives it"
+                f" {ours:.2%}. The foam under the ends dissipates otherwise than two springs with"
+                " one loss factor. Loss factors that differ between segments are the nearest that"
+                " the model has to it: read them as that, not as a finding about the steel."
+            ),
+            (
+                "- Length, section and positions were inferred, and the form of the model chosen,"
+                " with sight of all sensors, the held-out ones included, and so was the number of"
+                " segments (benchmarks/beam.py has others). Segments that differ by a few per cent"
+                " may as well be positions that are off by millimetres. Suspension modes, below 60"
+                " Hz, are not modelled."
+            ),
         ]
     )
 
@@ -104,7 +131,9 @@ def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
 
 def levels_of(measured: FRF, computed: FRF) -> dict[str, float]:
     """Return the level of each sensor against the model, in dB: median over lines, mean over hammer points."""
-    level = np.median(20.0 * np.log10(np.abs(measured.values) / np.abs(computed.values)), axis=0).mean(axis=1)
+    level = np.median(
+        20.0 * np.log10(np.abs(measured.values) / np.abs(computed.values)), axis=0
+    ).mean(axis=1)
     return dict(zip(measured.responses.labels, level.tolist(), strict=True))
 
 
@@ -158,7 +187,9 @@ def one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128
 
     def amplitudes(pole: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
         ratio, loss = pole
-        shapes = square[:, None] * np.column_stack([1.0 / (ratio * (1.0 + 1j * loss) - square), np.ones(len(square))])
+        shapes = square[:, None] * np.column_stack(
+            [1.0 / (ratio * (1.0 + 1j * loss) - square), np.ones(len(square))]
+        )
         found = np.linalg.lstsq(shapes, Y, rcond=None)[0]
         return found, Y - shapes @ found
 

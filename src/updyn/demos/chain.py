@@ -1,7 +1,7 @@
 """A chain of twelve masses and springs in four groups, with data made from known true values.
 
-Five masses carry sensors, two of them are struck. The data hold 1 % noise from a fixed seed. The true values make the
-data and are compared with at the end; the update sees neither.
+Five masses carry sensors, two of them are struck. The data hold 1 % noise from a fixed seed. The
+true values make the data and are compared with at the end; the update sees neither.
 """
 
 from __future__ import annotations
@@ -81,14 +81,18 @@ def build() -> Model:
                 K[i - 1, i] -= _STIFFNESS[i]
                 K[i, i - 1] -= _STIFFNESS[i]
         groups[f"part{number + 1}"] = Group(K, M, loss_factor=_LOSS_FACTOR)
-    return Model.from_groups(groups, [f"{i}:X" for i in range(1, 13)], title="Chain of twelve masses")
+    return Model.from_groups(
+        groups, [f"{i}:X" for i in range(1, 13)], title="Chain of twelve masses"
+    )
 
 
 def measure() -> FRF:
     """Return the accelerances of the true chain over its first six modes, with noise."""
     true = build().scaled(TRUTH)
     f = modes(true, 6).frequency
-    exact = response(true, np.linspace(0.3 * f[0], 1.05 * f[5], 60), _SENSORS, _HAMMER, quantity="accelerance")
+    exact = response(
+        true, np.linspace(0.3 * f[0], 1.05 * f[5], 60), _SENSORS, _HAMMER, quantity="accelerance"
+    )
     rng = np.random.default_rng(_SEED)
     noise = rng.normal(size=(2, *exact.values.shape)) / np.sqrt(2.0)
     values = exact.values * (1.0 + _NOISE * (noise[0] + 1j * noise[1]))
@@ -112,5 +116,7 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     result = results[-1]
     for p in result.parameters:
         true, value, std = TRUTH[p.group][p.quantity], result.values[p.name], result.std[p.name]
-        lines.append(f"{p.name:<18} {true:>6g} {value:>10.5g} {std:>8.2g} {(value - true) / std:>+12.1f}")
+        lines.append(
+            f"{p.name:<18} {true:>6g} {value:>10.5g} {std:>8.2g} {(value - true) / std:>+12.1f}"
+        )
     return "Against the values that made the data:\n" + "\n".join(lines)

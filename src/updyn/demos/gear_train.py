@@ -1,9 +1,10 @@
 """The paper's gear train, run as the paper ran it, and what its four lines cannot determine.
 
-Bao, Wang & Cheng, "Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35, section 4. Three
-jobs: the published one (condensed equation error, plain iteration, five steps), which its data cannot determine; the
-same from the other reading of the paper's "error rates"; and the cure, a fifth line, whose outcome is that of the demo.
-Two more job files, for ``updyn compare``, are written beside them (`updyn.demos.gear_train_bench`).
+Bao, Wang & Cheng, "Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35,
+section 4. Three jobs: the published one (condensed equation error, plain iteration, five steps),
+which its data cannot determine; the same from the other reading of the paper's "error rates"; and
+the cure, a fifth line, whose outcome is that of the demo. Two more job files, for ``updyn
+compare``, are written beside them (`updyn.demos.gear_train_bench`).
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ from updyn.updating.choice import parameters
 if TYPE_CHECKING:
     from updyn.updating.result import UpdateResult
 
-__all__ = ["FIFTH", "epilogue", "measure", "next_job", "on_the_family", "paper_matrices", "write_inputs"]
+__all__ = [
+    "FIFTH",
+    "epilogue",
+    "measure",
+    "next_job",
+    "on_the_family",
+    "paper_matrices",
+    "write_inputs",
+]
 
 #: The line that cures it, in rad/s.
 FIFTH = 150.0
@@ -57,7 +66,8 @@ name = "equation-error"
 """
 _AS_PUBLISHED = 'solver = "gauss-newton"\nmax_iterations = 5'
 _SAFEGUARDED = (
-    'solver = "trust-region"  # with five lines the plain iteration diverges from this start\nmax_iterations = 300'
+    'solver = "trust-region"  # with five lines the plain iteration diverges from this'
+    " start\nmax_iterations = 300"
 )
 
 
@@ -96,18 +106,34 @@ def next_job(results: Sequence[UpdateResult], folder: Path) -> Path | None:
     """After the published job: the second reading of the error rates, then the fifth line."""
     if len(results) == 1:
         return _write_job(
-            folder, "second_reading", "second reading", "second_reading.h5", "test.uff", _AS_PUBLISHED, READINGS[1]
+            folder,
+            "second_reading",
+            "second reading",
+            "second_reading.h5",
+            "test.uff",
+            _AS_PUBLISHED,
+            READINGS[1],
         )
     if len(results) == 2:
-        return _write_job(folder, "fifth_line", "with a fifth line", "model.h5", "fifth_line.uff", _SAFEGUARDED)
+        return _write_job(
+            folder, "fifth_line", "with a fifth line", "model.h5", "fifth_line.uff", _SAFEGUARDED
+        )
     return None
 
 
 def _write_job(
-    folder: Path, name: str, what: str, model: str, test: str, options: str, reading: str = READINGS[0]
+    folder: Path,
+    name: str,
+    what: str,
+    model: str,
+    test: str,
+    options: str,
+    reading: str = READINGS[0],
 ) -> Path:
     path = folder / f"{name}.toml"
-    text = _JOB.format(title=f"Gear train, {what}", model=model, reading=reading, test=test, options=options)
+    text = _JOB.format(
+        title=f"Gear train, {what}", model=model, reading=reading, test=test, options=options
+    )
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -117,7 +143,12 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare with the paper; show the family that its data leave open, and that a fifth line closes it."""
     published, second, cured = results
     moved = on_the_family(published)
-    parts = [_table_6(published), _matrices(published, moved), _family(published, moved), _cure(second, cured)]
+    parts = [
+        _table_6(published),
+        _matrices(published, moved),
+        _family(published, moved),
+        _cure(second, cured),
+    ]
     return "\n\n".join(parts)
 
 
@@ -128,8 +159,12 @@ def _table_6(result: UpdateResult) -> str:
         f"Against the paper, Table 6, after {steps} steps (the paper: after 5). Loss factors:",
         f"{'unit':<6} {'paper':>10} {'here':>10} {'true':>6}",
     ]
-    for e, (name, theirs, true) in enumerate(zip(unit_names(), paper, table()["loss_factor"], strict=True), 1):
-        lines.append(f"{e:<6} {theirs:>10.4g} {abs(result.values[f'{name}.loss_factor']):>10.4g} {true:>6g}")
+    for e, (name, theirs, true) in enumerate(
+        zip(unit_names(), paper, table()["loss_factor"], strict=True), 1
+    ):
+        lines.append(
+            f"{e:<6} {theirs:>10.4g} {abs(result.values[f'{name}.loss_factor']):>10.4g} {true:>6g}"
+        )
     return "\n".join(lines)
 
 
@@ -139,7 +174,10 @@ def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
     off = [name for name, x in there.items() if abs(shifted[name] - x) > 0.5 * 10.0 ** -decimals(x)]
     rest = "".join(f"; {name} is {shifted[name]:.8g}" for name in off)
     lines = [
-        "Mass (kg m2) and stiffness (1e6 N m/rad), entries that are not 0. 'moved': this result, moved along the open",
+        (
+            "Mass (kg m2) and stiffness (1e6 N m/rad), entries that are not 0. 'moved': this"
+            " result, moved along the open"
+        ),
         "combination to where K(6,6) is as the paper prints it.",
         f"{'':<8} {'paper':>10} {'here':>12} {'moved':>12} {'Tables 1-2':>12}",
     ]
@@ -150,7 +188,10 @@ def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
     return "\n".join(
         [
             *lines,
-            f"{len(there) - len(off)} of the {len(there)} entries of 'moved' round to what the paper prints{rest}.",
+            (
+                f"{len(there) - len(off)} of the {len(there)} entries of 'moved' round to what the"
+                f" paper prints{rest}."
+            ),
         ]
     )
 
@@ -158,16 +199,25 @@ def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
 def _family(result: UpdateResult, moved: UpdateResult) -> str:
     ident = result.identifiability
     direction = ident.null_directions[0]
-    weights = ", ".join(f"{w:+.4f} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
+    weights = ", ".join(
+        f"{w:+.4f} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1]))
+    )
     before, after = (_distance(m.model, result.frf) for m in (result, moved))
     return "\n".join(
         [
-            f"The four lines determine {ident.rank} of {ident.n_parameters} unknowns. Open: {weights}.",
-            f"Both models answer as the measurement does, to {before:.0e} and {after:.0e} of the largest receptance, "
-            f"though K(6,6) is {_matrices_of(result.model)['K(6,6)']:.5g} in one and "
-            f"{_matrices_of(moved.model)['K(6,6)']:.5g} in the other. The paper's result is a member of this family, "
-            f"picked by rounding. Its unit 6 is {abs(_share(moved) - 1.0):.2%} from Table 2, not '0.031 %'. (K of "
-            "units 2 and 6 is slightly indefinite by the rounding of Table 2.)",
+            (
+                f"The four lines determine {ident.rank} of {ident.n_parameters} unknowns. Open:"
+                f" {weights}."
+            ),
+            (
+                f"Both models answer as the measurement does, to {before:.0e} and {after:.0e} of"
+                " the largest receptance, though K(6,6) is"
+                f" {_matrices_of(result.model)['K(6,6)']:.5g} in one and"
+                f" {_matrices_of(moved.model)['K(6,6)']:.5g} in the other. The paper's result is a"
+                " member of this family, picked by rounding. Its unit 6 is"
+                f" {abs(_share(moved) - 1.0):.2%} from Table 2, not '0.031 %'. (K of units 2 and 6"
+                " is slightly indefinite by the rounding of Table 2.)"
+            ),
         ]
     )
 
@@ -176,11 +226,17 @@ def _cure(second: UpdateResult, cured: UpdateResult) -> str:
     first, last = second.identifiability, cured.identifiability
     return "\n".join(
         [
-            f"The paper does not say what its error rates mean. The above takes {READINGS[0]}. With {READINGS[1]} the "
-            f"plain iteration takes {len(second.history) - 1} steps, misses no loss factor by more than "
-            f"{_loss_error(second):.0e}, and the data again determine {first.rank} of {first.n_parameters} unknowns.",
-            f"The cure: with a fifth line at {FIFTH:g} rad/s the rank is {last.rank} of {last.n_parameters}, and every "
-            f"unknown is recovered, the worst to {worst_error(cured):.0e}.",
+            (
+                f"The paper does not say what its error rates mean. The above takes {READINGS[0]}."
+                f" With {READINGS[1]} the plain iteration takes {len(second.history) - 1} steps,"
+                f" misses no loss factor by more than {_loss_error(second):.0e}, and the data again"
+                f" determine {first.rank} of {first.n_parameters} unknowns."
+            ),
+            (
+                f"The cure: with a fifth line at {FIFTH:g} rad/s the rank is {last.rank} of"
+                f" {last.n_parameters}, and every unknown is recovered, the worst to"
+                f" {worst_error(cured):.0e}."
+            ),
         ]
     )
 
@@ -196,8 +252,8 @@ def on_the_family(result: UpdateResult) -> UpdateResult:
     Returns
     -------
     UpdateResult
-        With the stiffness of unit 6 held where it has to be, and all other unknowns fitted to the same data. K(6,6)
-        says most about it: five digits, nearly all of it unit 6.
+        With the stiffness of unit 6 held where it has to be, and all other unknowns fitted to the
+        same data. K(6,6) says most about it: five digits, nearly all of it unit 6.
     """
     from updyn.updating.update import update
 
@@ -257,14 +313,18 @@ def worst_error(result: UpdateResult) -> float:
         if p.quantity == "loss_factor":
             errors.append(result.values[p.name] - true.groups[p.group].loss_factor)
             continue
-        a, b = (np.abs(getattr(m.groups[p.group], p.quantity).toarray()).max() for m in (start, true))
+        a, b = (
+            np.abs(getattr(m.groups[p.group], p.quantity).toarray()).max() for m in (start, true)
+        )
         errors.append(result.values[p.name] * a / b - 1.0)
     return float(np.abs(errors).max())
 
 
 def _loss_error(result: UpdateResult) -> float:
     true = dict(zip(unit_names(), table()["loss_factor"], strict=True))
-    return max(abs(result.values[f"{name}.loss_factor"] - float(value)) for name, value in true.items())
+    return max(
+        abs(result.values[f"{name}.loss_factor"] - float(value)) for name, value in true.items()
+    )
 
 
 def _distance(model: Model, frf: FRF) -> float:

@@ -1,9 +1,10 @@
 """Every method on the paper's gear train: three jobs for ``updyn compare``, with their truth.
 
-``compare.toml`` has all 18 unknowns of the paper and 60 lines. ``compare_stiffness.toml`` takes the masses as known and
-a band up to the second resonance: there the method with independently reduced matrices, which the paper compares its
-own with, gives an answer, too; with all 18 unknowns it breaks down. ``compare_full.toml`` has every DOF measured and
-two forces, as the methods without condensation need it.
+``compare.toml`` has all 18 unknowns of the paper and 60 lines. ``compare_stiffness.toml`` takes the
+masses as known and a band up to the second resonance: there the method with independently reduced
+matrices, which the paper compares its own with, gives an answer, too; with all 18 unknowns it
+breaks down. ``compare_full.toml`` has every DOF measured and two forces, as the methods without
+condensation need it.
 """
 
 from __future__ import annotations
@@ -48,7 +49,10 @@ def known_masses() -> Model:
     """Return the start of Table 4 with the masses of Table 1, without damping."""
     changes = {}
     for e, name in enumerate(unit_names()):
-        changes[name] = {"stiffness": 1.0 + table()["stiffness_error_percent_Y"][e] / 100.0, "loss_factor": 0.0}
+        changes[name] = {
+            "stiffness": 1.0 + table()["stiffness_error_percent_Y"][e] / 100.0,
+            "loss_factor": 0.0,
+        }
     return true_model().scaled(changes)
 
 
@@ -66,7 +70,12 @@ def write_comparisons(folder: Path) -> None:
     everything = ("mass", "stiffness", "loss_factor")
     jobs = (
         ("compare", "every method, 18 unknowns", "model.h5", everything),
-        ("compare_stiffness", "every method, masses known", "known_masses.h5", ("stiffness", "loss_factor")),
+        (
+            "compare_stiffness",
+            "every method, masses known",
+            "known_masses.h5",
+            ("stiffness", "loss_factor"),
+        ),
         ("compare_full", "every method, every DOF measured", "model.h5", everything),
     )
     for name, what, model, quantities in jobs:
@@ -75,9 +84,13 @@ def write_comparisons(folder: Path) -> None:
         full = name == "compare_full"
         sensors = range(1, table()["dofs"] + 1) if full else table()["measured_dofs"]
         forces = [table()["force_dof"], *([_SECOND] if full else [])]
-        test = response(true_model(), freq, [f"{i}:RZ" for i in sensors], [f"{i}:RZ" for i in forces])
+        test = response(
+            true_model(), freq, [f"{i}:RZ" for i in sensors], [f"{i}:RZ" for i in forces]
+        )
         write_frf(test, folder / f"{name}.uff")
-        unknowns = "".join(f'[[parameter]]\ngroups = "all"\nquantity = "{q}"\n\n' for q in quantities)
+        unknowns = "".join(
+            f'[[parameter]]\ngroups = "all"\nquantity = "{q}"\n\n' for q in quantities
+        )
         job = _JOB.format(name=name, what=what, model=model, unknowns=unknowns.rstrip("\n") + "\n")
         (folder / f"{name}.toml").write_text(job, encoding="utf-8")
         truth = {k: v for k, v in true_values().items() if k.rsplit(".", 1)[1] in quantities}

@@ -1,7 +1,7 @@
 """The paper's seven-DOF gear train (Bao, Wang & Cheng 2010, Tables 1-5), as models.
 
-The numbers are in ``data/gear_train.json``. The tables give element matrices of two DOFs each; the fourth is the
-inertia of the last disc of a branch, so that masses of neighbours add up.
+The numbers are in ``data/gear_train.json``. The tables give element matrices of two DOFs each; the
+fourth is the inertia of the last disc of a branch, so that masses of neighbours add up.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ READINGS = ("start = true (1 + rate)", "true = start (1 + rate)")
 
 def table() -> dict[str, Any]:
     """Return the paper's numbers."""
-    text = resources.files("updyn.demos").joinpath("data/gear_train.json").read_text(encoding="utf-8")
+    text = (
+        resources.files("updyn.demos").joinpath("data/gear_train.json").read_text(encoding="utf-8")
+    )
     return dict(json.loads(text))
 
 
@@ -45,9 +47,12 @@ def true_model() -> Model:
         M[at] = data["mass_units"][e]
         groups[name] = Group(K, M, loss_factor=data["loss_factor"][e])
     with warnings.catch_warnings():
-        # K_2 and K_6 are indefinite by the rounding of Table 2 (det K_2 = -3e-4): known, and said in the demo.
+        # K_2 and K_6 are indefinite by the rounding of Table 2 (det K_2 = -3e-4): known, and said
+        # in the demo.
         warnings.simplefilter("ignore", UpdynWarning)
-        return Model.from_groups(groups, [f"{i}:RZ" for i in range(1, n + 1)], title="Gear train, Bao et al. 2010")
+        return Model.from_groups(
+            groups, [f"{i}:RZ" for i in range(1, n + 1)], title="Gear train, Bao et al. 2010"
+        )
 
 
 def starting_model(reading: int = 0) -> Model:
@@ -68,7 +73,10 @@ def true_values(reading: int = 0) -> dict[str, float]:
     data = table()
     out = {}
     for e, name in enumerate(unit_names()):
-        for quantity, rates in (("mass", "mass_error_percent_X"), ("stiffness", "stiffness_error_percent_Y")):
+        for quantity, rates in (
+            ("mass", "mass_error_percent_X"),
+            ("stiffness", "stiffness_error_percent_Y"),
+        ):
             start = 1.0 + data[rates][e] / 100.0
             out[f"{name}.{quantity}"] = 1.0 / start if reading == 0 else start
         out[f"{name}.loss_factor"] = float(data["loss_factor"][e])

@@ -2,9 +2,10 @@
 
     Z(omega) = sum over terms of  c_t(omega, state) A_t,
 
-with one term for each matrix that a group has. The matrices are stored once, on one fixed pattern; a change of the
-unknowns touches the coefficients only, and so do all derivatives (Bao, Wang & Cheng 2010, eqs. 13-16, corrected:
-the loss factor acts on the updated stiffness; so do the Rayleigh coefficients on updated mass and stiffness):
+with one term for each matrix that a group has. The matrices are stored once, on one fixed pattern;
+a change of the unknowns touches the coefficients only, and so do all derivatives (Bao, Wang & Cheng
+2010, eqs. 13-16, corrected: the loss factor acts on the updated stiffness; so do the Rayleigh
+coefficients on updated mass and stiffness):
 
     stiffness   kappa (1 + i gamma r(f) + i omega beta)
     mass        mu (-omega^2 + i omega alpha)
@@ -35,7 +36,8 @@ _RATES = {"stiffness": "stiffness_damping", "mass": "mass_damping"}
 #: Entries times lines that are added at a time: what is worked on stays in the processor's cache.
 _CHUNK = 8192
 
-#: Systems of at most so many entries hold them side by side as well, 12 bytes each: sums are made three times as fast.
+#: Systems of at most so many entries hold them side by side as well, 12 bytes each: sums are made
+#: three times as fast.
 _BESIDE = 2**21
 
 
@@ -48,11 +50,14 @@ class Term:
     group, quantity : str
         Whose it is; ``stiffness``, ``mass`` or ``viscous``.
     rows : ndarray of int, shape (n_t,)
-        The group's own DOFs, ascending: rows that are not empty. Terms of equal rows share one array.
+        The group's own DOFs, ascending: rows that are not empty. Terms of equal rows share one
+        array.
     local : ndarray or sparse, shape (n_t, n_t), real
-        The matrix on its own DOFs. Where it is sparse or full, its entries are those of `data`, not a copy.
+        The matrix on its own DOFs. Where it is sparse or full, its entries are those of `data`, not
+        a copy.
     slots : ndarray of int
-        Where its entries stand among the values of the system's pattern, ascending. Terms of one pattern share it.
+        Where its entries stand among the values of the system's pattern, ascending. Terms of one
+        pattern share it.
     data : ndarray of float
         Its entries, in that order: the model's own array.
     table : LossTable, optional
@@ -91,7 +96,8 @@ class State:
     loss : ndarray of float, shape (n_terms,)
         Loss factor gamma of stiffness terms, 0 elsewhere.
     rate : ndarray of float, shape (n_terms,)
-        What multiplies i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of viscous terms.
+        What multiplies i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of
+        viscous terms.
     """
 
     factor: NDArray[np.float64]
@@ -123,13 +129,18 @@ class AffineSystem:
     indices: NDArray[Any]
     dofs: DofSet
     beside: Any = None
-    _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(init=False, repr=False)
+    _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(
+        init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         static, inertial = (
-            np.array([[float(t.quantity == what)] for t in self.terms]) for what in ("stiffness", "mass")
+            np.array([[float(t.quantity == what)] for t in self.terms])
+            for what in ("stiffness", "mass")
         )
-        object.__setattr__(self, "_kinds", (static, inertial, [i for i, t in enumerate(self.terms) if t.table]))
+        object.__setattr__(
+            self, "_kinds", (static, inertial, [i for i, t in enumerate(self.terms) if t.table])
+        )
 
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
@@ -143,13 +154,28 @@ class AffineSystem:
         pattern = _union([matrix for *_, matrix in stored], model.n_dofs)
         places = _Places(pattern.indptr, pattern.indices)
         terms = tuple(
-            places.term(name, quantity, matrix, group.loss_table if quantity == "stiffness" else None)
+            places.term(
+                name, quantity, matrix, group.loss_table if quantity == "stiffness" else None
+            )
             for name, group, quantity, matrix in stored
         )
-        loss = [group.loss_factor if quantity == "stiffness" else 0.0 for _, group, quantity, _ in stored]
-        rate = [1.0 if quantity == "viscous" else group.value(_RATES[quantity]) for _, group, quantity, _ in stored]
+        loss = [
+            group.loss_factor if quantity == "stiffness" else 0.0
+            for _, group, quantity, _ in stored
+        ]
+        rate = [
+            1.0 if quantity == "viscous" else group.value(_RATES[quantity])
+            for _, group, quantity, _ in stored
+        ]
         start = State(np.ones(len(terms)), np.array(loss), np.array(rate))
-        return cls(terms, start, pattern.indptr, pattern.indices, model.dofs, _side_by_side(terms, pattern.nnz))
+        return cls(
+            terms,
+            start,
+            pattern.indptr,
+            pattern.indices,
+            model.dofs,
+            _side_by_side(terms, pattern.nnz),
+        )
 
     @property
     def n(self) -> int:
@@ -169,7 +195,11 @@ class AffineSystem:
 
     def _at(self, group: str, quantity: str) -> int | None:
         wanted = GROUP_QUANTITIES.get(quantity)
-        places = (i for i, term in enumerate(self.terms) if term.group == group and term.quantity == wanted)
+        places = (
+            i
+            for i, term in enumerate(self.terms)
+            if term.group == group and term.quantity == wanted
+        )
         return next(places, None)
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -281,21 +311,25 @@ def _side_by_side(terms: tuple[Term, ...], nnz: int) -> Any:
     ends = np.cumsum([0, *(len(term.data) for term in terms)])
     if ends[-1] > _BESIDE:
         return None
-    entries, slots = (np.concatenate(arrays) for arrays in ([t.data for t in terms], [t.slots for t in terms]))
+    entries, slots = (
+        np.concatenate(arrays) for arrays in ([t.data for t in terms], [t.slots for t in terms])
+    )
     return sp.csc_array((entries, slots, ends), shape=(nnz, len(terms)))
 
 
 def _union(matrices: list[Any], n: int) -> Any:
     """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans.
 
-    Neighbours are added in pairs, so that an entry is looked at once for each doubling, not once for each matrix.
-    Booleans, not values: a sum of values could cancel to zero and drop an entry.
+    Neighbours are added in pairs, so that an entry is looked at once for each doubling, not once
+    for each matrix. Booleans, not values: a sum of values could cancel to zero and drop an entry.
     """
     if len(matrices) > 1:
         half = len(matrices) // 2
         return _union(matrices[:half], n) + _union(matrices[half:], n)
     only = matrices[0]
-    entries = sp.csr_array((np.ones(only.nnz, dtype=np.bool_), only.indices, only.indptr), shape=(n, n))
+    entries = sp.csr_array(
+        (np.ones(only.nnz, dtype=np.bool_), only.indices, only.indptr), shape=(n, n)
+    )
     return entries + sp.eye_array(n, dtype=np.bool_, format="csr")
 
 
@@ -305,7 +339,9 @@ class _Places:
 
     indptr: NDArray[Any]
     indices: NDArray[Any]
-    _known: dict[bytes, tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]] = field(default_factory=dict, init=False)
+    _known: dict[bytes, tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]] = field(
+        default_factory=dict, init=False
+    )
     _rows: dict[bytes, NDArray[np.intp]] = field(default_factory=dict, init=False)
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
@@ -340,7 +376,9 @@ class _Places:
         places += np.repeat(begin - own[:-1], np.diff(own))
         shape = len(rows), len(self.indptr) - 1
         whole = sp.csr_array((places, self.indices[places - 1], own), shape=shape)
-        part = sp.csr_array((np.ones(matrix.nnz, dtype=kind), matrix.indices, _begin(matrix, rows)), shape=shape)
+        part = sp.csr_array(
+            (np.ones(matrix.nnz, dtype=kind), matrix.indices, _begin(matrix, rows)), shape=shape
+        )
         slots: NDArray[Any] = whole.multiply(part).data
         slots -= 1
         return slots

@@ -28,7 +28,8 @@ class Condensed:
     retained : DofSet
         The n retained DOFs.
     Z : ndarray of complex, shape (n_f, n, n)
-        Condensed dynamic stiffness Z_red in N/m; its inverse is the receptance on the retained DOFs.
+        Condensed dynamic stiffness Z_red in N/m; its inverse is the receptance on the retained
+        DOFs.
     T : ndarray of complex, shape (n_f, N, n)
         Motion of every DOF for unit motion of each retained one.
     """
@@ -77,8 +78,8 @@ def condense(
 
     Notes
     -----
-    Z_red = T^T Z T = Z_nn - Z_ns Z_ss^-1 Z_sn, T = [I; -Z_ss^-1 Z_sn] (Bao, Wang & Cheng 2010, eqs. 8, 9). It is
-    exact: H_nn = Z_red^-1 at every line.
+    Z_red = T^T Z T = Z_nn - Z_ns Z_ss^-1 Z_sn, T = [I; -Z_ss^-1 Z_sn] (Bao, Wang & Cheng 2010, eqs.
+    8, 9). It is exact: H_nn = Z_red^-1 at every line.
     """
     kept = DofSet(retained)
     at = model.dofs.match(kept, "retained DOF")

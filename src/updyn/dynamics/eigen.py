@@ -1,8 +1,9 @@
 """Eigenpairs of (K, M) near zero, where either matrix may be singular but not both on the same motion.
 
-With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite right-hand side: massless
-motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The relative error of lambda is about
-eps (lambda + s)^2 / (lambda s), so s is put near the eigenvalues wanted, in two passes.
+With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite
+right-hand side: massless motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The
+relative error of lambda is about eps (lambda + s)^2 / (lambda s), so s is put near the eigenvalues
+wanted, in two passes.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def mass_rank(M: Any) -> int:
     Parameters
     ----------
     M : sparse, shape (N, N)
-        Mass in kg (kg m2). On more than `DENSE_LIMIT` DOFs with mass, those are counted: an upper limit.
+        Mass in kg (kg m2). On more than `DENSE_LIMIT` DOFs with mass, those are counted: an upper
+        limit.
     """
     own = np.flatnonzero(np.diff(M.indptr)) if M.nnz else np.zeros(0, dtype=np.intp)
     own = own[M.diagonal()[own] != 0.0]
@@ -94,7 +96,11 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     elif N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
         crude = fine = partial(_dense, K.toarray(), M.toarray(), n)
     else:
-        crude, fine, share = partial(_sparse, K, M, n, tolerance=1e-2), partial(_counted, K, M, n), _BELOW_SPARSE
+        crude, fine, share = (
+            partial(_sparse, K, M, n, tolerance=1e-2),
+            partial(_counted, K, M, n),
+            _BELOW_SPARSE,
+        )
     shift, value = _definite(crude, _first_shift(K, M))
     try:
         return fine(_second_shift(value, shift, share))
@@ -161,8 +167,8 @@ def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -
 
 
 _SINGULAR = (
-    "the model has a motion with neither stiffness nor mass, or its stiffness is far from positive: no modes can be "
-    "computed"
+    "the model has a motion with neither stiffness nor mass, or its stiffness is far from positive:"
+    " no modes can be computed"
 )
 
 
@@ -170,12 +176,19 @@ def _factor(A: Any) -> Any:
     from scipy.sparse.linalg import splu
 
     try:
-        return splu(sp.csc_array(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return splu(
+            sp.csc_array(A),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
     except RuntimeError as error:
         raise SolverError(_SINGULAR) from error
 
 
-def _sparse(K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None) -> Pairs:
+def _sparse(
+    K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
+) -> Pairs:
     """Shift-invert Lanczos (ARPACK mode 3; Grimes, Lewis & Simon, SIAM J. Matrix Anal. 15 (1994) 228-272)."""
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
@@ -185,7 +198,9 @@ def _sparse(K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis:
     # A fixed start, freed of massless motions, makes the answer repeatable.
     start = lu.solve(M @ np.random.default_rng(0).standard_normal(N))
     try:
-        value, vectors = eigsh(K, k=n, M=M, sigma=-shift, which="LM", OPinv=inverse, v0=start, tol=tolerance, ncv=basis)
+        value, vectors = eigsh(
+            K, k=n, M=M, sigma=-shift, which="LM", OPinv=inverse, v0=start, tol=tolerance, ncv=basis
+        )
     except ArpackError as error:
         raise SolverError(f"the eigenvalue solver failed: {error}") from error
     # One more inverse step removes what rounding left of massless motions in the vectors.
@@ -210,9 +225,14 @@ def _counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
 def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
     """Return how many eigenvalues lie below a gap after the n-th, and how many were found there.
 
-    None where there is no gap, or the factorisation had to pivot off the diagonal and its signs mean nothing.
+    None where there is no gap, or the factorisation had to pivot off the diagonal and its signs
+    mean nothing.
     """
-    gaps = [i for i in range(n - 1, len(value) - 1) if value[i + 1] - value[i] > 1e-6 * abs(value[i + 1])]
+    gaps = [
+        i
+        for i in range(n - 1, len(value) - 1)
+        if value[i + 1] - value[i] > 1e-6 * abs(value[i + 1])
+    ]
     if not gaps:
         return None
     at = gaps[0]
@@ -259,10 +279,14 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
     lu = _factor(K + shift * M)
-    step = LinearOperator((N, N), matvec=lambda x: lu.solve((M @ x).astype(np.complex128)), dtype=np.complex128)
+    step = LinearOperator(
+        (N, N), matvec=lambda x: lu.solve((M @ x).astype(np.complex128)), dtype=np.complex128
+    )
     start = np.random.default_rng(0).standard_normal(N).astype(np.complex128)
     try:
-        nu, vectors = eigs(step, k=n + _EXTRA, which="LM", v0=lu.solve((M @ start).astype(np.complex128)))
+        nu, vectors = eigs(
+            step, k=n + _EXTRA, which="LM", v0=lu.solve((M @ start).astype(np.complex128))
+        )
     except ArpackError as error:
         raise SolverError(f"the eigenvalue solver failed: {error}") from error
     return 1.0 / nu - shift, vectors
@@ -288,9 +312,10 @@ def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
 
     Notes
     -----
-    First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, eq. 3.4), with the time scaled
-    by `omega` and each DOF to a unit diagonal. It stays regular where M is singular. Structural damping is
-    defined for positive frequency only, hence only roots above the real axis mean anything.
+    First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, eq. 3.4),
+    with the time scaled by `omega` and each DOF to a unit diagonal. It stays regular where M is
+    singular. Structural damping is defined for positive frequency only, hence only roots above the
+    real axis mean anything.
     """
     k, c, m = K.toarray(), omega * C.toarray(), omega**2 * M.toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(k)) + np.abs(np.diag(c)) + np.abs(np.diag(m)))

@@ -1,7 +1,8 @@
 """Fields: solving Z(omega) X = B at many lines, the one place where time is spent.
 
-Work is a line. Small models are solved in batches of lines without a loop over lines; larger ones by sparse
-factorisation, one a line. Fields are arrays (N, n_lines, n_columns), in memory as the solve left them.
+Work is a line. Small models are solved in batches of lines without a loop over lines; larger ones
+by sparse factorisation, one a line. Fields are arrays (N, n_lines, n_columns), in memory as the
+solve left them.
 """
 
 from __future__ import annotations
@@ -35,14 +36,15 @@ __all__ = [
 EXACT_TIERS = ("dense", "sparse")
 TIERS = (*EXACT_TIERS, "reduced")
 
-#: Of a reduced model where none is asked for: the error of a receptance as a share of the largest of its line.
+#: Of a reduced model where none is asked for: the error of a receptance as a share of the largest
+#: of its line.
 ACCURACY = 1e-5
 
 #: Models up to this many DOFs are solved dense, in batches of lines.
 DENSE_LIMIT = 150
 
-#: So are larger ones, up to a size, whose matrix is filled by more than this share: there a sparse factorisation gains
-#: little (PARDISO), or takes two to three times as long (SuperLU).
+#: So are larger ones, up to a size, whose matrix is filled by more than this share: there a sparse
+#: factorisation gains little (PARDISO), or takes two to three times as long (SuperLU).
 DENSE_FILL, _LARGEST_DENSE = 0.3, 2000
 
 _HELD = "with the retained DOFs held "
@@ -76,7 +78,10 @@ class FieldSolver(Protocol):
         """Return how many lines to take at a time."""
 
     def solve(
-        self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> NDArray[np.complex128]:
         """Return fields, shape (N, n_lines, r), for unit forces on some DOFs."""
 
@@ -84,7 +89,10 @@ class FieldSolver(Protocol):
         """Return the motion at some DOFs from fields."""
 
     def condense(
-        self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        retained: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return Z_red and T, see `LineSolver.condense`."""
 
@@ -112,7 +120,9 @@ class LineSolver:
     _kept: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def choose(cls, system: AffineSystem, tier: str | None = None, backend: str | None = None) -> LineSolver:
+    def choose(
+        cls, system: AffineSystem, tier: str | None = None, backend: str | None = None
+    ) -> LineSolver:
         """Choose tier and backend by size and fill; both can be forced.
 
         Raises
@@ -128,7 +138,11 @@ class LineSolver:
         return cls(system, tier, factorise.check_backend(backend))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return LineSolver, (self.system, self.tier, self.backend)  # factorisations stay where they are
+        return LineSolver, (
+            self.system,
+            self.tier,
+            self.backend,
+        )  # factorisations stay where they are
 
     @property
     def label(self) -> str:
@@ -157,7 +171,10 @@ class LineSolver:
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
     def solve(
-        self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> NDArray[np.complex128]:
         """Solve Z X = E at a block of lines, E the columns `columns` of the identity.
 
@@ -200,7 +217,10 @@ class LineSolver:
         return out.transpose(2, 0, 1)
 
     def forced(
-        self, coefficients: NDArray[np.complex128], forces: NDArray[np.complex128], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        forces: NDArray[np.complex128],
+        freq: NDArray[np.float64],
     ) -> NDArray[np.complex128]:
         """Solve Z X = F at a block of lines for forces on all DOFs.
 
@@ -251,7 +271,10 @@ class LineSolver:
         return fields[dofs]
 
     def condense(
-        self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        retained: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Condense Z exactly onto the retained DOFs at a block of lines (Bao, Wang & Cheng 2010, eqs. 8, 9).
 
@@ -274,7 +297,8 @@ class LineSolver:
         Raises
         ------
         SolverError
-            If Z_ss is singular at a line: a natural frequency of the structure with its retained DOFs held.
+            If Z_ss is singular at a line: a natural frequency of the structure with its retained
+            DOFs held.
         """
         partition, solver = self._partitioned(retained)
         eliminated, n = partition.eliminated, len(retained)
@@ -305,7 +329,10 @@ class LineSolver:
     def _whole(self) -> tuple[SparseSolver, Any]:
         """Return the solver for all of Z and a matrix to write its values into; both are kept."""
         if b"" not in self._kept:
-            self._kept[b""] = SparseSolver(self.backend), empty_matrix(self.system.indptr, self.system.indices)
+            self._kept[b""] = (
+                SparseSolver(self.backend),
+                empty_matrix(self.system.indptr, self.system.indices),
+            )
         return cast("tuple[SparseSolver, Any]", self._kept[b""])
 
     def _partitioned(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
@@ -360,7 +387,9 @@ def solve_dense(
         X = np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
     except np.linalg.LinAlgError:
         singular = [f for z, f in zip(Z, freq, strict=True) if np.linalg.matrix_rank(z) < len(z)]
-        raise SolverError(factorise.singular_message(singular[0] if singular else freq[0], held)) from None
+        raise SolverError(
+            factorise.singular_message(singular[0] if singular else freq[0], held)
+        ) from None
     bad = ~(factorise.growth(np.einsum("fii->fi", Z), X, B) <= factorise.LARGEST_GROWTH)
     if bad.any():
         raise SolverError(factorise.singular_message(freq[bad][0], held))

@@ -1,7 +1,8 @@
 """`modes`: natural frequencies, loss factors and mode shapes, real or complex.
 
-Massless DOFs and free-free structures are normal: the mass may be singular, the stiffness too, as long as no motion has
-neither. Everything rests on the pencil shifted to a negative value, K + s M with s > 0, which is definite then.
+Massless DOFs and free-free structures are normal: the mass may be singular, the stiffness too, as
+long as no motion has neither. Everything rests on the pencil shifted to a negative value, K + s M
+with s > 0, which is definite then.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ __all__ = ["Modes", "modes"]
 #: Complex modes with viscous damping need twice the DOFs and a dense solver: up to this many DOFs.
 _STATE_SPACE_LIMIT = 400
 
-# A stiffness energy below this share of the sum of its absolute terms is what rounding leaves of zero.
+# A stiffness energy below this share of the sum of its absolute terms is what rounding leaves of
+# zero.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _TWO_PI = 2.0 * np.pi
 
@@ -36,14 +38,14 @@ class Modes:
     Attributes
     ----------
     frequency : ndarray of float, shape (n,)
-        Natural frequencies in Hz. For complex modes the square root of the real part of lambda = omega^2 (1 + i eta).
-        A rigid-body mode has exactly 0.
+        Natural frequencies in Hz. For complex modes the square root of the real part of lambda =
+        omega^2 (1 + i eta). A rigid-body mode has exactly 0.
     loss_factor : ndarray of float, shape (n,)
-        Modal loss factor eta; twice the damping ratio where damping is light. A rigid-body mode has 0: it stores no
-        energy to lose a share of.
+        Modal loss factor eta; twice the damping ratio where damping is light. A rigid-body mode has
+        0: it stores no energy to lose a share of.
     shapes : ndarray of float or complex, shape (N, n)
-        Mode shapes as columns, normalised to phi^T M phi = 1 (transpose, not conjugate), in 1/sqrt(kg) for
-        translations; the largest component is (in its real part) positive.
+        Mode shapes as columns, normalised to phi^T M phi = 1 (transpose, not conjugate), in
+        1/sqrt(kg) for translations; the largest component is (in its real part) positive.
     dofs : DofSet
         The N DOFs of the rows.
     """
@@ -82,10 +84,10 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     n : int
         How many modes, lowest first, rigid-body modes included.
     complex : bool
-        False: undamped modes, K phi = omega^2 M phi, with the loss factor by modal strain energy. True: modes of the
-        damped structure, (K + i D) phi = omega^2 (1 + i eta) M phi, or with viscous damping those of
-        s^2 M + s C + K + i D with lambda = -s^2. A loss factor with a table is taken at each mode's own frequency, and
-        is refused for complex modes.
+        False: undamped modes, K phi = omega^2 M phi, with the loss factor by modal strain energy.
+        True: modes of the damped structure, (K + i D) phi = omega^2 (1 + i eta) M phi, or with
+        viscous damping those of s^2 M + s C + K + i D with lambda = -s^2. A loss factor with a
+        table is taken at each mode's own frequency, and is refused for complex modes.
 
     Returns
     -------
@@ -94,22 +96,24 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     Raises
     ------
     ModelError
-        If `n` is not a number of modes that the model has (the message says how many there are), the model is too large
-        for complex modes with viscous damping, a mode lies outside the table of a loss factor, or complex modes are
-        wanted of a model that has such a table.
+        If `n` is not a number of modes that the model has (the message says how many there are),
+        the model is too large for complex modes with viscous damping, a mode lies outside the table
+        of a loss factor, or complex modes are wanted of a model that has such a table.
     SolverError
         If a motion has neither stiffness nor mass, or the eigenvalue solver fails.
 
     Warns
     -----
     UpdynWarning
-        If the stiffness is indefinite, so that omega^2 of a mode is negative; its frequency is then given as 0.
+        If the stiffness is indefinite, so that omega^2 of a mode is negative; its frequency is then
+        given as 0.
 
     Notes
     -----
-    Modal strain energy: eta = (phi^T D phi + omega phi^T C phi) / phi^T K phi (Johnson & Kienholz, AIAA Journal 20
-    (1982) 1284-1290, eq. 8, for the structural part; the viscous part is the energy lost a cycle at the mode's own
-    frequency). Complex modes: Ewins, Modal Testing, 2nd ed. 2000, sections 2.5 and 2.7.
+    Modal strain energy: eta = (phi^T D phi + omega phi^T C phi) / phi^T K phi (Johnson & Kienholz,
+    AIAA Journal 20 (1982) 1284-1290, eq. 8, for the structural part; the viscous part is the energy
+    lost a cycle at the mode's own frequency). Complex modes: Ewins, Modal Testing, 2nd ed. 2000,
+    sections 2.5 and 2.7.
     """
     K, M = model.stiffness, model.mass
     _check_count(n, M)
@@ -124,8 +128,8 @@ def _check_count(n: int, M: Matrix) -> None:
     if n > finite:
         massless = M.shape[0] - finite
         raise ModelError(
-            f"{n} modes asked for; the model has {finite}: {M.shape[0]} DOFs, of which {massless} combinations carry "
-            "no mass"
+            f"{n} modes asked for; the model has {finite}: {M.shape[0]} DOFs, of which {massless}"
+            " combinations carry no mass"
         )
 
 
@@ -142,8 +146,8 @@ def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
     if unstable.any():
         worst = float(value[unstable].min())
         warnings.warn(
-            f"{int(unstable.sum())} mode(s) with negative omega^2 (down to {worst:.3g} 1/s2): the stiffness is "
-            "indefinite; their frequency is given as 0 Hz",
+            f"{int(unstable.sum())} mode(s) with negative omega^2 (down to {worst:.3g} 1/s2): the"
+            " stiffness is indefinite; their frequency is given as 0 Hz",
             UpdynWarning,
             stacklevel=3,
         )
@@ -156,7 +160,9 @@ def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
     return _pack(omega[order], loss[order], shapes[:, order], model.dofs)
 
 
-def _structural_energy(model: Model, shapes: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:
+def _structural_energy(
+    model: Model, shapes: NDArray[np.float64], freq: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return phi^T D phi of each mode at its own frequency; a rigid-body mode strains nothing."""
     lost = np.zeros(shapes.shape[1])
     for name, group in model.groups.items():
@@ -176,11 +182,13 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
 
 def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     """Complex modes. The rigid-body modes are those of the undamped model as far as no damper acts on them."""
-    tabled = next((name for name, group in model.groups.items() if group.loss_table is not None), None)
+    tabled = next(
+        (name for name, group in model.groups.items() if group.loss_table is not None), None
+    )
     if tabled is not None:
         raise ModelError(
-            f"group {tabled!r}: its loss factor depends on frequency, and complex modes need one number; use "
-            "complex=False, which takes it at each mode's own frequency"
+            f"group {tabled!r}: its loss factor depends on frequency, and complex modes need one"
+            " number; use complex=False, which takes it at each mode's own frequency"
         )
     C, D = model.viscous, model.structural
     viscous = C.nnz > 0
@@ -194,12 +202,16 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     scale = max(float(real.frequency[-1]) * _TWO_PI, 1.0) if real.frequency[-1] > 0 else 1.0
     stiffness = K + 1j * D
     if rest == 0:
-        value, shapes = np.zeros(0, dtype=np.complex128), np.zeros((K.shape[0], 0), dtype=np.complex128)
+        value, shapes = (
+            np.zeros(0, dtype=np.complex128),
+            np.zeros((K.shape[0], 0), dtype=np.complex128),
+        )
     elif viscous:
         if K.shape[0] > _STATE_SPACE_LIMIT:
             raise ModelError(
-                f"complex modes with viscous damping are computed in state space, for at most {_STATE_SPACE_LIMIT} "
-                f"DOFs; the model has {K.shape[0]}. Use complex=False, or give the damping as loss factors"
+                "complex modes with viscous damping are computed in state space, for at most"
+                f" {_STATE_SPACE_LIMIT} DOFs; the model has {K.shape[0]}. Use complex=False, or"
+                " give the damping as loss factors"
             )
         value, shapes = eigen.state_space_pairs(stiffness, C, M, scale)
     else:
@@ -209,8 +221,8 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     moving = moving[np.argsort(value.real[moving], kind="stable")]
     if len(moving) < rest:
         raise ModelError(
-            f"{n} complex modes asked for; the model has {len(rigid) + len(moving)} that oscillate or are rigid-body "
-            "modes: the others are damped beyond oscillation or carry no mass"
+            f"{n} complex modes asked for; the model has {len(rigid) + len(moving)} that oscillate"
+            " or are rigid-body modes: the others are damped beyond oscillation or carry no mass"
         )
     value, shapes = value[moving[:rest]], shapes[:, moving[:rest]]
     shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
@@ -219,7 +231,9 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     return _pack(omega, loss, np.hstack([real.shapes[:, rigid], shapes]), model.dofs)
 
 
-def _pack(omega: NDArray[np.float64], loss: NDArray[np.float64], shapes: NDArray[Any], dofs: DofSet) -> Modes:
+def _pack(
+    omega: NDArray[np.float64], loss: NDArray[np.float64], shapes: NDArray[Any], dofs: DofSet
+) -> Modes:
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes * np.where(largest.real < 0, -1.0, 1.0)
     frequency = omega / _TWO_PI

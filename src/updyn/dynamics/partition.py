@@ -25,7 +25,8 @@ class Partition:
     nn, sn : sparse CSR of int
         Position of each entry of the block among the values of Z.
     ss : sparse CSC of complex
-        The block of the line that was asked for last: its pattern is checked once, its memory serves every line.
+        The block of the line that was asked for last: its pattern is checked once, its memory
+        serves every line.
     ss_places : ndarray of int
         Position of each of its entries among the values of Z.
     """
@@ -57,7 +58,9 @@ class Partition:
             ss.data,
         )
 
-    def blocks(self, values: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
+    def blocks(
+        self, values: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
         """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
         np.take(values, self.ss_places, out=self.ss.data, mode="clip")
         return _filled(self.nn, values), _filled(self.sn, values), self.ss
@@ -72,7 +75,9 @@ def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
         Of CSR; as the matrix is symmetric they are those of CSC, which factorisations want.
     """
     n = len(indptr) - 1
-    return sp.csc_array((np.zeros(len(indices), dtype=np.complex128), indices, indptr), shape=(n, n))
+    return sp.csc_array(
+        (np.zeros(len(indices), dtype=np.complex128), indices, indptr), shape=(n, n)
+    )
 
 
 def _filled(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:

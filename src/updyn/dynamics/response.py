@@ -31,8 +31,8 @@ def response(
 ) -> FRF:
     """Compute frequency response functions, exactly: one factorisation of the full model a line.
 
-    With ``tier="reduced"`` they come from a reduced model instead, proved to the accuracy asked for; a few real
-    factorisations then serve any number of lines.
+    With ``tier="reduced"`` they come from a reduced model instead, proved to the accuracy asked
+    for; a few real factorisations then serve any number of lines.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ def response(
     Returns
     -------
     FRF
-        Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for rotations).
+        Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for
+        rotations).
 
     Raises
     ------
@@ -65,7 +66,8 @@ def response(
     OptionError
         If the tier, the backend or the accuracy cannot be used.
     SolverError
-        If the dynamic stiffness is singular at a line, or a reduced model of that accuracy was not found.
+        If the dynamic stiffness is singular at a line, or a reduced model of that accuracy was not
+        found.
 
     Notes
     -----
@@ -106,12 +108,18 @@ def _solver(
         return LineSolver.choose(system, tier, backend), "model"
     from updyn.dynamics.reduced.reduction import Reduction
 
-    reduction = Reduction(system, rows, columns, (float(lines[0]), float(lines[-1])), check_backend(backend), accuracy)
+    reduction = Reduction(
+        system, rows, columns, (float(lines[0]), float(lines[-1])), check_backend(backend), accuracy
+    )
     reduction.build(system.start)
     found = reduction.certify(system.start, lines)
     if found.error > accuracy:
         raise SolverError(
-            f"tier 'reduced': {found.size} motions reach an error of {found.error:.1g} of the largest receptance of a "
-            f"line, not {accuracy:g}; use tier 'sparse', or a larger accuracy="
+            f"tier 'reduced': {found.size} motions reach an error of {found.error:.1g} of the"
+            f" largest receptance of a line, not {accuracy:g}; use tier 'sparse', or a larger"
+            " accuracy="
         )
-    return reduction.solver(), f"model, reduced to {found.size} motions, error at most {found.error:.1g}"
+    return (
+        reduction.solver(),
+        f"model, reduced to {found.size} motions, error at most {found.error:.1g}",
+    )

@@ -31,7 +31,10 @@ _T = TypeVar("_T")
 
 
 def mesh(
-    length: float, wanted: Iterable[tuple[str, float]], n_elements: int | None, nodes: ArrayLike | None
+    length: float,
+    wanted: Iterable[tuple[str, float]],
+    n_elements: int | None,
+    nodes: ArrayLike | None,
 ) -> NDArray[np.float64]:
     """Return node positions that hold every wanted one and leave no element too long.
 
@@ -59,7 +62,9 @@ def mesh(
     places = [(what, number(what, "position", x)) for what, x in wanted]
     for what, x in places:
         if not -_SAME * length <= x <= (1 + _SAME) * length:
-            raise ModelError(f"{what} at {x:g} m lies off the beam, which runs from 0 to {length:g} m")
+            raise ModelError(
+                f"{what} at {x:g} m lies off the beam, which runs from 0 to {length:g} m"
+            )
     if nodes is not None:
         if n_elements is not None:
             raise ModelError("beam: give either n_elements or nodes, not both")
@@ -72,19 +77,31 @@ def mesh(
     cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
     cuts[-1] = length
     pieces = np.maximum(np.ceil(np.diff(cuts) / length * count - 1e-6), 1).astype(int)
-    inner = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(cuts[:-1], cuts[1:], pieces, strict=True)]
+    inner = [
+        np.linspace(a, b, k, endpoint=False)
+        for a, b, k in zip(cuts[:-1], cuts[1:], pieces, strict=True)
+    ]
     return np.concatenate([*inner, [length]])
 
 
-def _given_nodes(length: float, places: list[tuple[str, float]], nodes: ArrayLike) -> NDArray[np.float64]:
+def _given_nodes(
+    length: float, places: list[tuple[str, float]], nodes: ArrayLike
+) -> NDArray[np.float64]:
     try:
         x = np.array(nodes, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ModelError(f"beam: nodes are not numbers ({error})") from error
-    if x.ndim != 1 or len(x) < 2 or not np.isfinite(x).all() or (np.diff(x) <= _SAME * length).any():
+    if (
+        x.ndim != 1
+        or len(x) < 2
+        or not np.isfinite(x).all()
+        or (np.diff(x) <= _SAME * length).any()
+    ):
         raise ModelError("beam: nodes must be at least two finite positions that increase")
     if abs(x[0]) > _SAME * length or abs(x[-1] - length) > _SAME * length:
-        raise ModelError(f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m")
+        raise ModelError(
+            f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m"
+        )
     for what, place in places:
         nearest = x[int(np.argmin(np.abs(x - place)))]
         if abs(nearest - place) > _SAME * length:
@@ -92,7 +109,9 @@ def _given_nodes(length: float, places: list[tuple[str, float]], nodes: ArrayLik
     return x
 
 
-def read_stations(stations: Iterable[float] | Mapping[int, float]) -> list[tuple[float, int | None]]:
+def read_stations(
+    stations: Iterable[float] | Mapping[int, float],
+) -> list[tuple[float, int | None]]:
     """Return positions in m, each with the node number that it was given, if any.
 
     Raises
@@ -106,11 +125,15 @@ def read_stations(stations: Iterable[float] | Mapping[int, float]) -> list[tuple
                 raise ModelError(f"station {node!r}: expected a node number of at least 1")
         return [(number(f"station {k}", "position", x), int(k)) for k, x in stations.items()]
     if isinstance(stations, str) or not isinstance(stations, Iterable):
-        raise ModelError(f"stations {stations!r}: expected positions in m, or node numbers with positions")
+        raise ModelError(
+            f"stations {stations!r}: expected positions in m, or node numbers with positions"
+        )
     return [(number("station", "position", x), None) for x in stations]
 
 
-def number_nodes(x: NDArray[np.float64], stations: list[tuple[float, int | None]]) -> NDArray[np.int64]:
+def number_nodes(
+    x: NDArray[np.float64], stations: list[tuple[float, int | None]]
+) -> NDArray[np.int64]:
     """Return the node numbers, shape (n,): those given to stations, else 1, 2, ... in order of x.
 
     Raises
@@ -123,7 +146,9 @@ def number_nodes(x: NDArray[np.float64], stations: list[tuple[float, int | None]
         if node is not None:
             at = int(np.argmin(np.abs(x - position)))
             if labels[at]:
-                raise ModelError(f"stations {labels[at]} and {node} share the position {position:g} m")
+                raise ModelError(
+                    f"stations {labels[at]} and {node} share the position {position:g} m"
+                )
             labels[at] = node
     taken = set(labels[labels > 0].tolist())
     free = (k for k in range(1, len(x) + len(taken) + 1) if k not in taken)
@@ -144,11 +169,20 @@ def check_cover(segments: Iterable[tuple[str, float, float]], length: float) -> 
     tolerance = _SAME * length
     for name, start, end in sorted(segments, key=lambda s: (s[1], s[2])):
         if end - start <= tolerance:
-            raise ModelError(f"segment {name!r} runs from {start:g} to {end:g} m; expected its end beyond its start")
+            raise ModelError(
+                f"segment {name!r} runs from {start:g} to {end:g} m; expected its end beyond its"
+                " start"
+            )
         if start > reached + tolerance:
-            raise ModelError(f"no segment covers {reached:g} to {start:g} m, between {before} and segment {name!r}")
+            raise ModelError(
+                f"no segment covers {reached:g} to {start:g} m, between {before} and segment"
+                f" {name!r}"
+            )
         if start < reached - tolerance:
-            raise ModelError(f"segment {name!r} starts at {start:g} m, within {before}, which ends at {reached:g} m")
+            raise ModelError(
+                f"segment {name!r} starts at {start:g} m, within {before}, which ends at"
+                f" {reached:g} m"
+            )
         reached, before = end, f"segment {name!r}"
     if reached < length - tolerance:
         raise ModelError(f"no segment covers {reached:g} to {length:g} m, after {before}")
@@ -170,7 +204,9 @@ def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
             out.append(item)
             continue
         if not isinstance(item, tuple | list):
-            raise ModelError(f"{kind.__name__} {item!r}: expected a {kind.__name__} or ({', '.join(names)})")
+            raise ModelError(
+                f"{kind.__name__} {item!r}: expected a {kind.__name__} or ({', '.join(names)})"
+            )
         try:
             out.append(kind(*item))
         except TypeError as error:
@@ -195,7 +231,9 @@ def from_row(kind: type[_T], key: str, row_number: int, row: Any) -> _T:
     return kind(**row)
 
 
-def check_keys(where: str, row: Mapping[str, Any], required: Iterable[str], optional: Iterable[str]) -> None:
+def check_keys(
+    where: str, row: Mapping[str, Any], required: Iterable[str], optional: Iterable[str]
+) -> None:
     """Check the keys of a table.
 
     Raises

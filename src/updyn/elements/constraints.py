@@ -1,9 +1,9 @@
 """Joining models and tying their DOFs together: one sparse transformation u = T q of every group.
 
-A tie is an `Equation`: one DOF moves as a fixed combination of others (a rigid link, a gear of fixed ratio, a
-multi-point constraint). With all of them u = T q, and each group's matrix A becomes T^T A T, so that the model stays
-a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element Analysis, 4th ed. 2002,
-section 13.2).
+A tie is an `Equation`: one DOF moves as a fixed combination of others (a rigid link, a gear of
+fixed ratio, a multi-point constraint). With all of them u = T q, and each group's matrix A becomes
+T^T A T, so that the model stays a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and
+Applications of Finite Element Analysis, 4th ed. 2002, section 13.2).
 """
 
 from __future__ import annotations
@@ -57,10 +57,17 @@ class Equation:
         seen: dict[Dof, float] = {}
         for label, coefficient in terms.items():
             other = Dof.parse(label)
-            if isinstance(coefficient, bool) or not isinstance(coefficient, int | float | np.number):
-                raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other}; expected a number")
+            if isinstance(coefficient, bool) or not isinstance(
+                coefficient, int | float | np.number
+            ):
+                raise ModelError(
+                    f"equation of {positive}: coefficient {coefficient!r} of {other}; expected a"
+                    " number"
+                )
             if not abs(coefficient) <= _LARGEST:
-                raise ModelError(f"equation of {positive}: coefficient {coefficient!r} of {other} is not finite")
+                raise ModelError(
+                    f"equation of {positive}: coefficient {coefficient!r} of {other} is not finite"
+                )
             plain = other if other.sign > 0 else -other
             if plain in seen or plain == positive:
                 raise ModelError(f"equation of {positive}: {plain} stands twice")
@@ -72,7 +79,9 @@ class Equation:
         return f"{self.dof} = " + (" ".join(f"{c:+.6g} {d}" for d, c in self.terms.items()) or "0")
 
 
-def constrain(model: Model, equations: Iterable[Equation] = (), grounded: Iterable[str | Dof] = ()) -> Model:
+def constrain(
+    model: Model, equations: Iterable[Equation] = (), grounded: Iterable[str | Dof] = ()
+) -> Model:
     """Tie DOFs to each other, and hold some.
 
     Parameters
@@ -87,8 +96,9 @@ def constrain(model: Model, equations: Iterable[Equation] = (), grounded: Iterab
     Returns
     -------
     Model
-        The model on the DOFs that are left, in their order, with the same groups: T^T A T of each matrix. A group
-        none of whose matrices moves any more is left as zero matrices, so that its name stays known.
+        The model on the DOFs that are left, in their order, with the same groups: T^T A T of each
+        matrix. A group none of whose matrices moves any more is left as zero matrices, so that its
+        name stays known.
 
     Raises
     ------
@@ -102,7 +112,9 @@ def constrain(model: Model, equations: Iterable[Equation] = (), grounded: Iterab
     for dof in held:
         plain = dof if dof.sign > 0 else -dof
         if plain in ties:
-            raise ModelError(f"DOF {plain} is held and tied ({ties[plain]}); only one of them can be")
+            raise ModelError(
+                f"DOF {plain} is held and tied ({ties[plain]}); only one of them can be"
+            )
         ties[plain] = Equation(plain, {})
     if not ties:
         return model
@@ -130,7 +142,9 @@ def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDA
     own = dofs.match([t.dof for t in ties], "held or tied DOF").index
     owner = np.repeat(np.arange(len(ties)), [len(t.terms) for t in ties])
     others = dofs.match([*dict.fromkeys(d for t in ties for d in t.terms)], "DOF of an equation")
-    place = dict(zip(dict.fromkeys(d for t in ties for d in t.terms), others.index.tolist(), strict=True))
+    place = dict(
+        zip(dict.fromkeys(d for t in ties for d in t.terms), others.index.tolist(), strict=True)
+    )
     columns = np.array([place[d] for t in ties for d in t.terms], dtype=np.intp)
     values = np.array([c for t in ties for c in t.terms.values()])
     tied = np.zeros(n, dtype=np.bool_)
@@ -143,7 +157,9 @@ def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDA
     count, component = connected_components(among, directed=True, connection="strong")
     if count < len(ties):
         looped = np.flatnonzero(component == np.argmax(np.bincount(component)))
-        raise ModelError("the equations run in a loop: " + "; ".join(str(ties[i]) for i in looped[:_SHOWN]))
+        raise ModelError(
+            "the equations run in a loop: " + "; ".join(str(ties[i]) for i in looped[:_SHOWN])
+        )
     while tied[T.indices].any():  # each product halves the chains that are left
         T = sp.csr_array(T @ T)
         T.eliminate_zeros()
@@ -179,7 +195,8 @@ def rigid_link(
     Returns
     -------
     list of Equation
-        u_slave = u_master + theta_master x r, theta_slave = theta_master, r from master to slave (small rotations).
+        u_slave = u_master + theta_master x r, theta_slave = theta_master, r from master to slave
+        (small rotations).
 
     Raises
     ------
@@ -191,16 +208,24 @@ def rigid_link(
     wanted = tuple(directions)
     for name in wanted:
         if name not in DIRECTIONS:
-            raise ModelError(f"rigid link of node {master}: direction {name!r}; {suggest(str(name), DIRECTIONS)}")
+            raise ModelError(
+                f"rigid link of node {master}: direction {name!r}; {suggest(str(name), DIRECTIONS)}"
+            )
     if geometry.axes is not None:
-        raise ModelError("rigid link: the geometry has nodes with displacement directions of their own")
+        raise ModelError(
+            "rigid link: the geometry has nodes with displacement directions of their own"
+        )
     followers = list(slaves)
     if master in followers:
         raise ModelError(f"rigid link: node {master} cannot follow itself")
     out = []
     (start,) = geometry.position([master])
     for node, (rx, ry, rz) in zip(followers, geometry.position(followers) - start, strict=True):
-        turned = {"X": {"RY": rz, "RZ": -ry}, "Y": {"RX": -rz, "RZ": rx}, "Z": {"RX": ry, "RY": -rx}}
+        turned = {
+            "X": {"RY": rz, "RZ": -ry},
+            "Y": {"RX": -rz, "RZ": rx},
+            "Z": {"RX": ry, "RY": -rx},
+        }
         for name in wanted:
             arms = {f"{master}:{r}": arm for r, arm in turned.get(name, {}).items() if arm != 0.0}
             out.append(Equation(f"{node}:{name}", {f"{master}:{name}": 1.0, **arms}))
@@ -259,9 +284,13 @@ def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
     except (TypeError, ValueError) as error:
         raise ModelError(f"axis of {dof}: {axis!r}; expected three numbers") from error
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise ModelError(f"axis of {dof}: {axis!r}; expected three finite numbers that are not all 0")
+        raise ModelError(
+            f"axis of {dof}: {axis!r}; expected three finite numbers that are not all 0"
+        )
     unit = vector / np.linalg.norm(vector)
-    return Equation(dof, {f"{node}:{name}": float(a) for name, a in zip(names, unit, strict=True) if a != 0.0})
+    return Equation(
+        dof, {f"{node}:{name}": float(a) for name, a in zip(names, unit, strict=True) if a != 0.0}
+    )
 
 
 def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
@@ -272,8 +301,8 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
     model : Model
         The model without them.
     masses : mapping of str to float
-        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all directions is named for
-        each of them.
+        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all
+        directions is named for each of them.
     name : str
         Of the group.
 
@@ -290,7 +319,9 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
         if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0.0 < mass < np.inf:
             raise ModelError(f"mass at {dof}: {mass!r}; expected a number above 0")
     at = model.dofs.match(masses, "DOF of a mass").index
-    M = sp.csr_array((np.array(list(masses.values()), dtype=np.float64), (at, at)), shape=(model.n_dofs,) * 2)
+    M = sp.csr_array(
+        (np.array(list(masses.values()), dtype=np.float64), (at, at)), shape=(model.n_dofs,) * 2
+    )
     return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)
 
 
@@ -322,7 +353,8 @@ def join(models: Iterable[Model], title: str = "") -> Model:
         for name in part.groups:
             if name in names:
                 raise ModelError(
-                    f"join: models {names[name]} and {number} both have a group {name!r}; rename one of them"
+                    f"join: models {names[name]} and {number} both have a group {name!r}; rename"
+                    " one of them"
                 )
             names[name] = number
     labels = DofSet(dict.fromkeys(d for part in parts for d in part.dofs))
@@ -331,7 +363,9 @@ def join(models: Iterable[Model], title: str = "") -> Model:
         at = labels.match(part.dofs).index
         P = sp.csr_array((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), len(labels)))
         groups |= {name: _moved(group, P) for name, group in part.groups.items()}
-    return Model(groups, labels, _merged([p.geometry for p in parts if p.geometry is not None]), title)
+    return Model(
+        groups, labels, _merged([p.geometry for p in parts if p.geometry is not None]), title
+    )
 
 
 def _merged(parts: Sequence[Geometry]) -> Geometry | None:
@@ -339,14 +373,19 @@ def _merged(parts: Sequence[Geometry]) -> Geometry | None:
         return None
     nodes = np.concatenate([g.nodes for g in parts])
     xyz = np.concatenate([g.xyz for g in parts])
-    axes = np.concatenate([np.tile(np.eye(3), (len(g.nodes), 1, 1)) if g.axes is None else g.axes for g in parts])
+    axes = np.concatenate(
+        [np.tile(np.eye(3), (len(g.nodes), 1, 1)) if g.axes is None else g.axes for g in parts]
+    )
     _, first, place = np.unique(nodes, return_index=True, return_inverse=True)
-    off = np.abs(xyz - xyz[first][place]).max(axis=1) > 1e-9 * max(float(np.ptp(xyz, axis=0).max()), 1e-300)
+    off = np.abs(xyz - xyz[first][place]).max(axis=1) > 1e-9 * max(
+        float(np.ptp(xyz, axis=0).max()), 1e-300
+    )
     off |= np.abs(axes - axes[first][place]).max(axis=(1, 2)) > 1e-9
     if off.any():
         node = nodes[off][0]
         raise ModelError(
-            f"join: node {node} stands at {xyz[first][place][off][0]} in one model, {xyz[off][0]} in another"
+            f"join: node {node} stands at {xyz[first][place][off][0]} in one model, {xyz[off][0]}"
+            " in another"
         )
     lines = np.unique(np.concatenate([np.sort(g.lines, axis=1) for g in parts]), axis=0)
     rotated = any(g.axes is not None for g in parts)

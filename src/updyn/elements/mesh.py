@@ -31,7 +31,16 @@ _SHELLS = ("triangle", "quad")
 _LINES = ("line",)
 _POINTS = ("vertex",)
 #: What meshio raises for damaged files.
-_FAILURES = (ArithmeticError, AssertionError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError)
+_FAILURES = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    OSError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +56,8 @@ class Mesh:
     xyz : ndarray of float, shape (n, 3)
         Positions in m.
     groups : mapping of str to mapping of str to ndarray of int, shape (m, k)
-        By group and kind of cell (of meshio: ``"quad"``, ``"tetra10"``, ...) the node numbers of its cells.
+        By group and kind of cell (of meshio: ``"quad"``, ``"tetra10"``, ...) the node numbers of
+        its cells.
     node_sets : mapping of str to ndarray of int, shape (m,)
         Named sets of nodes.
     ungrouped : mapping of str to int
@@ -81,17 +91,24 @@ class Mesh:
         if name in self.node_sets:
             return np.unique(self.node_sets[name])
         if name in self.groups:
-            return np.unique(np.concatenate([cells.ravel() for cells in self.groups[name].values()]))
-        raise FormatError(f"no group {name!r}; {suggest(name, [*self.groups, *self.node_sets])}", self.path)
+            return np.unique(
+                np.concatenate([cells.ravel() for cells in self.groups[name].values()])
+            )
+        raise FormatError(
+            f"no group {name!r}; {suggest(name, [*self.groups, *self.node_sets])}", self.path
+        )
 
-    def parts(self, materials: Mapping[str, Mapping[str, Any]], leave_out: Iterable[str] = ()) -> list[Part]:
+    def parts(
+        self, materials: Mapping[str, Mapping[str, Any]], leave_out: Iterable[str] = ()
+    ) -> list[Part]:
         """Return the parts of a structure: one for each group and kind of cell.
 
         Parameters
         ----------
         materials : mapping of str to mapping
-            By group the fields of its part, in SI units, name and connectivity left out. Surfaces are `Shell`, volumes
-            `Solid`; lines are `Beam` where ``section`` is given, else `Truss`; points are `PointMass`.
+            By group the fields of its part, in SI units, name and connectivity left out. Surfaces
+            are `Shell`, volumes `Solid`; lines are `Beam` where ``section`` is given, else `Truss`;
+            points are `PointMass`.
         leave_out : iterable of str
             Groups that are no parts: faces to hold, or to link.
 
@@ -102,19 +119,24 @@ class Mesh:
         Raises
         ------
         FormatError
-            If a group has no material, a material no group, a cell two of them, or a kind of cell is not known.
+            If a group has no material, a material no group, a cell two of them, or a kind of cell
+            is not known.
         ModelError
             If a field is missing or unknown, or a value out of range.
         """
         omitted = set(leave_out)
         for name in [*materials, *omitted]:
             if name not in self.groups and not (name in omitted and name in self.node_sets):
-                raise FormatError(f"no group {name!r}; {suggest(str(name), self.groups)}", self.path)
+                raise FormatError(
+                    f"no group {name!r}; {suggest(str(name), self.groups)}", self.path
+                )
         for name in self.groups:
             if name not in materials and name not in omitted:
                 kinds = ", ".join(f"{len(c)} {kind}" for kind, c in self.groups[name].items())
                 raise FormatError(
-                    f"group {name!r} ({kinds}) has no material; give it one, or leave the group out", self.path
+                    f"group {name!r} ({kinds}) has no material; give it one, or leave the"
+                    " group out",
+                    self.path,
                 )
         self._check_once(materials)
         out: list[Part] = []
@@ -135,12 +157,15 @@ class Mesh:
                 at = int(twice[0])
                 names = own[group[first[place.ravel()[at]]]][0], own[group[at]][0]
                 raise FormatError(
-                    f"the {kind} of nodes {cells[at].tolist()} stands twice: in group {names[0]!r} and in {names[1]!r}",
+                    f"the {kind} of nodes {cells[at].tolist()} stands twice: in group {names[0]!r}"
+                    f" and in {names[1]!r}",
                     self.path,
                 )
 
 
-def _parts(path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]) -> list[Part]:
+def _parts(
+    path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
+) -> list[Part]:
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
@@ -155,7 +180,9 @@ def _parts(path: str, name: str, kind: str, cells: NDArray[np.int64], given: Map
         part = PointMass
     else:
         known = (*_POINTS, *_LINES, *_SHELLS, *_SOLIDS)
-        raise FormatError(f"group {name!r} has {len(cells)} cells of kind {kind!r}; {suggest(kind, known)}", path)
+        raise FormatError(
+            f"group {name!r} has {len(cells)} cells of kind {kind!r}; {suggest(kind, known)}", path
+        )
     own = [f for f in fields(part) if f.name not in ("name", "connectivity", "node")]
     check_keys(
         f"{what}, a {part.__name__}",
@@ -174,15 +201,16 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     Parameters
     ----------
     path : path
-        ``.msh`` of Gmsh (text), ``.inp`` of Abaqus, ``.vtu``, ``.med`` or whatever else meshio reads.
+        ``.msh`` of Gmsh (text), ``.inp`` of Abaqus, ``.vtu``, ``.med`` or whatever else meshio
+        reads.
     unit : {"m", "mm", "cm", "in"}
         Of the positions in the file; no format says it.
 
     Returns
     -------
     Mesh
-        Groups are the physical groups of Gmsh and the element sets of Abaqus, by their names. A file without any has
-        one group, called ``"all"``.
+        Groups are the physical groups of Gmsh and the element sets of Abaqus, by their names. A
+        file without any has one group, called ``"all"``.
 
     Raises
     ------
@@ -220,9 +248,19 @@ def _read(path: Path) -> Any:
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path)
-    except (meshio.ReadError, SystemExit, *_FAILURES) as error:  # meshio ends the process on some bad files
-        lines = [line for line in (*said.getvalue().splitlines(), str(error)) if line.strip() and line.strip() != "1"]
-        raise FormatError(f"not a mesh that can be read ({lines[0].strip() if lines else error!r})", path) from error
+    except (
+        meshio.ReadError,
+        SystemExit,
+        *_FAILURES,
+    ) as error:  # meshio ends the process on some bad files
+        lines = [
+            line
+            for line in (*said.getvalue().splitlines(), str(error))
+            if line.strip() and line.strip() != "1"
+        ]
+        raise FormatError(
+            f"not a mesh that can be read ({lines[0].strip() if lines else error!r})", path
+        ) from error
 
 
 def _groups(
@@ -249,19 +287,26 @@ def _groups(
             if len(at):
                 kinds = groups.setdefault(name, {})
                 more = numbers[np.asarray(cells.data)[at]]
-                kinds[cells.type] = np.concatenate([kinds[cells.type], more]) if cells.type in kinds else more
+                kinds[cells.type] = (
+                    np.concatenate([kinds[cells.type], more]) if cells.type in kinds else more
+                )
     none: dict[str, int] = {}
     for block, cells in enumerate(found.cells):
-        free = len(cells.data) - len(np.unique(np.concatenate([lists[block] for lists in chosen.values()])))
+        free = len(cells.data) - len(
+            np.unique(np.concatenate([lists[block] for lists in chosen.values()]))
+        )
         if free:
             none[cells.type] = none.get(cells.type, 0) + free
     return groups, none
 
 
 def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np.intp]]:
-    if len(members) != len(cells) or any(m is not None and np.ndim(m) != 1 for m in map(_array, members)):
+    if len(members) != len(cells) or any(
+        m is not None and np.ndim(m) != 1 for m in map(_array, members)
+    ):
         raise FormatError(
-            f"group {name!r} is made of other groups in a way that cannot be told apart; name its elements themselves",
+            f"group {name!r} is made of other groups in a way that cannot be told apart; name its"
+            " elements themselves",
             path,
         )
     return [np.asarray([] if m is None else m, dtype=np.intp) for m in members]
@@ -301,7 +346,8 @@ def structure_from_mesh(
     path : path
         The mesh, as for `read_mesh`.
     materials : mapping of str to mapping
-        By group the fields of its part, as for `Mesh.parts`, in SI units whatever the unit of the mesh.
+        By group the fields of its part, as for `Mesh.parts`, in SI units whatever the unit of the
+        mesh.
     unit : {"m", "mm", "cm", "in"}
         Of the positions in the file.
     leave_out : iterable of str
@@ -325,12 +371,15 @@ def structure_from_mesh(
     Raises
     ------
     FormatError
-        If the file cannot be read, a group has no material, a material no group, or a cell no group.
+        If the file cannot be read, a group has no material, a material no group, or a cell no
+        group.
     ModelError
         As for `structure`.
     """
     if ungrouped not in ("error", "leave out"):
-        raise ModelError(f"ungrouped {ungrouped!r}: {suggest(str(ungrouped), ('error', 'leave out'))}")
+        raise ModelError(
+            f"ungrouped {ungrouped!r}: {suggest(str(ungrouped), ('error', 'leave out'))}"
+        )
     mesh = read_mesh(path, unit=unit)
     held: list[str | Dof | int] = []
     named: list[str] = []
@@ -339,14 +388,24 @@ def structure_from_mesh(
             named.append(item)
             held += mesh.nodes_of(item).tolist()
         elif isinstance(item, str) and ":" not in item:
-            raise FormatError(f"grounded: no group {item!r}; {suggest(item, [*mesh.groups, *mesh.node_sets])}", path)
+            raise FormatError(
+                f"grounded: no group {item!r}; {suggest(item, [*mesh.groups, *mesh.node_sets])}",
+                path,
+            )
         else:
             held.append(item)
     if mesh.ungrouped and ungrouped == "error":
         kinds = ", ".join(f"{count} {kind}" for kind, count in mesh.ungrouped.items())
-        raise FormatError(f"cells in no group: {kinds}; put them into one, or say ungrouped='leave out'", path)
+        raise FormatError(
+            f"cells in no group: {kinds}; put them into one, or say ungrouped='leave out'", path
+        )
     parts = mesh.parts(materials, [*leave_out, *(n for n in named if n not in materials)])
     nodes = dict(zip(mesh.nodes.tolist(), mesh.xyz, strict=True))
     return structure(
-        nodes, [*parts, *more], links=links, equations=equations, grounded=list(dict.fromkeys(held)), title=title
+        nodes,
+        [*parts, *more],
+        links=links,
+        equations=equations,
+        grounded=list(dict.fromkeys(held)),
+        title=title,
     )

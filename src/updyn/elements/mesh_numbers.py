@@ -21,8 +21,9 @@ def numbers_in(path: Path) -> NDArray[np.int64] | None:
     Raises
     ------
     FormatError
-        If the numbers are not there, or meshio would take the groups of an Abaqus deck for others: element blocks
-        without a set beside some with one, one set in two blocks, several blocks of nodes, parts and includes.
+        If the numbers are not there, or meshio would take the groups of an Abaqus deck for others:
+        element blocks without a set beside some with one, one set in two blocks, several blocks of
+        nodes, parts and includes.
     """
     suffix = path.suffix.lower()
     if suffix == ".msh":
@@ -32,7 +33,10 @@ def numbers_in(path: Path) -> NDArray[np.int64] | None:
             return None  # the same suffix is used by others
         words = head.split()
         if len(words) < 3 or words[2] != b"0":
-            raise FormatError("a binary .msh: its node numbers are not read; save it as text (Mesh.Binary = 0)", path)
+            raise FormatError(
+                "a binary .msh: its node numbers are not read; save it as text (Mesh.Binary = 0)",
+                path,
+            )
         return _gmsh(path, _lines(path), words[1].decode(errors="replace"))
     return _abaqus(path, _lines(path)) if suffix == ".inp" else None
 
@@ -41,7 +45,9 @@ def _lines(path: Path) -> list[str]:
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
-        raise FormatError(f"byte {error.start} is not text; expected a mesh in UTF-8", path) from error
+        raise FormatError(
+            f"byte {error.start} is not text; expected a mesh in UTF-8", path
+        ) from error
 
 
 def _gmsh(path: Path, lines: list[str], version: str) -> NDArray[np.int64]:
@@ -78,25 +84,36 @@ def _abaqus(path: Path, lines: list[str]) -> NDArray[np.int64]:
         word = found[1].strip().upper()
         inside = word == "NODE"
         if word in ("PART", "INSTANCE", "INCLUDE"):
-            raise FormatError(f"*{word}: only flat decks are read; expected *NODE, *ELEMENT and sets", path, number)
+            raise FormatError(
+                f"*{word}: only flat decks are read; expected *NODE, *ELEMENT and sets",
+                path,
+                number,
+            )
         if inside:
             blocks += 1
             if blocks > 1:
-                raise FormatError("a second *NODE block, of which the first would be lost; join them", path, number)
+                raise FormatError(
+                    "a second *NODE block, of which the first would be lost; join them",
+                    path,
+                    number,
+                )
         if word == "ELEMENT":
             own = re.search(r"ELSET\s*=\s*([^,\s]+)", line, re.IGNORECASE)
             if own is None:
                 without = without or number
             elif own[1] in sets:
                 raise FormatError(
-                    f"*ELEMENT with ELSET={own[1]}, as on line {sets[own[1]]}, which would be lost; use two names",
+                    f"*ELEMENT with ELSET={own[1]}, as on line {sets[own[1]]}, which would be lost;"
+                    " use two names",
                     path,
                     number,
                 )
             else:
                 sets[own[1]] = number
     if sets and without is not None:
-        raise FormatError("*ELEMENT without ELSET beside others with one; give each block its own", path, without)
+        raise FormatError(
+            "*ELEMENT without ELSET beside others with one; give each block its own", path, without
+        )
     return np.array(out, dtype=np.int64)
 
 
@@ -104,4 +121,6 @@ def _first(path: Path, number: int, line: str) -> int:
     try:
         return int(line.split(",", maxsplit=1)[0])
     except ValueError as error:
-        raise FormatError(f"{line.strip()[:30]!r}: expected a node number first", path, number) from error
+        raise FormatError(
+            f"{line.strip()[:30]!r}: expected a node number first", path, number
+        ) from error

@@ -1,9 +1,9 @@
 """Solid elements: hexahedra of 8 and 20 nodes, tetrahedra of 4 and 10, all elements of a batch at once.
 
-Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor & Zhu, The Finite
-Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the incompatible modes of Taylor, Beresford
-& Wilson, Int. J. Numer. Methods Eng. 10 (1976) 1211-1219, so that they bend; four-node tetrahedra are stiff and are
-best kept for filling.
+Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor &
+Zhu, The Finite Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the
+incompatible modes of Taylor, Beresford & Wilson, Int. J. Numer. Methods Eng. 10 (1976) 1211-1219,
+so that they bend; four-node tetrahedra are stiff and are best kept for filling.
 """
 
 from __future__ import annotations
@@ -20,7 +20,20 @@ from updyn.errors import ModelError
 __all__ = ["CORNERS", "FACES", "inside_out", "solid_matrices"]
 
 _CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-_CUBE_EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+_CUBE_EDGES = [
+    (0, 1),
+    (1, 2),
+    (2, 3),
+    (3, 0),
+    (4, 5),
+    (5, 6),
+    (6, 7),
+    (7, 4),
+    (0, 4),
+    (1, 5),
+    (2, 6),
+    (3, 7),
+]
 _SIMPLEX = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 _SIMPLEX_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
@@ -51,14 +64,14 @@ def solid_matrices(
     Parameters
     ----------
     xyz : ndarray of float, shape (m, k, 3)
-        Positions in m of the k = 4, 8, 10 or 20 nodes of m elements, none of them inside out (`inside_out`), in the
-        order of VTK: corners, then the middles of the edges (of hexahedra those of the first face, of the second, and
-        between them).
+        Positions in m of the k = 4, 8, 10 or 20 nodes of m elements, none of them inside out
+        (`inside_out`), in the order of VTK: corners, then the middles of the edges (of hexahedra
+        those of the first face, of the second, and between them).
     E, nu, rho : float
         Young's modulus in Pa, Poisson's ratio (below 0.5), density in kg/m3.
     lumped : bool
-        A diagonal mass, scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake Eng.
-        Struct. Dyn. 4 (1976) 245-249).
+        A diagonal mass, scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz,
+        Earthquake Eng. Struct. Dyn. 4 (1976) 245-249).
 
     Raises
     ------
@@ -75,7 +88,10 @@ def solid_matrices(
     m = rho * np.einsum("mq,qa,qb->mab", volume, heavy.N, heavy.N, optimize=True)
     if lumped:
         diagonal = np.einsum("maa->ma", m)
-        m = np.eye(k) * (diagonal * (m.sum(axis=(1, 2)) / diagonal.sum(axis=1))[:, None])[:, None, :]
+        m = (
+            np.eye(k)
+            * (diagonal * (m.sum(axis=(1, 2)) / diagonal.sum(axis=1))[:, None])[:, None, :]
+        )
     M = np.zeros((len(m), k, 3, k, 3))
     for i in range(3):
         M[:, :, i, :, i] = m
@@ -91,14 +107,18 @@ def inside_out(xyz: NDArray[np.float64]) -> int | None:
     return None if good.all() else int(np.argmin(good))
 
 
-def _gradients(shape: _Shape, xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _gradients(
+    shape: _Shape, xyz: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the slopes along x, y, z, shape (m, q, 3, k), and the volume of each point, shape (m, q), in m3."""
     J = shape.slopes @ xyz[:, None]
     dN = np.broadcast_to(shape.slopes, (len(xyz), *shape.slopes.shape))
     return np.asarray(np.linalg.solve(J, dN), dtype=np.float64), np.linalg.det(J) * shape.w
 
 
-def _elastic(G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float) -> NDArray[np.float64]:
+def _elastic(
+    G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float
+) -> NDArray[np.float64]:
     """Return the stiffness of isotropic solids in the DOFs (node, direction), shape (m, 3 k, 3 k)."""
     lame, shear = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
     m, q, _, k = G.shape
@@ -130,7 +150,8 @@ def _with_bending(
     for i in range(3):
         slopes[:, i, i] = -4 * r[i]  # d(1 - r^2)/dx of x = (r + 1) / 2
     own = np.linalg.solve(
-        np.broadcast_to(J, (len(xyz), len(slopes), 3, 3)), np.broadcast_to(slopes, (len(xyz), *slopes.shape))
+        np.broadcast_to(J, (len(xyz), len(slopes), 3, 3)),
+        np.broadcast_to(slopes, (len(xyz), *slopes.shape)),
     )
     own = own * (np.linalg.det(J) / (volume / shape.w))[:, :, None, None]
     full = _elastic(np.concatenate([G, own], axis=3), volume, E, nu)
@@ -151,7 +172,9 @@ def _shape(k: int, mass: bool) -> _Shape:
 def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
     """Return the shape functions at points, shape (3, q), in the order of VTK."""
     fem = _library()
-    element = {4: fem.ElementTetP1, 8: fem.ElementHex1, 10: fem.ElementTetP2, 20: fem.ElementHexS2}[k]()
+    element = {4: fem.ElementTetP1, 8: fem.ElementHex1, 10: fem.ElementTetP2, 20: fem.ElementHexS2}[
+        k
+    ]()
     corners, edges = (_CUBE, _CUBE_EDGES) if CORNERS[k] == 8 else (_SIMPLEX, _SIMPLEX_EDGES)
     nodes = np.array(corners, dtype=float)
     if k > len(corners):

@@ -1,10 +1,11 @@
 """The two-node Timoshenko beam element: exact for static loads at its nodes, free of shear locking.
 
-Its stiffness is that of the beam element of Przemieniecki, Theory of Matrix Structural Analysis, 1968, section 5.6
-(bending in one plane); its consistent mass, with rotary inertia, is that of Friedman & Kosmatka, Computers &
-Structures 47 (1993) 473-481, from the same displacement functions. The shear strain is constant over an element, so
-natural frequencies come from above, with an error that falls with the square of the element length (4e-6 for the second
-bending mode of a beam 30 times longer than high, by 100 elements).
+Its stiffness is that of the beam element of Przemieniecki, Theory of Matrix Structural Analysis,
+1968, section 5.6 (bending in one plane); its consistent mass, with rotary inertia, is that of
+Friedman & Kosmatka, Computers & Structures 47 (1993) 473-481, from the same displacement functions.
+The shear strain is constant over an element, so natural frequencies come from above, with an error
+that falls with the square of the element length (4e-6 for the second bending mode of a beam 30
+times longer than high, by 100 elements).
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def element_matrices(
 
     Notes
     -----
-    Przemieniecki 1968, section 5.6; Friedman & Kosmatka 1993, stiffness, translational and rotary inertia matrices of
-    the locking-free element.
+    Przemieniecki 1968, section 5.6; Friedman & Kosmatka 1993, stiffness, translational and rotary
+    inertia matrices of the locking-free element.
     """
     l = np.asarray(length, dtype=np.float64)  # noqa: E741 - the field's letter
     p = 12.0 * shear / l**2

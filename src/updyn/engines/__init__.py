@@ -1,8 +1,9 @@
 """Where work runs: in this process, in several on this machine, or on a cluster.
 
-An engine maps a function over items and knows no physics. Adding one is a module with ``EXPECTS``, a text saying what
-it is made from, and ``engine_for(given)``, which returns the engine or None where something else was given; and one
-line in `KINDS`. These modules load joblib and Dask when an engine is made, not before.
+An engine maps a function over items and knows no physics. Adding one is a module with ``EXPECTS``,
+a text saying what it is made from, and ``engine_for(given)``, which returns the engine or None
+where something else was given; and one line in `KINDS`. These modules load joblib and Dask when an
+engine is made, not before.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ def choose_engine(engine: int | distributed.Client | Engine | None) -> Engine:
     Parameters
     ----------
     engine : None, int, dask.distributed Client or Engine
-        None: this process. A number: so many processes on this machine (1: this one). A Client: the workers of its
-        cluster. An engine: itself.
+        None: this process. A number: so many processes on this machine (1: this one). A Client: the
+        workers of its cluster. An engine: itself.
 
     Returns
     -------
@@ -52,4 +53,6 @@ def choose_engine(engine: int | distributed.Client | Engine | None) -> Engine:
     if isinstance(engine, Engine) and not isinstance(engine, type):
         return engine
     expected = ", ".join(["None", *(kind.EXPECTS for kind in kinds)])
-    raise OptionError(f"engine is {engine!r} ({type(engine).__name__}); expected {expected} or an engine")
+    raise OptionError(
+        f"engine is {engine!r} ({type(engine).__name__}); expected {expected} or an engine"
+    )

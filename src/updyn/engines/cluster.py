@@ -23,7 +23,8 @@ __all__ = ["EXPECTS", "Cluster", "engine_for"]
 
 EXPECTS = "a dask.distributed Client"
 
-#: Seconds for which a cluster may be without a worker, or without an answer, before it counts as lost.
+#: Seconds for which a cluster may be without a worker, or without an answer, before it counts as
+#: lost.
 PATIENCE = 60.0
 
 
@@ -41,7 +42,9 @@ def engine_for(given: object) -> Engine | None:
     if distributed is None or not isinstance(given, distributed.Client):
         return None
     if given.asynchronous:
-        raise OptionError("engine is an asynchronous Client; expected one made with asynchronous=False")
+        raise OptionError(
+            "engine is an asynchronous Client; expected one made with asynchronous=False"
+        )
     return Cluster(given)
 
 
@@ -51,7 +54,8 @@ class Cluster(Remote):
     Parameters
     ----------
     client : distributed.Client
-        A connected client; it is left open. Until `close`, the scheduler's active memory manager rests.
+        A connected client; it is left open. Until `close`, the scheduler's active memory manager
+        rests.
 
     Raises
     ------
@@ -65,7 +69,8 @@ class Cluster(Remote):
         self._address = client.scheduler.address
         self._workers = self._count_workers()
         self._check_versions()
-        # Between two maps no task needs the model, and Dask's memory manager would leave it on one worker only.
+        # Between two maps no task needs the model, and Dask's memory manager would leave it on one
+        # worker only.
         self._managed = bool(client.amm.running())
         if self._managed:
             client.amm.stop()
@@ -89,12 +94,14 @@ class Cluster(Remote):
 
     # -- what `Remote` asks for ----------------------------------------------------------------------------
     def _send(self, shared: Any) -> Future:
-        # To all workers, bound to none: where one dies, any other can do its work. In a list, lest a list be taken
-        # apart; without a hash, which would read every byte.
+        # To all workers, bound to none: where one dies, any other can do its work. In a list, lest
+        # a list be taken apart; without a hash, which would read every byte.
         self._check_connection()
         try:
             (future,) = self._client.scatter([shared], broadcast=True, hash=False, timeout=PATIENCE)
-        except OSError as error:  # a worker went while it was sent something; TimeoutError is one of these
+        except (
+            OSError
+        ) as error:  # a worker went while it was sent something; TimeoutError is one of these
             raise self._lost(error) from error
         return future
 
@@ -144,7 +151,9 @@ class Cluster(Remote):
         if self._client.status != "running":
             raise EngineError(f"the connection to the scheduler {self._address} is lost") from error
         self._workers = self._count_workers()
-        self._sent = [(shared, future) for shared, future in self._sent if future.status == "finished"]
+        self._sent = [
+            (shared, future) for shared, future in self._sent if future.status == "finished"
+        ]
         return LostError(" ".join(str(error).split()))
 
     def _count_workers(self) -> int:
@@ -165,12 +174,17 @@ class Cluster(Remote):
         except ImportError as error:
             found["the scheduler"] = error
         for place, version in found.items():
-            if version != __version__ and not isinstance(version, OSError):  # a worker that has just gone
-                raise EngineError(f"updyn is {__version__} here and {version} on {place}; install the same on all")
+            if version != __version__ and not isinstance(
+                version, OSError
+            ):  # a worker that has just gone
+                raise EngineError(
+                    f"updyn is {__version__} here and {version} on {place}; install the same on all"
+                )
 
 
 # -- in the worker -----------------------------------------------------------------------------------------
-#: One item at a time, however many threads the worker has: what is cached in a shared object is for one.
+#: One item at a time, however many threads the worker has: what is cached in a shared object is for
+#: one.
 _ONE = threading.Lock()
 
 

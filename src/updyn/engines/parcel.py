@@ -1,7 +1,8 @@
 """An object as a file that processes of this machine map into their memory.
 
-The arrays lie in the file one after the other and are not copied when it is opened: all processes read the same pages.
-Written and read by one run in a folder of its own; what a user supplies is never read this way.
+The arrays lie in the file one after the other and are not copied when it is opened: all processes
+read the same pages. Written and read by one run in a folder of its own; what a user supplies is
+never read this way.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ class Parcel:
         except OSError as error:
             size = sizes[1:].sum() / 2**20
             raise EngineError(
-                f"{path}: {size:.0f} MiB for the worker processes cannot be written: {error.strerror}; "
-                "the environment variable TMPDIR names another folder"
+                f"{path}: {size:.0f} MiB for the worker processes cannot be written:"
+                f" {error.strerror}; the environment variable TMPDIR names another folder"
             ) from error
 
 
@@ -90,5 +91,7 @@ def _padded(size: int) -> int:
 
 
 def _remove(path: Path) -> None:
-    with contextlib.suppress(OSError):  # Windows keeps what a worker still has open; it goes with its folder
+    with contextlib.suppress(
+        OSError
+    ):  # Windows keeps what a worker still has open; it goes with its folder
         path.unlink()

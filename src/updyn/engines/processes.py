@@ -29,8 +29,15 @@ EXPECTS = "a number of processes from 1 up"
 #: Items submitted for each process: one that runs and enough behind it while the results are used.
 _AHEAD = 3
 #: What limits the threads of the libraries below numpy and scipy; read when they are loaded.
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS")
-#: The C library of Linux gives a block's memory back after every item, and fetches it anew: a fifth of the time.
+_THREADS = (
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "BLIS_NUM_THREADS",
+)
+#: The C library of Linux gives a block's memory back after every item, and fetches it anew: a fifth
+#: of the time.
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "134217728"}
 
 #: Seconds between two looks whether the process that started a worker is still there.
@@ -100,7 +107,8 @@ class Processes(Remote):
 
     # -- what `Remote` asks for ----------------------------------------------------------------------------
     def _send(self, shared: Any) -> Parcel:
-        # Nothing is sent: a worker opens the file when it meets its name, a worker that was started later as well.
+        # Nothing is sent: a worker opens the file when it meets its name, a worker that was started
+        # later as well.
         return Parcel(shared, self._new_path("shared"))
 
     def _submit(self, function: Callable[..., Any], handle: Parcel, item: Any) -> _Call:
@@ -133,7 +141,8 @@ class Processes(Remote):
     def _drop(self, calls: list[_Call]) -> None:
         for call in calls:
             if not call.future.cancel() and not call.future.done():
-                # Out of reach of `cancel`, in the queue of the workers: whoever takes it finds this file.
+                # Out of reach of `cancel`, in the queue of the workers: whoever takes it finds this
+                # file.
                 call.called_off.touch()
 
     # ------------------------------------------------------------------------------------------------------
@@ -159,7 +168,9 @@ def _new_pool(workers: int, folder: Path) -> Any:
     limits = {name: str(min(share, _limit(name, share))) for name in _THREADS}
     kept = {name: os.environ.get(name, value) for name, value in _MEMORY.items()}
     environment = limits | kept
-    return ProcessPoolExecutor(workers, initializer=_start_worker, initargs=(os.getpid(), folder), env=environment)
+    return ProcessPoolExecutor(
+        workers, initializer=_start_worker, initargs=(os.getpid(), folder), env=environment
+    )
 
 
 def _limit(name: str, otherwise: int) -> int:
@@ -189,9 +200,11 @@ _HELD: dict[Path, Any] = {}
 def _start_worker(parent: int, folder: Path) -> None:
     from joblib.externals.loky import process_executor
 
-    # Ctrl-C in a terminal reaches every process of the job; what to do about it is decided by the first.
+    # Ctrl-C in a terminal reaches every process of the job; what to do about it is decided by the
+    # first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # loky ends a worker that has grown by 300 MB, as leaking; ours grow by the factors that they keep.
+    # loky ends a worker that has grown by 300 MB, as leaking; ours grow by the factors that they
+    # keep.
     process_executor._USE_PSUTIL = False
     if os.name == "posix":
         threading.Thread(target=_end_with, args=(parent, folder), daemon=True).start()
@@ -205,7 +218,9 @@ def _end_with(parent: int, folder: Path) -> None:
     os._exit(1)
 
 
-def _work(function: Callable[..., Any], path: Path, known: tuple[Path, ...], called_off: Path, item: Any) -> Any:
+def _work(
+    function: Callable[..., Any], path: Path, known: tuple[Path, ...], called_off: Path, item: Any
+) -> Any:
     if called_off.exists():
         called_off.unlink()
         return None

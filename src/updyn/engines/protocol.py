@@ -30,15 +30,17 @@ class Engine(Protocol):
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
         """Yield ``function(shared, item)`` for every item, in the order of the items, each as soon as it is there.
 
-        Closing the iterator early abandons what has not been started; the engine can be used again at once.
+        Closing the iterator early abandons what has not been started; the engine can be used again
+        at once.
 
         Parameters
         ----------
         function : callable
             A function of a module (not a lambda: it may run in another process).
         shared : object
-            What all items need, however large: sent once to each worker, which keeps it, with whatever `function`
-            caches in it, for later maps with the same object. It must not be changed afterwards.
+            What all items need, however large: sent once to each worker, which keeps it, with
+            whatever `function` caches in it, for later maps with the same object. It must not be
+            changed afterwards.
         items : sequence
             What differs; small, as the results should be.
 

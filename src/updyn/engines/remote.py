@@ -18,7 +18,8 @@ R = TypeVar("R")
 
 #: So many losses with no result in between, and it is taken to be the work that kills the workers.
 MOST_LOSSES = 3
-#: So many shared objects are remembered: the latest. More would hold memory in every worker for nothing.
+#: So many shared objects are remembered: the latest. More would hold memory in every worker for
+#: nothing.
 REMEMBERED = 2
 
 
@@ -37,8 +38,9 @@ class _Flight:
 class Remote(ABC):
     """Maps over workers that may die.
 
-    A subclass says how an object is sent and how a call is submitted, awaited and dropped; where it finds a loss, it
-    gets ready for calls again and raises `LostError`. What a call is, is its own matter.
+    A subclass says how an object is sent and how a call is submitted, awaited and dropped; where it
+    finds a loss, it gets ready for calls again and raises `LostError`. What a call is, is its own
+    matter.
     """
 
     #: Items submitted ahead of the result that is waited for; None for all.
@@ -76,7 +78,9 @@ class Remote(ABC):
                     flights.append(unsent[-1])
                 try:
                     while unsent:
-                        unsent[0].call = self._submit(function, self._handle(shared), unsent[0].item)
+                        unsent[0].call = self._submit(
+                            function, self._handle(shared), unsent[0].item
+                        )
                         unsent.popleft()
                     result: R = self._result(flights[0].call)
                 except LostError as loss:
@@ -84,7 +88,8 @@ class Remote(ABC):
                     if losses > MOST_LOSSES:
                         at = total - len(waiting) - len(flights) + 1
                         raise EngineError(
-                            f"workers were lost {losses} times in a row at item {at} of {total}: {loss}"
+                            f"workers were lost {losses} times in a row at item {at} of {total}:"
+                            f" {loss}"
                         ) from loss
                     unsent = deque(f for f in flights if f.call is None or self._is_lost(f.call))
                     continue

@@ -1,7 +1,8 @@
 """Reading and writing: one module a format, chosen by a lazy registry.
 
-The functions here are the front doors. They look at the content of a file, then at its suffix (or do as ``format=``
-says), load the one module that knows the format, and check the options by name. Formats: `updyn.io.registry`.
+The functions here are the front doors. They look at the content of a file, then at its suffix (or
+do as ``format=`` says), load the one module that knows the format, and check the options by name.
+Formats: `updyn.io.registry`.
 """
 
 from __future__ import annotations
@@ -53,17 +54,19 @@ def read_frf(
     format : str, optional
         Format name, to force it: "uff", "netcdf", "npz", "mat", "csv".
     quantity : {"receptance", "mobility", "accelerance"}, optional
-        What was measured, where the file does not say. If the file says something else, that is an error.
+        What was measured, where the file does not say. If the file says something else, that is an
+        error.
     duplicates : {"raise", "average"}
-        Several functions at one pair of response and reference: an error, or their mean, weighted with their
-        coherence where every one of them has it. Formats that hold each pair once take "raise" only.
+        Several functions at one pair of response and reference: an error, or their mean, weighted
+        with their coherence where every one of them has it. Formats that hold each pair once take
+        "raise" only.
     responses, references : iterable of str or Dof, optional
-        DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the values change sign.
-        Of a universal file only that part has to be complete.
+        DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the
+        values change sign. Of a universal file only that part has to be complete.
     **options
-        What the reader of that format takes besides, checked by name: ``scalar_direction``, ``scale`` and
-        ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``, ``reference_labels`` and ``order`` of
-        bare arrays (`updyn.io.npz`, `updyn.io.mat`).
+        What the reader of that format takes besides, checked by name: ``scalar_direction``,
+        ``scale`` and ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``,
+        ``reference_labels`` and ``order`` of bare arrays (`updyn.io.npz`, `updyn.io.mat`).
 
     Returns
     -------
@@ -73,13 +76,15 @@ def read_frf(
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, the content is not valid, or a response or reference is not there;
-        the message says where.
+        If there is no such file, no format fits, the content is not valid, or a response or
+        reference is not there; the message says where.
     OptionError
         If the format has no such option; the nearest is named.
     """
     reader = _function(path, "read_frf", format)
-    wanted = {k: v for k, v in (("responses", responses), ("references", references)) if v is not None}
+    wanted = {
+        k: v for k, v in (("responses", responses), ("references", references)) if v is not None
+    }
     early = wanted if {"responses", "references"} <= _options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
     frf: FRF = reader(path, **_known(reader, given, ("responses", "references")))
@@ -112,7 +117,8 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     Parameters
     ----------
     path : path
-        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, or a table ``node,x,y,z`` in m.
+        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, or a table ``node,x,y,z`` in
+        m.
     format : str, optional
         Format name, to force it: "uff", "nastran" or "csv".
     **options
@@ -126,7 +132,8 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says where.
+        If there is no such file, no format fits, or the content is not valid; the message says
+        where.
     OptionError
         If the format has no such option; the nearest is named.
     """
@@ -154,7 +161,8 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says where.
+        If there is no such file, no format fits, or the content is not valid; the message says
+        where.
     OptionError
         If the format has no such option; the nearest is named.
     """
@@ -202,7 +210,8 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says where.
+        If there is no such file, no format fits, or the content is not valid; the message says
+        where.
     OptionError
         If the format has no such option; the nearest is named.
     """
@@ -242,8 +251,8 @@ def write_properties(
     Parameters
     ----------
     result : UpdateResult or mapping of str to mapping of str to float
-        The outcome of an update, or changes by group as `Model.scaled` takes them: ``stiffness``, ``mass`` and
-        ``viscous`` as factors on what the deck has, ``loss_factor`` as a value.
+        The outcome of an update, or changes by group as `Model.scaled` takes them: ``stiffness``,
+        ``mass`` and ``viscous`` as factors on what the deck has, ``loss_factor`` as a value.
     deck : path
         The deck that the model was read from. It is not changed.
     path : path
@@ -318,10 +327,14 @@ def _function(path: str | Path, verb: str, name: str | None) -> Callable[..., An
 
 
 def _options(reader: Callable[..., Any]) -> set[str]:
-    return {p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY}
+    return {
+        p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY
+    }
 
 
-def _known(reader: Callable[..., Any], options: dict[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
+def _known(
+    reader: Callable[..., Any], options: dict[str, Any], others: Iterable[str] = ()
+) -> dict[str, Any]:
     """Return the options, each of which the reader must have by name; `others` are those of the front door."""
     from updyn.errors import OptionError, suggest
 

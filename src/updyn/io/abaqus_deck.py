@@ -81,12 +81,15 @@ class DeckFacts:
         """
         own = [card for card in self.cards if card.name == "NODE"]
         materials = [p for p in self.properties.values() if p.kind == "material"]
-        check_materials([(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, self.path)
+        check_materials(
+            [(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, self.path
+        )
         if not own:
             return None
         if not self.flat:
             warnings.warn(
-                f"{self.path}: the deck has parts, whose nodes Abaqus numbers anew: no geometry is read",
+                f"{self.path}: the deck has parts, whose nodes Abaqus numbers anew: no geometry is"
+                " read",
                 UpdynWarning,
                 stacklevel=3,
             )
@@ -131,7 +134,9 @@ class DeckFacts:
                 out += [pair for row in card.rows for pair in _held(card, row, sets)]
         return out
 
-    def by_material(self, changes: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
+    def by_material(
+        self, changes: Mapping[str, Mapping[str, float]]
+    ) -> dict[str, Mapping[str, float]]:
         """Return changes by material, of groups that are called as element sets or as materials.
 
         Raises
@@ -141,8 +146,8 @@ class DeckFacts:
         """
         if self.assemblies:
             raise FormatError(
-                "the deck is put together of matrices and has no materials; write the updated model instead: "
-                "updyn.write_model(result.model, 'updated.inp')",
+                "the deck is put together of matrices and has no materials; write the updated model"
+                " instead: updyn.write_model(result.model, 'updated.inp')",
                 self.path,
             )
         out: dict[str, Mapping[str, float]] = {}
@@ -151,15 +156,21 @@ class DeckFacts:
             if material is None:
                 if name.upper() not in self.properties:
                     near = suggest(name.upper(), [*self.properties, *self.sections])
-                    raise FormatError(f"the deck has no material or element set {name!r}; {near}", self.path)
+                    raise FormatError(
+                        f"the deck has no material or element set {name!r}; {near}", self.path
+                    )
                 out[name] = change
                 continue
             alike = {s for s, m in self.sections.items() if m == material}
-            others = [s for s in sorted(alike) if dict(changes.get(_as_given(s, changes), {})) != dict(change)]
+            others = [
+                s
+                for s in sorted(alike)
+                if dict(changes.get(_as_given(s, changes), {})) != dict(change)
+            ]
             if others:
                 raise FormatError(
-                    f"group {name!r} is made of material {material!r}, as is {others[0]!r}, which changes otherwise; "
-                    "give each a material of its own in the deck",
+                    f"group {name!r} is made of material {material!r}, as is {others[0]!r}, which"
+                    " changes otherwise; give each a material of its own in the deck",
                     self.path,
                 )
             out[material] = change
@@ -179,7 +190,9 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
         If a card that is looked at cannot be read.
     """
     model, steps = split_steps(cards)
-    title = next((row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), "")
+    title = next(
+        (row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), ""
+    )
     types = {
         name.upper(): (card.get("TYPE") or "").upper()
         for card in model
@@ -188,24 +201,36 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
     sections = {
         elset.upper(): material.upper()
         for card in model
-        if card.name in _SECTIONS and (elset := card.get("ELSET")) and (material := card.get("MATERIAL"))
+        if card.name in _SECTIONS
+        and (elset := card.get("ELSET"))
+        and (material := card.get("MATERIAL"))
     }
     properties = read_properties(model, types)
     for card in model:
-        if card.name in _SECTIONS and (material := card.get("MATERIAL")) and material.upper() not in properties:
-            near = suggest(material.upper(), [n for n, p in properties.items() if p.kind == "material"])
+        if (
+            card.name in _SECTIONS
+            and (material := card.get("MATERIAL"))
+            and material.upper() not in properties
+        ):
+            near = suggest(
+                material.upper(), [n for n, p in properties.items() if p.kind == "material"]
+            )
             raise card.error(f"*{card.name}: no material {material!r}; {near}")
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
-def _held(card: Card, row: Row, sets: Mapping[str, list[NDArray[np.int64]]]) -> list[tuple[int, int]]:
+def _held(
+    card: Card, row: Row, sets: Mapping[str, list[NDArray[np.int64]]]
+) -> list[tuple[int, int]]:
     fields = row.fields
     if fields[0].upper() in sets:
         nodes = np.unique(np.concatenate(sets[fields[0].upper()])).tolist()
     elif fields[0].isdecimal():
         nodes = [int(fields[0])]
     else:
-        raise card.error(f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), sets)}", row)
+        raise card.error(
+            f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), sets)}", row
+        )
     if len(fields) == 2 and fields[1].upper() in _SUPPORTS:
         directions: tuple[int, ...] = _SUPPORTS[fields[1].upper()]
     elif len(fields) > 1 and all(f.isdecimal() for f in fields[1:3] if f):
@@ -215,7 +240,9 @@ def _held(card: Card, row: Row, sets: Mapping[str, list[NDArray[np.int64]]]) -> 
             raise card.error(f"*BOUNDARY: found {row.text!r}; expected directions from 1 to 6", row)
         directions = tuple(range(first, last + 1))
     else:
-        raise card.error(f"*BOUNDARY: found {row.text!r}; expected node, first direction, last direction", row)
+        raise card.error(
+            f"*BOUNDARY: found {row.text!r}; expected node, first direction, last direction", row
+        )
     if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
         raise card.error(f"*BOUNDARY: found {row.text!r}; a support holds at 0", row)
     return [(node, direction) for node in nodes for direction in directions]

@@ -8,10 +8,11 @@ element, then as above    ``*MATRIX GENERATE, ELEMENT BY ELEMENT``
 row, column, a            ``FORMAT=COORDINATE``: positions counted from 1; no labels
 ========================  ===================================================================
 
-Columns stand between commas or blanks; ``*`` starts a comment. A symmetric matrix is written as one triangle or whole.
-Nodes below 0 are internal ones of Abaqus (Lagrange multipliers, generalised displacements); a diagonal entry of
-1e36 stands for a degree of freedom that is held. Sources: Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus
-Analysis User's Guide, "Generating matrices"; 1e36 and the whole matrix under COORDINATE: files as users describe them.
+Columns stand between commas or blanks; ``*`` starts a comment. A symmetric matrix is written as one
+triangle or whole. Nodes below 0 are internal ones of Abaqus (Lagrange multipliers, generalised
+displacements); a diagonal entry of 1e36 stands for a degree of freedom that is held. Sources:
+Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus Analysis User's Guide, "Generating matrices"; 1e36
+and the whole matrix under COORDINATE: files as users describe them.
 """
 
 from __future__ import annotations
@@ -31,13 +32,26 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.model import Matrix
 
-__all__ = ["HELD", "NAME", "Entries", "Labels", "coordinate_matrix", "entries_of", "is_abaqus", "read_entries"]
+__all__ = [
+    "HELD",
+    "NAME",
+    "Entries",
+    "Labels",
+    "coordinate_matrix",
+    "entries_of",
+    "is_abaqus",
+    "read_entries",
+]
 
 #: The diagonal entry of a degree of freedom that is held is 1e36.
 HELD = 1e35
 #: How Abaqus calls a matrix file: job, what it holds, step.
 NAME = re.compile(r"(.+)_(STIF|MASS|DMPV|DMPS)(\d+)", re.IGNORECASE)
-_SHAPES = {3: "row, column, entry", 5: "node, dof, node, dof, entry", 6: "element, node, dof, node, dof, entry"}
+_SHAPES = {
+    3: "row, column, entry",
+    5: "node, dof, node, dof, entry",
+    6: "element, node, dof, node, dof, entry",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +149,9 @@ def is_abaqus(path: Path) -> bool:
     """Say whether a file is one of Abaqus: by its first row, where that says no nodes by its name too."""
     try:
         with path.open(encoding="ascii", errors="replace") as file:
-            row = next((line for line in file if line.strip() and not line.lstrip().startswith("*")), "")
+            row = next(
+                (line for line in file if line.strip() and not line.lstrip().startswith("*")), ""
+            )
     except OSError:
         return False
     fields = _fields(row)
@@ -170,8 +186,8 @@ def read_entries(path: Path) -> Entries:
     Raises
     ------
     FormatError
-        If a row is not as described, a label is no whole number, a degree of freedom is not 1 to 6 or an entry is not
-        finite; the message says the line.
+        If a row is not as described, a label is no whole number, a degree of freedom is not 1 to 6
+        or an entry is not finite; the message says the line.
     """
     try:
         text = path.read_text(encoding="ascii")
@@ -213,7 +229,11 @@ def entries_of(text: str, path: Path, first_line: int = 1) -> Entries:
 
 
 def _rows(text: str, first_line: int) -> list[tuple[int, str]]:
-    return [(n, s) for n, s in enumerate(text.splitlines(), first_line) if s.strip() and not s.lstrip().startswith("*")]
+    return [
+        (n, s)
+        for n, s in enumerate(text.splitlines(), first_line)
+        if s.strip() and not s.lstrip().startswith("*")
+    ]
 
 
 def _bad_row(text: str, path: Path, first_line: int) -> FormatError:
@@ -234,10 +254,19 @@ def _bad_label(text: str, at: int, path: Path, first_line: int) -> FormatError:
     line, row = _rows(text, first_line)[at]
     fields = _fields(row)
     if len(fields) > 3 and all(_is_number(f) for f in fields) and float(fields[-2]) > 6:
-        what = {"7": "warping", "8": "pressure", "9": "electric potential"}.get(fields[-2], "not of a structure")
-        more = f": degree of freedom {fields[-2]} ({what}); expected 1 to 6 for {', '.join(DIRECTIONS)}"
+        what = {"7": "warping", "8": "pressure", "9": "electric potential"}.get(
+            fields[-2], "not of a structure"
+        )
+        more = (
+            f": degree of freedom {fields[-2]} ({what}); expected 1 to 6 for"
+            f" {', '.join(DIRECTIONS)}"
+        )
         return FormatError(f"found {row.strip()!r}{more}", path, line)
-    return FormatError(f"found {row.strip()!r}; expected {_SHAPES[len(fields)]}, finite and counted from 1", path, line)
+    return FormatError(
+        f"found {row.strip()!r}; expected {_SHAPES[len(fields)]}, finite and counted from 1",
+        path,
+        line,
+    )
 
 
 def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
@@ -261,11 +290,15 @@ def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
     """
     largest = int(file.labels.max())
     if largest > len(dofs):
-        raise FormatError(f"an entry is in row or column {largest}; there are {len(dofs)} labels", file.path)
+        raise FormatError(
+            f"an entry is in row or column {largest}; there are {len(dofs)} labels", file.path
+        )
     return _symmetric(file.labels[:, 0] - 1, file.labels[:, 1] - 1, file, len(dofs), dofs)
 
 
-def _symmetric(row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet) -> Matrix:
+def _symmetric(
+    row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet
+) -> Matrix:
     """Put a matrix together from one triangle, either of them entry by entry, or from both."""
     low, high = np.minimum(row, column), np.maximum(row, column)
     part = 0 if file.elements is None else np.unique(file.elements, return_inverse=True)[1]
@@ -273,28 +306,33 @@ def _symmetric(row: NDArray[np.int64], column: NDArray[np.int64], file: Entries,
         where = f"({dofs[int(row[same])]}, {dofs[int(column[same])]})"
         raise FormatError(f"entry {where} stands twice", file.path)
     off = low != high
-    _, index, count = np.unique(((part * n + low) * n + high)[off], return_inverse=True, return_counts=True)
+    _, index, count = np.unique(
+        ((part * n + low) * n + high)[off], return_inverse=True, return_counts=True
+    )
     if not off.any() or (count == 1).all():
         value = file.values
     elif (count == 2).all():
         both = np.zeros((2, len(count)))
         upper = (row < column)[off]
-        both[0, index[upper]], both[1, index[~upper]] = file.values[off][upper], file.values[off][~upper]
+        both[0, index[upper]], both[1, index[~upper]] = (
+            file.values[off][upper],
+            file.values[off][~upper],
+        )
         gap = np.abs(both[0] - both[1])
         scale = float(np.abs(file.values[np.abs(file.values) < HELD]).max(initial=0.0))
         if gap.max() > 1e-10 * scale:
             k = np.flatnonzero(off)[np.flatnonzero(index == int(gap.argmax()))[0]]
             raise FormatError(
-                f"not symmetric: the entries of {dofs[int(row[k])]} and {dofs[int(column[k])]} differ by "
-                f"{gap.max():.3g}",
+                f"not symmetric: the entries of {dofs[int(row[k])]} and {dofs[int(column[k])]}"
+                f" differ by {gap.max():.3g}",
                 file.path,
             )
         value = np.where(off, file.values / 2, file.values)
     else:
         k = np.flatnonzero(off)[np.flatnonzero(count[index] == 1)[0]]
         raise FormatError(
-            f"entry ({dofs[int(row[k])]}, {dofs[int(column[k])]}) stands in one triangle, others in both; expected one "
-            "triangle or the whole matrix",
+            f"entry ({dofs[int(row[k])]}, {dofs[int(column[k])]}) stands in one triangle, others in"
+            " both; expected one triangle or the whole matrix",
             file.path,
         )
     at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])

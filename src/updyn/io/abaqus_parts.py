@@ -87,8 +87,8 @@ def assemble(
     Raises
     ------
     FormatError
-        If files do not fit each other, structural damping is no multiple of the stiffness, or an internal degree of
-        freedom cannot be condensed.
+        If files do not fit each other, structural damping is no multiple of the stiffness, or an
+        internal degree of freedom cannot be condensed.
     OptionError
         If `internal` is neither.
     """
@@ -96,7 +96,10 @@ def assemble(
         raise OptionError(f"internal {internal!r}; {suggest(str(internal), _INTERNAL)}")
     labels, known = _labels(parts, dofs, path)
     matrices = [
-        {what: coordinate_matrix(f, known) if labels is None else labels.matrix(f) for what, f in part.files.items()}
+        {
+            what: coordinate_matrix(f, known) if labels is None else labels.matrix(f)
+            for what, f in part.files.items()
+        }
         for part in parts
     ]
     inner = np.zeros(len(known), dtype=np.bool_) if labels is None else labels.internal
@@ -122,17 +125,20 @@ def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Lab
     bare = [f for f in files if not f.labelled]
     if bare and dofs is None:
         raise FormatError(
-            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT, or name the degrees of "
-            'freedom in a small TOML file: dofs = "dofs.csv"',
+            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT, or"
+            ' name the degrees of freedom in a small TOML file: dofs = "dofs.csv"',
             bare[0].path,
         )
     if bare and len(bare) < len(files):
         named = next(f for f in files if f.labelled)
         raise FormatError(
-            f"the rows say no nodes, those of {named.path.name} do; write all in one format", bare[0].path
+            f"the rows say no nodes, those of {named.path.name} do; write all in one format",
+            bare[0].path,
         )
     if not bare and dofs is not None:
-        raise FormatError("'dofs' is for files without labels; those of these files say their nodes", path)
+        raise FormatError(
+            "'dofs' is for files without labels; those of these files say their nodes", path
+        )
     if dofs is not None:
         return None, dofs
     labels = Labels.union(files)
@@ -140,12 +146,17 @@ def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Lab
 
 
 def _free(
-    matrices: Sequence[Mapping[str, Matrix]], dofs: DofSet, supports: Sequence[tuple[int, int]], path: Path
+    matrices: Sequence[Mapping[str, Matrix]],
+    dofs: DofSet,
+    supports: Sequence[tuple[int, int]],
+    path: Path,
 ) -> NDArray[np.bool_]:
     """Return which degrees of freedom are neither held nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     pairs = set(supports)
-    held = np.array([(n, a + 1) in pairs for n, a in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)])
+    held = np.array(
+        [(n, a + 1) in pairs for n, a in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)]
+    )
     for own in matrices:
         for what, A in own.items():
             if what == "stiffness":
@@ -155,7 +166,8 @@ def _free(
     if empty.any():
         first = dofs[int(np.flatnonzero(empty)[0])]
         warnings.warn(
-            f"{path}: {first} has neither stiffness, mass nor damping ({int(empty.sum())} such): left out",
+            f"{path}: {first} has neither stiffness, mass nor damping ({int(empty.sum())} such):"
+            " left out",
             UpdynWarning,
             stacklevel=4,
         )
@@ -170,7 +182,10 @@ def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
     gamma = part.loss_factor or 0.0
     if D is not None:
         if part.loss_factor is not None:
-            raise FormatError(f"group {part.name!r}: a loss factor and a structural matrix; give one of them", path)
+            raise FormatError(
+                f"group {part.name!r}: a loss factor and a structural matrix; give one of them",
+                path,
+            )
         gamma = _ratio(D, K, part, path)
     with placed(path, f"group {part.name!r}"):
         return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
@@ -182,20 +197,24 @@ def _ratio(D: Matrix, K: Matrix | None, part: Part, path: Path) -> float:
     gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
     if abs(D - gamma * K).max() > _PROPORTIONAL * abs(K).max() * max(abs(gamma), 1e-6):
         raise FormatError(
-            f"group {part.name!r}: structural damping is no multiple of its stiffness; give each material a "
-            "group of its own",
+            f"group {part.name!r}: structural damping is no multiple of its stiffness; give each"
+            " material a group of its own",
             path,
         )
     return gamma
 
 
 def _condense(
-    matrices: list[dict[str, Any]], parts: Sequence[Part], dofs: DofSet, inner: NDArray[np.bool_], path: Path
+    matrices: list[dict[str, Any]],
+    parts: Sequence[Part],
+    dofs: DofSet,
+    inner: NDArray[np.bool_],
+    path: Path,
 ) -> None:
     """Take massless internal degrees of freedom out of the stiffness that they belong to, in place.
 
-    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact where they have no mass, and stays a multiple of the group's
-    unknown where they belong to that group alone.
+    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact where they have no mass, and stays a multiple of
+    the group's unknown where they belong to that group alone.
     """
     owners = np.zeros(len(dofs), dtype=np.int64)
     for own, part in zip(matrices, parts, strict=True):
@@ -204,12 +223,17 @@ def _condense(
             touched[A.indices[A.data != 0.0]] = True
             if what in ("mass", "viscous") and (touched & inner).any():
                 first = dofs[int(np.flatnonzero(touched & inner)[0])]
-                raise FormatError(f"group {part.name!r}: internal {first} has {what}; keep it: internal = 'keep'", path)
+                raise FormatError(
+                    f"group {part.name!r}: internal {first} has {what}; keep it: internal = 'keep'",
+                    path,
+                )
             if what == "stiffness":
                 owners += touched
     if (shared := np.flatnonzero(inner & (owners != 1))).size:
         raise FormatError(
-            f"internal {dofs[int(shared[0])]} belongs to {owners[shared[0]]} groups; keep it: internal = 'keep'", path
+            f"internal {dofs[int(shared[0])]} belongs to {owners[shared[0]]} groups; keep it:"
+            " internal = 'keep'",
+            path,
         )
     for own, part in zip(matrices, parts, strict=True):
         K = own.get("stiffness")
@@ -219,14 +243,17 @@ def _condense(
         touched[K.indices[K.data != 0.0]] = True
         i, r = np.flatnonzero(inner & touched), np.flatnonzero(~inner)
         if i.size:
-            # The structural matrix is proportional to the stiffness and is checked before it shrinks with it.
+            # The structural matrix is proportional to the stiffness and is checked before it
+            # shrinks with it.
             gamma = _ratio(own["structural"], K, part, path) if "structural" in own else None
             own["stiffness"] = _schur(sp.csc_array(K), r, i, part, dofs, path)
             if gamma is not None:
                 own["structural"] = own["stiffness"] * gamma
 
 
-def _schur(K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: Part, dofs: DofSet, path: Path) -> Any:
+def _schur(
+    K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: Part, dofs: DofSet, path: Path
+) -> Any:
     from scipy.sparse.linalg import splu
 
     coupling = sp.csc_array(K[i][:, r])
@@ -235,11 +262,13 @@ def _schur(K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: Part, dofs: D
         small = splu(sp.csc_array(K[i][:, i])).solve(coupling[:, columns].toarray())
     except RuntimeError as error:
         raise FormatError(
-            f"group {part.name!r}: internal {dofs[int(i[0])]} and its like have a singular stiffness (Lagrange "
-            "multipliers); keep them: internal = 'keep'",
+            f"group {part.name!r}: internal {dofs[int(i[0])]} and its like have a singular"
+            " stiffness (Lagrange multipliers); keep them: internal = 'keep'",
             path,
         ) from error
     at = r[columns]
     change = sp.coo_array(coupling[:, columns].T @ small)
-    full = sp.csr_array(sp.coo_array((change.data, (at[change.row], at[change.col])), shape=K.shape))
+    full = sp.csr_array(
+        sp.coo_array((change.data, (at[change.row], at[change.col])), shape=K.shape)
+    )
     return sp.csr_array(K) - (full + full.T) / 2

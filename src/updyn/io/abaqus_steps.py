@@ -64,9 +64,9 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
             whole = files
     if not parts and not whole:
         raise FormatError(
-            "no step of the deck writes matrices. Abaqus has to: add *STEP, *MATRIX GENERATE, STIFFNESS, MASS, "
-            "ELSET=... and *MATRIX OUTPUT, STIFFNESS, MASS for each set that is to be a group, run the job and read "
-            "the deck again",
+            "no step of the deck writes matrices. Abaqus has to: add *STEP, *MATRIX GENERATE,"
+            " STIFFNESS, MASS, ELSET=... and *MATRIX OUTPUT, STIFFNESS, MASS for each set that is"
+            " to be a group, run the job and read the deck again",
             facts.path,
         )
     if not parts:
@@ -83,12 +83,17 @@ def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Ent
             file = facts.path.parent / f"{job}_{letters}{step}.mtx"
             if not file.is_file():
                 near = suggest(file.name, sorted(p.name for p in file.parent.glob("*.mtx")))
-                raise card.error(f"*MATRIX GENERATE, {_PARAMETERS[what]} of step {step}: no file {file.name!r}; {near}")
+                raise card.error(
+                    f"*MATRIX GENERATE, {_PARAMETERS[what]} of step {step}: no file {file.name!r};"
+                    f" {near}"
+                )
             files[what] = read_entries(file)
             by_element = "ELEMENT BY ELEMENT" in card.parameters
             if by_element != (files[what].elements is not None):
                 said, found = ("by element", "whole") if by_element else ("whole", "by element")
-                raise FormatError(f"the matrix is {found}, the deck says {said} (line {card.line})", file)
+                raise FormatError(
+                    f"the matrix is {found}, the deck says {said} (line {card.line})", file
+                )
     if not files:
         raise card.error("*MATRIX GENERATE says neither STIFFNESS nor MASS")
     return files
@@ -96,7 +101,10 @@ def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Ent
 
 def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> list[Part]:
     if not facts.flat:
-        raise card.error("ELEMENT BY ELEMENT in a deck with parts: Abaqus numbers its elements anew; write it flat")
+        raise card.error(
+            "ELEMENT BY ELEMENT in a deck with parts: Abaqus numbers its elements anew; write it"
+            " flat"
+        )
     sets = facts.element_sets()
     members: dict[str, list[NDArray[np.int64]]] = {}
     for elset, material in facts.sections.items():
@@ -106,7 +114,9 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
     for material, found in members.items():
         own = np.unique(np.concatenate(found))
         chosen = {
-            what: f.of(own) for what, f in files.items() if f.elements is not None and np.isin(f.elements, own).any()
+            what: f.of(own)
+            for what, f in files.items()
+            if f.elements is not None and np.isin(f.elements, own).any()
         }
         seen = np.union1d(seen, own)
         if chosen:
@@ -115,14 +125,19 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
         assert file.elements is not None
         lost = np.setdiff1d(file.elements, seen)
         if lost.size:
-            raise FormatError(f"element {lost[0]} is of no section of the deck ({lost.size} such)", file.path)
+            raise FormatError(
+                f"element {lost[0]} is of no section of the deck ({lost.size} such)", file.path
+            )
     return parts
 
 
 def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
     """Compare the groups with the whole."""
     if not total.labelled or not all(f.labelled for f in files):
-        raise FormatError("the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT", total.path)
+        raise FormatError(
+            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT",
+            total.path,
+        )
     labels = Labels.union([total, *files])
     left = labels.matrix(total)
     free = np.flatnonzero(left.diagonal() < 1e35)
@@ -136,8 +151,9 @@ def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
         at = int(np.argmax(beyond))
         dofs = labels.dofs
         raise FormatError(
-            f"the element sets do not add up to the {what} of the whole: at {dofs[int(free[rest.row[at]])]}, "
-            f"{dofs[int(free[rest.col[at]])]} {rest.data[at]:.3g} is left; a part belongs to no set, or to two",
+            f"the element sets do not add up to the {what} of the whole: at"
+            f" {dofs[int(free[rest.row[at]])]}, {dofs[int(free[rest.col[at]])]} {rest.data[at]:.3g}"
+            " is left; a part belongs to no set, or to two",
             total.path,
         )
 
@@ -149,13 +165,15 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
     Raises
     ------
     FormatError
-        If a matrix is not there, or is not symmetric or not text, or the deck holds more than matrices.
+        If a matrix is not there, or is not symmetric or not text, or the deck holds more than
+        matrices.
     """
     for card in facts.cards:
         if card.name not in _USAGE:
             raise card.error(
-                f"*{card.name} beside *MATRIX ASSEMBLE is not read; only {', '.join('*' + name for name in _USAGE)}: "
-                "have Abaqus write all of the model with *MATRIX GENERATE"
+                f"*{card.name} beside *MATRIX ASSEMBLE is not read; only"
+                f" {', '.join('*' + name for name in _USAGE)}: have Abaqus write all of the model"
+                " with *MATRIX GENERATE"
             )
     known = {card.need("NAME").upper(): card for card in facts.cards if card.name == "MATRIX INPUT"}
     parts = []
@@ -165,7 +183,9 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
         for what, parameter in _PARAMETERS.items():
             if name := card.get(parameter):
                 if name.upper() not in known:
-                    raise card.error(f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}")
+                    raise card.error(
+                        f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}"
+                    )
                 files[what] = _input(known[name.upper()], facts.path.parent)
         if not files:
             raise card.error("*MATRIX ASSEMBLE names no matrix")
@@ -188,15 +208,23 @@ def _input(card: Card, folder: Path) -> Entries:
         raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: matrices are symmetric here")
     given = card.get("INPUT")
     if "MATRIX" in card.parameters or (given or "").lower().endswith(".sim"):
-        raise card.error("*MATRIX INPUT of a .sim file, which only Abaqus reads; write text with *MATRIX OUTPUT")
+        raise card.error(
+            "*MATRIX INPUT of a .sim file, which only Abaqus reads; write text with *MATRIX OUTPUT"
+        )
     if given is None:
         if not card.rows:
-            raise card.error(f"*MATRIX INPUT, NAME={card.get('NAME')} has neither INPUT= nor data lines")
+            raise card.error(
+                f"*MATRIX INPUT, NAME={card.get('NAME')} has neither INPUT= nor data lines"
+            )
         entries = entries_of("\n".join(row.text for row in card.rows), card.path, card.rows[0].line)
     else:
         file = folder / given
         if not file.is_file():
-            near = sorted(p.name for p in file.parent.iterdir() if p.is_file()) if file.parent.is_dir() else []
+            near = (
+                sorted(p.name for p in file.parent.iterdir() if p.is_file())
+                if file.parent.is_dir()
+                else []
+            )
             raise card.error(f"*MATRIX INPUT: no such file {given!r}; {suggest(file.name, near)}")
         entries = read_entries(file)
     scale = card.get("SCALE FACTOR")

@@ -12,8 +12,9 @@
     mass = "spar_MASS2.mtx"
     loss_factor = 0.02                 # optional, instead of structural
 
-Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows. Of files written
-with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the deck.
+Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows.
+Of files written with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the
+deck.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def names_abaqus_files(table: Mapping[str, Any], folder: Path) -> bool:
     """Say whether the first matrix file that a group names and that is there is one of Abaqus."""
     for group in table.get("group", ()):
         given = (
-            [group[what] for what in MATRICES if isinstance(group.get(what), str)] if isinstance(group, dict) else []
+            [group[what] for what in MATRICES if isinstance(group.get(what), str)]
+            if isinstance(group, dict)
+            else []
         )
         for file in (folder / name for name in given):
             if file.is_file():
@@ -55,7 +58,9 @@ def names_abaqus_files(table: Mapping[str, Any], folder: Path) -> bool:
     return False
 
 
-def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geometry: Geometry | None) -> Model:
+def read_table(
+    entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geometry: Geometry | None
+) -> Model:
     """Build the model of a TOML file.
 
     Parameters
@@ -88,22 +93,32 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
     parts = [_part(entry, group, number, facts) for number, group in enumerate(table["group"])]
     title = entry.text(table, "title") if "title" in table else ""
     internal = entry.text(table, "internal") if "internal" in table else "keep"
-    return assemble(parts, units, entry.path, dofs=dofs, geometry=geometry, title=title, internal=internal)
+    return assemble(
+        parts, units, entry.path, dofs=dofs, geometry=geometry, title=title, internal=internal
+    )
 
 
 def _part(entry: Entry, group: Mapping[str, Any], number: int, facts: DeckFacts | None) -> Part:
     entry.only_known(group, _GROUP, "group", number)
     if "name" not in group:
-        raise FormatError(f"[[group]] number {number + 1} has no name", entry.path, entry.line("name", "group", number))
+        raise FormatError(
+            f"[[group]] number {number + 1} has no name",
+            entry.path,
+            entry.line("name", "group", number),
+        )
     name = entry.text(group, "name", "group", number)
-    files = {what: read_entries(entry.file(group, what, "group", number)) for what in MATRICES if what in group}
+    files = {
+        what: read_entries(entry.file(group, what, "group", number))
+        for what in MATRICES
+        if what in group
+    }
     if "elset" in group:
         elset = entry.text(group, "elset", "group", number)
         files = _of_set(files, elset, facts, entry, number)
     elif any(f.elements is not None for f in files.values()):
         raise FormatError(
-            f"group {name!r}: its files are written element by element; say of which elements it is: elset = '...', "
-            "with deck = '...' above",
+            f"group {name!r}: its files are written element by element; say of which elements it"
+            " is: elset = '...', with deck = '...' above",
             entry.path,
             entry.line("name", "group", number),
         )
@@ -118,10 +133,18 @@ def _of_set(
         raise FormatError("elset needs deck = '...', which says its elements", entry.path, line)
     sets = facts.element_sets()
     if elset.upper() not in sets:
-        raise FormatError(f"the deck has no element set {elset!r}; {suggest(elset.upper(), sets)}", entry.path, line)
+        raise FormatError(
+            f"the deck has no element set {elset!r}; {suggest(elset.upper(), sets)}",
+            entry.path,
+            line,
+        )
     whole = next((f for f in files.values() if f.elements is None), None)
     if whole is not None:
-        raise FormatError(f"{whole.path.name} is not written element by element; leave elset out", entry.path, line)
+        raise FormatError(
+            f"{whole.path.name} is not written element by element; leave elset out",
+            entry.path,
+            line,
+        )
     out = {what: f.of(np.asarray(sets[elset.upper()])) for what, f in files.items()}
     if empty := next((f for f in out.values() if not f.values.size), None):
         raise FormatError(f"{empty.path.name} has no element of set {elset!r}", entry.path, line)

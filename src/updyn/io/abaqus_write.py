@@ -42,15 +42,16 @@ def write_model(model: Model, path: str | Path) -> None:
     model : Model
         The model. Of its geometry positions are written, no lines.
     path : path
-        The deck to write, for instance ``case.inp``; the matrices are called ``case_1_STIF.mtx``, ``case_1_MASS.mtx``,
-        ``case_1_DMPV.mtx`` and ``case_1_DMPS.mtx`` (loss factor times stiffness), the number being that of the group,
-        and are replaced where they exist. The deck is written last.
+        The deck to write, for instance ``case.inp``; the matrices are called ``case_1_STIF.mtx``,
+        ``case_1_MASS.mtx``, ``case_1_DMPV.mtx`` and ``case_1_DMPS.mtx`` (loss factor times
+        stiffness), the number being that of the group, and are replaced where they exist. The deck
+        is written last.
 
     Raises
     ------
     FormatError
-        If the node number of a degree of freedom is not from 1 to 999999999, two groups would have one name, or a loss
-        factor depends on frequency.
+        If the node number of a degree of freedom is not from 1 to 999999999, two groups would have
+        one name, or a loss factor depends on frequency.
 
     Warns
     -----
@@ -60,10 +61,12 @@ def write_model(model: Model, path: str | Path) -> None:
     path = Path(path)
     _check(model, path)
     refuse_damping(model, path, *VALUES)
-    if folded := [name for name, g in model.groups.items() if g.mass_damping or g.stiffness_damping]:
+    if folded := [
+        name for name, g in model.groups.items() if g.mass_damping or g.stiffness_damping
+    ]:
         warnings.warn(
-            f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous matrices, which no "
-            "longer follow mass and stiffness",
+            f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous"
+            " matrices, which no longer follow mass and stiffness",
             UpdynWarning,
             stacklevel=3,
         )
@@ -94,9 +97,14 @@ def _check(model: Model, path: Path) -> None:
     seen: dict[str, str] = {}
     for name in model.groups:
         if re.search(r'[",=]', name):
-            raise FormatError(f"group {name!r}: a name in a deck has no quotes, commas and equals signs", path)
+            raise FormatError(
+                f"group {name!r}: a name in a deck has no quotes, commas and equals signs", path
+            )
         if (other := seen.setdefault(name.upper(), name)) != name:
-            raise FormatError(f"groups {other!r} and {name!r} are one name in a deck, where case does not matter", path)
+            raise FormatError(
+                f"groups {other!r} and {name!r} are one name in a deck, where case does not matter",
+                path,
+            )
 
 
 def _one_line(text: str) -> str:
@@ -107,15 +115,32 @@ def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
     if geometry is None:
         return []
     if geometry.axes is not None:
-        warnings.warn(f"{path}: a deck has no place for directions of nodes; left out", UpdynWarning, stacklevel=4)
+        warnings.warn(
+            f"{path}: a deck has no place for directions of nodes; left out",
+            UpdynWarning,
+            stacklevel=4,
+        )
     places = zip(geometry.nodes.tolist(), geometry.xyz.tolist(), strict=True)
     known = [(node, xyz) for node, xyz in places if 0 < node <= _LARGEST]
-    return ["*NODE", *(f"{node}, {', '.join(short_number(x) for x in xyz)}" for node, xyz in known)] if known else []
+    return (
+        ["*NODE", *(f"{node}, {', '.join(short_number(x) for x in xyz)}" for node, xyz in known)]
+        if known
+        else []
+    )
 
 
 def _matrices(group: Group) -> dict[str, Matrix | None]:
-    damped = None if group.stiffness is None or not group.loss_factor else group.stiffness * group.loss_factor
-    return {"stiffness": group.stiffness, "mass": group.mass, "viscous": group.viscous_part(), "structural": damped}
+    damped = (
+        None
+        if group.stiffness is None or not group.loss_factor
+        else group.stiffness * group.loss_factor
+    )
+    return {
+        "stiffness": group.stiffness,
+        "mass": group.mass,
+        "viscous": group.viscous_part(),
+        "structural": damped,
+    }
 
 
 def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:
@@ -123,5 +148,9 @@ def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:
     entry: Any = sp.coo_array(sp.tril(matrix))
     node, direction = dofs.nodes.tolist(), (dofs.axes + 1).tolist()
     with path.open("w", encoding="ascii") as file:
-        for i, j, value in zip(entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True):
-            file.write(f"{node[i]},{direction[i]}, {node[j]},{direction[j]}, {short_number(value)}\n")
+        for i, j, value in zip(
+            entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True
+        ):
+            file.write(
+                f"{node[i]},{direction[i]}, {node[j]},{direction[j]}, {short_number(value)}\n"
+            )

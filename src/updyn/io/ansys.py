@@ -1,11 +1,12 @@
 """Updated properties for an Ansys deck, as commands that it can include (APDL).
 
-Groups are those of `updyn.io.ansys_emat`, by material: "material 3" has its moduli (EX, EY, EZ, GXY, GYZ, GXZ), its
-density (DENS) and its damping (ALPD, BETD, and DMPS or DMPR); "real 4" has the constants of springs, dampers and point
-masses (COMBIN14, MASS21, COMBIN40, COMBI214).
+Groups are those of `updyn.io.ansys_emat`, by material: "material 3" has its moduli (EX, EY, EZ,
+GXY, GYZ, GXZ), its density (DENS) and its damping (ALPD, BETD, and DMPS or DMPR); "real 4" has the
+constants of springs, dampers and point masses (COMBIN14, MASS21, COMBIN40, COMBI214).
 
-The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases that have no DMPS add 2 i DMPR K
-(Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis as 2gK"): DMPR = gamma / 2 there.
+The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases that have no DMPS
+add 2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis
+as 2gK"): DMPR = gamma / 2 there.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
 }
 _NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
-_NO_DMPS = 2020  # releases before 2020 R1, counted by years or as 15.0 to 19.5, are known to have none
+_NO_DMPS = (
+    2020  # releases before 2020 R1, counted by years or as 15.0 to 19.5, are known to have none
+)
 
 
 def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, path: Path) -> None:
@@ -42,8 +45,8 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     changes : mapping of str to mapping of str to float
         By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
     deck : Path
-        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands); for an ``.emat`` or ``.full`` file,
-        the ``.cdb`` of the same name beside it.
+        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands); for an
+        ``.emat`` or ``.full`` file, the ``.cdb`` of the same name beside it.
     path : Path
         The file to write.
 
@@ -54,18 +57,30 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     """
     deck = _commands(deck)
     found = read_deck(deck)
-    names = [f"material {n}" for n in sorted(found.materials)] + [f"real {n}" for n in sorted(found.reals)]
+    names = [f"material {n}" for n in sorted(found.materials)] + [
+        f"real {n}" for n in sorted(found.reals)
+    ]
     blocks: list[str] = []
     for name, change in changes.items():
         kind = re.fullmatch(r"(material|real) (\d+)", name)
         if kind is None or name not in names:
-            hint = "" if kind else " (by component, type or section there is no one property: group by material)"
+            hint = (
+                ""
+                if kind
+                else " (by component, type or section there is no one property: group by material)"
+            )
             raise FormatError(f"the deck has no {name!r}{hint}; {suggest(name, names)}", deck)
         _check(name, change, deck)
         number = int(kind[2])
-        said = ", ".join(f"{q} {'=' if q == 'loss_factor' else 'x'} {v!r}" for q, v in change.items())
+        said = ", ".join(
+            f"{q} {'=' if q == 'loss_factor' else 'x'} {v!r}" for q, v in change.items()
+        )
         blocks += ["!", f"! {name}: {said or 'unchanged'}"]
-        blocks += _material(found, number, change) if kind[1] == "material" else _real(found, number, change)
+        blocks += (
+            _material(found, number, change)
+            if kind[1] == "material"
+            else _real(found, number, change)
+        )
     heading = [
         f"! New properties for {deck.name}: {', '.join(changes)}.",
         f"! Read them in /PREP7 after the deck: /INPUT,{path.stem},{path.suffix.lstrip('.')}",
@@ -80,7 +95,9 @@ def _commands(deck: Path) -> Path:
     found = beside(deck, ".cdb")
     if found is None:
         raise FormatError(
-            f"properties are changed in the deck: no {deck.with_suffix('.cdb').name} beside it (CDWRITE)", deck
+            f"properties are changed in the deck: no {deck.with_suffix('.cdb').name} beside it"
+            " (CDWRITE)",
+            deck,
         )
     return found
 
@@ -88,11 +105,15 @@ def _commands(deck: Path) -> Path:
 def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
     for quantity, value in change.items():
         if quantity not in _QUANTITIES:
-            raise FormatError(f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck)
+            raise FormatError(
+                f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
+            )
         least = quantity in ("viscous", "loss_factor")
         if not (0 < value < float("inf") or (least and value == 0)):
             wanted = "at least 0" if least else "above 0"
-            raise FormatError(f"group {name!r}: {quantity} {value!r}; expected a finite number {wanted}", deck)
+            raise FormatError(
+                f"group {name!r}: {quantity} {value!r}; expected a finite number {wanted}", deck
+            )
 
 
 # -- materials ---------------------------------------------------------------------------------------------
@@ -101,7 +122,8 @@ def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]
     stiffness, mass, viscous = (change.get(q, 1.0) for q in ("stiffness", "mass", "viscous"))
     if number in deck.tables and (stiffness != 1.0 or viscous != 1.0 or "loss_factor" in change):
         raise FormatError(
-            f"material {number} has a table (TB) of elasticity or damping, which is not changed; expected MP or MPDATA",
+            f"material {number} has a table (TB) of elasticity or damping, which is not changed;"
+            " expected MP or MPDATA",
             deck.path,
             deck.tables[number],
         )
@@ -121,11 +143,15 @@ def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]
     return out
 
 
-def _needed(deck: Deck, number: int, has: Mapping[str, Property], asked: bool, there: object, label: str) -> None:
+def _needed(
+    deck: Deck, number: int, has: Mapping[str, Property], asked: bool, there: object, label: str
+) -> None:
     if asked and not there:
         line = next(iter(has.values())).line
         raise FormatError(
-            f"material {number} has no {label} to change; it has {', '.join(sorted(has))}", deck.path, line
+            f"material {number} has no {label} to change; it has {', '.join(sorted(has))}",
+            deck.path,
+            line,
         )
 
 
@@ -180,23 +206,36 @@ def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
         if quantity == "loss_factor":
             if factor:
                 raise FormatError(
-                    f"real {number}: {_NAMES[routine]} has no place for a loss factor", deck.path, old.line
+                    f"real {number}: {_NAMES[routine]} has no place for a loss factor",
+                    deck.path,
+                    old.line,
                 )
             continue
         if quantity not in places:
             if factor != 1.0:
-                raise FormatError(f"real {number}: {_NAMES[routine]} has no {quantity}", deck.path, old.line)
+                raise FormatError(
+                    f"real {number}: {_NAMES[routine]} has no {quantity}", deck.path, old.line
+                )
             continue
         for place in places[quantity]:
             if place <= len(values) and values[place - 1]:
-                before = deck.number(values[place - 1], old.line, f"constant {place} of real {number}")
+                before = deck.number(
+                    values[place - 1], old.line, f"constant {place} of real {number}"
+                )
                 values[place - 1] = repr(before * factor)
         if factor != 1.0 and not any(
-            place <= len(values) and values[place - 1] and deck.number(values[place - 1], old.line, "constant")
+            place <= len(values)
+            and values[place - 1]
+            and deck.number(values[place - 1], old.line, "constant")
             for place in places[quantity]
         ):
-            raise FormatError(f"real {number}: {_NAMES[routine]} has no {quantity} to change", deck.path, old.line)
-    out = [f"! {_NAMES[routine]}, old constants (line {old.line}): {', '.join(v or '-' for v in old.values)}"]
+            raise FormatError(
+                f"real {number}: {_NAMES[routine]} has no {quantity} to change", deck.path, old.line
+            )
+    out = [
+        f"! {_NAMES[routine]}, old constants (line {old.line}):"
+        f" {', '.join(v or '-' for v in old.values)}"
+    ]
     out.append(f"R,{number},{','.join(values[:6])}")
     out += [f"RMORE,{','.join(values[i : i + 6])}" for i in range(6, len(values), 6)]
     return out
@@ -212,8 +251,8 @@ def _routine(deck: Deck, number: int, old: RealSet) -> int:
         return routines.pop()
     found = ", ".join(_NAMES.get(r, str(r)) for r in sorted(routines)) or "none"
     raise FormatError(
-        f"real {number}: its constants belong to elements {found}; expected one of {', '.join(_NAMES.values())}, whose "
-        "constants are known",
+        f"real {number}: its constants belong to elements {found}; expected one of"
+        f" {', '.join(_NAMES.values())}, whose constants are known",
         deck.path,
         old.line,
     )

@@ -1,6 +1,7 @@
 """Which element of an Ansys model is of which material, type, real constants, section and component; where nodes stand.
 
-Out of the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file of the model, through ansys-mapdl-reader.
+Out of the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file of the model, through
+ansys-mapdl-reader.
 """
 
 from __future__ import annotations
@@ -22,13 +23,17 @@ __all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
 
 BY = ("material", "type", "real", "section", "component")
 
-#: Elements whose matrices come from real constants or a matrix of their own, not from a material: COMBIN14, MASS21,
-#: MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
+#: Elements whose matrices come from real constants or a matrix of their own, not from a material:
+#: COMBIN14, MASS21, MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
 _NO_MATERIAL = (14, 21, 27, 37, 39, 40, 214, 250)
 _RING = ((0, 1), (1, 2), (2, 3), (3, 0))
 _EDGES: tuple[tuple[tuple[int, ...], int, tuple[tuple[int, int], ...]], ...] = (
     # element routines, corner nodes, edges between them
-    ((45, 95, 185, 186, 190), 8, (*_RING, *((a + 4, b + 4) for a, b in _RING), *((a, a + 4) for a in range(4)))),
+    (
+        (45, 95, 185, 186, 190),
+        8,
+        (*_RING, *((a + 4, b + 4) for a, b in _RING), *((a, a + 4) for a in range(4))),
+    ),
     ((92, 187, 285), 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))),
     ((42, 63, 82, 93, 181, 182, 183, 281), 4, _RING),
     ((3, 4, 8, 14, 16, 39, 40, 44, 180, 188, 189, 214, 288, 289), 2, ((0, 1),)),
@@ -84,12 +89,17 @@ class Attributes:
         for routine, corner in zip(self.routine.tolist(), self.nodes_of, strict=True):
             for routines, count, edges in _EDGES:
                 if routine in routines and len(corner) >= count:
-                    lines.update((min(p), max(p)) for p in ((int(corner[a]), int(corner[b])) for a, b in edges))
+                    lines.update(
+                        (min(p), max(p))
+                        for p in ((int(corner[a]), int(corner[b])) for a, b in edges)
+                    )
         known = set(self.nodes.tolist())
         drawn = sorted((a, b) for a, b in lines if a != b and a in known and b in known)
         axes = _axes(self.angles) if np.any(self.angles) else None
         with placed(self.path):
-            return Geometry(self.nodes, self.xyz * length, np.array(drawn, dtype=np.int64).reshape(-1, 2), axes)
+            return Geometry(
+                self.nodes, self.xyz * length, np.array(drawn, dtype=np.int64).reshape(-1, 2), axes
+            )
 
 
 def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,7 +156,10 @@ def read_attributes(path: str | Path) -> Attributes:
             },
             np.array([routines.get(int(row[1]), 0) for row in rows]),
             [row[_FIRST_NODE:] for row in rows],
-            {str(name): np.asarray(part, dtype=np.int64) for name, part in mesh.element_components.items()},
+            {
+                str(name): np.asarray(part, dtype=np.int64)
+                for name, part in mesh.element_components.items()
+            },
             np.asarray(mesh.nnum, dtype=np.int64),
             np.asarray(mesh.nodes, dtype=np.float64),
             np.zeros((mesh.n_node, 3)) if angles is None else np.asarray(angles, dtype=np.float64),
@@ -169,8 +182,8 @@ def groups_of(
     attributes : Attributes or None
         What is known of them.
     by : {"material", "type", "real", "section", "component"}
-        What makes a group. By material, springs, point masses and matrices (COMBIN14, MASS21, MATRIX27 and the like)
-        are grouped by their real constants, as no material is in them.
+        What makes a group. By material, springs, point masses and matrices (COMBIN14, MASS21,
+        MATRIX27 and the like) are grouped by their real constants, as no material is in them.
     groups : mapping of str to iterable of int, optional
         Element numbers by group name, instead of `by`.
     path : path
@@ -179,7 +192,8 @@ def groups_of(
     Returns
     -------
     ndarray of str, shape (n,)
-        "material 1", "real 3", the name of a component; "remaining" for those in no component or group.
+        "material 1", "real 3", the name of a component; "remaining" for those in no component or
+        group.
 
     Raises
     ------
@@ -195,9 +209,9 @@ def groups_of(
         raise OptionError(f"by={by!r}: {suggest(str(by), BY)}")
     if attributes is None:
         raise FormatError(
-            f"the file does not say which element is of which {by}: give attributes= (the model's .cdb, written with "
-            "CDWRITE, or its .rst), or groups= with element numbers; a .cdb or .rst of the same name beside it is "
-            "found",
+            f"the file does not say which element is of which {by}: give attributes= (the model's"
+            " .cdb, written with CDWRITE, or its .rst), or groups= with element numbers; a .cdb or"
+            " .rst of the same name beside it is found",
             path,
         )
     if by == "component":
@@ -209,8 +223,9 @@ def groups_of(
     missing = [int(e) for e in elements if int(e) not in at]
     if missing:
         raise FormatError(
-            f"element {missing[0]} ({len(missing)} such) is not in {attributes.path.name}, which has "
-            f"{len(at)} elements; only its first EBLOCK is read: use the .rst file, or one block (CDWRITE)",
+            f"element {missing[0]} ({len(missing)} such) is not in {attributes.path.name}, which"
+            f" has {len(at)} elements; only its first EBLOCK is read: use the .rst file, or one"
+            " block (CDWRITE)",
             path,
         )
     index = np.array([at[int(e)] for e in elements])
@@ -232,15 +247,19 @@ def _parted(
         absent = part[~np.isin(part, elements)]
         if absent.size:
             raise OptionError(
-                f"{what}: {name!r} names element {absent[0]} ({absent.size} such), which is not in {path}"
+                f"{what}: {name!r} names element {absent[0]} ({absent.size} such), which is not in"
+                f" {path}"
             )
-    numbers, counts = np.unique(list(chain.from_iterable(set(p.tolist()) for p in parts.values())), return_counts=True)
+    numbers, counts = np.unique(
+        list(chain.from_iterable(set(p.tolist()) for p in parts.values())), return_counts=True
+    )
     if (counts > 1).any():
         twice = int(numbers[counts > 1][0])
         names = [name for name, part in parts.items() if twice in part]
         raise FormatError(
-            f"element {twice} ({int((counts > 1).sum())} such) is in {' and '.join(map(repr, names))}; an element "
-            "belongs to one group: say which with groups=",
+            f"element {twice} ({int((counts > 1).sum())} such) is in"
+            f" {' and '.join(map(repr, names))}; an element belongs to one group: say which with"
+            " groups=",
             path,
         )
     out = np.full(len(elements), "remaining", dtype=object)

@@ -1,7 +1,7 @@
 """The commands of an Ansys input file (APDL, ``.cdb``) that hold properties: MP, MPTEMP, MPDATA, R, RMORE, RLBLOCK, ET.
 
-Numbers only: parameters, loops and included files are not followed. A later definition takes the place of an earlier
-one, as in the program.
+Numbers only: parameters, loops and included files are not followed. A later definition takes the
+place of an earlier one, as in the program.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class Property:
     Parameters
     ----------
     values : tuple of str
-        Coefficients of temperature (command MP), or values at the temperatures (MPDATA), as written.
+        Coefficients of temperature (command MP), or values at the temperatures (MPDATA), as
+        written.
     temperatures : tuple of str
         Those of MPTEMP; empty for MP.
     line : int
@@ -98,8 +99,8 @@ class Deck:
             value = float(re.sub(r"[dD]", "e", text))
         except ValueError as error:
             raise FormatError(
-                f"{what} is {text!r}; expected a number: parameters and expressions are not evaluated, write the deck "
-                "with CDWRITE",
+                f"{what} is {text!r}; expected a number: parameters and expressions are not"
+                " evaluated, write the deck with CDWRITE",
                 self.path,
                 line,
             ) from error
@@ -143,7 +144,11 @@ class _Reading:
     def take(self, lines: Sequence[str], at: int) -> int:
         """Take the command at a line; return how many lines it has."""
         line = lines[at]
-        found = re.match(r"\s*/COM\s*,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE\s+([\d.]+)(?:\s*R(\d))?", line, re.I)
+        found = re.match(
+            r"\s*/COM\s*,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE\s+([\d.]+)(?:\s*R(\d))?",
+            line,
+            re.I,
+        )
         if found:
             self.deck.release = _release(found[1], found[2])
         if line.lstrip().upper().startswith(("/COM", "/TITLE", "C***")):
@@ -159,17 +164,30 @@ class _Reading:
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
         if name == "MP":
-            self._material(_at(fields, 0).upper()[:4], _at(fields, 1) or "1", [v for v in fields[2:] if v], (), line)
+            self._material(
+                _at(fields, 0).upper()[:4],
+                _at(fields, 1) or "1",
+                [v for v in fields[2:] if v],
+                (),
+                line,
+            )
         elif short == "MPTE" and name.startswith("MPTEMP"):
             self._temperatures(fields)
         elif short == "MPDA":
             self._data(fields, line)
-        elif name == "TB" and fields and fields[0].upper()[:4] in _TABLES and _whole(_at(fields, 1) or "1") is not None:
+        elif (
+            name == "TB"
+            and fields
+            and fields[0].upper()[:4] in _TABLES
+            and _whole(_at(fields, 1) or "1") is not None
+        ):
             self.deck.tables[_whole(_at(fields, 1) or "1") or 1] = line
         elif name == "ET" and (number := _whole(_at(fields, 0))) is not None:
             routine = re.search(r"(\d+)$", _at(fields, 1))
             self.deck.types[number] = int(routine[1]) if routine else 0
-        elif short == "KEYO" and None not in (numbers := [_whole(_at(fields, i)) for i in range(3)]):
+        elif short == "KEYO" and None not in (
+            numbers := [_whole(_at(fields, i)) for i in range(3)]
+        ):
             self.deck.keys[numbers[0] or 0, numbers[1] or 0] = numbers[2] or 0
         elif name == "R" and (number := _whole(_at(fields, 0))) is not None:
             self.deck.reals[number] = RealSet(tuple(fields[1:7]), line)
@@ -193,7 +211,11 @@ class _Reading:
     def _data(self, fields: list[str], line: int) -> None:
         if _at(fields, 0).upper().startswith("R5"):
             fields = fields[2:]
-        label, number, start = _at(fields, 0).upper()[:4], _at(fields, 1) or "1", _whole(_at(fields, 2)) or 1
+        label, number, start = (
+            _at(fields, 0).upper()[:4],
+            _at(fields, 1) or "1",
+            _whole(_at(fields, 2)) or 1,
+        )
         values = [v for v in fields[3:] if v]
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
         if start > 1 and old is not None and len(old.values) == start - 1:
@@ -201,10 +223,14 @@ class _Reading:
         temperatures = tuple(self.temperatures.get(i + 1, "0.0") for i in range(len(values)))
         self._material(label, number, values, temperatures, line)
 
-    def _material(self, label: str, number: str, values: list[str], temperatures: tuple[str, ...], line: int) -> None:
+    def _material(
+        self, label: str, number: str, values: list[str], temperatures: tuple[str, ...], line: int
+    ) -> None:
         material = _whole(number)
         if material is not None:  # of one that a parameter names, nothing can be said
-            self.deck.materials.setdefault(material, {})[label] = Property(tuple(values), temperatures, line)
+            self.deck.materials.setdefault(material, {})[label] = Property(
+                tuple(values), temperatures, line
+            )
 
     def _block(self, name: str, fields: list[str], lines: Sequence[str], at: int) -> int:
         if name == "RLBLOCK":
@@ -234,7 +260,9 @@ class _Reading:
             numbers = [int(f) for f in fields if f.strip()]
         except ValueError as error:
             raise FormatError(
-                f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters", self.deck.path, at
+                f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters",
+                self.deck.path,
+                at,
             ) from error
         if held > 0:
             return held - len(numbers)
@@ -256,7 +284,9 @@ class _Reading:
             number, count = _whole(text[:width].strip()), _whole(text[width : 2 * width].strip())
             if number is None or count is None:
                 raise FormatError(
-                    f"RLBLOCK: expected the number of a set and of its constants, found {text!r}", path, row + 1
+                    f"RLBLOCK: expected the number of a set and of its constants, found {text!r}",
+                    path,
+                    row + 1,
                 )
             values, start = _numbers(text[2 * width :]), row + 1
             while len(values) < count and row + 1 < len(lines):

@@ -1,7 +1,7 @@
 """Element matrices of an Ansys ``.emat`` file, one element after another (fdemat.inc).
 
-Each record is taken by its own length, so that full, triangular and diagonal matrices (MASS21, LUMPM) come out right,
-and pointers by both halves, as in files above 8 GB.
+Each record is taken by its own length, so that full, triangular and diagonal matrices (MASS21,
+LUMPM) come out right, and pointers by both halves, as in files above 8 GB.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class Element:
     dofs : ndarray of int, shape (n,)
         DOF reference number of each row.
     matrices : dict of str to ndarray of float, shape (n, n)
-        Those that it has, of "stiffness", "mass", "damping", "stress stiffness", in units of the deck.
+        Those that it has, of "stiffness", "mass", "damping", "stress stiffness", in units of the
+        deck.
     """
 
     number: int
@@ -73,7 +74,8 @@ class ElementFile:
     Raises
     ------
     FormatError
-        If the file is damaged, or holds what the elements alone do not say (internal constraint equations).
+        If the file is damaged, or holds what the elements alone do not say (internal constraint
+        equations).
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -81,7 +83,9 @@ class ElementFile:
         header = self.binary.header(_HEADER)
         if header["numCE"]:
             raise FormatError(
-                f"holds {header['numCE']} internal constraint equations (contact, joints), which no element shows", path
+                f"holds {header['numCE']} internal constraint equations (contact, joints), which no"
+                " element shows",
+                path,
             )
         self._used = self._table(header["ptrDOF"], "degrees of freedom per node", header["numdof"])
         self._nodes = self._table(header["ptrBAC"], "nodal equivalence table", header["lenbac"])
@@ -97,7 +101,9 @@ class ElementFile:
     def _table(self, at: int, what: str, length: int) -> NDArray[np.int64]:
         values, _ = self.binary.record(at, what, "i")
         if len(values) != length:
-            raise FormatError(f"{what}: found {len(values)} numbers, the header says {length}", self.binary.path)
+            raise FormatError(
+                f"{what}: found {len(values)} numbers, the header says {length}", self.binary.path
+            )
         return values.astype(np.int64)
 
     def __iter__(self) -> Iterator[Element]:
@@ -108,19 +114,23 @@ class ElementFile:
         where = f"element {self.elements[i]}"
         header, at = self.binary.record(int(self._at[i]), where, "i")
         if len(header) < 10:
-            raise FormatError(f"{where}: its header has {len(header)} numbers, expected 10", self.binary.path)
+            raise FormatError(
+                f"{where}: its header has {len(header)} numbers, expected 10", self.binary.path
+            )
         size = abs(int(header[9]))
         index, at = self.binary.record(at, f"{where}: DOF index table", "i")
         if len(index) != size:
             raise FormatError(
-                f"{where}: {size} rows and {len(index)} degrees of freedom; a substructure (MATRIX50) is not read",
+                f"{where}: {size} rows and {len(index)} degrees of freedom; a substructure"
+                " (MATRIX50) is not read",
                 self.binary.path,
             )
         node, dof = np.divmod(index.astype(np.int64) - 1, len(self._used))
         if size and (node.min() < 0 or node.max() >= len(self._nodes)):
             raise FormatError(
-                f"{where}: DOF index {index[np.argmax((node < 0) | (node >= len(self._nodes)))]} is not one of "
-                f"{len(self._nodes)} nodes with {len(self._used)} degrees of freedom each",
+                f"{where}: DOF index {index[np.argmax((node < 0) | (node >= len(self._nodes)))]} is"
+                f" not one of {len(self._nodes)} nodes with {len(self._used)} degrees of freedom"
+                " each",
                 self.binary.path,
             )
         matrices = {}
@@ -137,7 +147,9 @@ class ElementFile:
         if len(values) == size * size:
             full = values.reshape(size, size)
             if size and np.abs(full - full.T).max() > 1e-10 * np.abs(full).max():
-                raise FormatError(f"{where} is unsymmetric; expected a symmetric structure", self.binary.path)
+                raise FormatError(
+                    f"{where} is unsymmetric; expected a symmetric structure", self.binary.path
+                )
             return 0.5 * (full + full.T)
         if len(values) == size:
             return np.diag(values)
@@ -146,15 +158,17 @@ class ElementFile:
             out[np.tril_indices(size) if self._by_rows else np.triu_indices(size)] = values
             return out + out.T - np.diag(out.diagonal())
         raise FormatError(
-            f"{where}: {len(values)} numbers fit no matrix of {size} rows, full, triangular or diagonal",
+            f"{where}: {len(values)} numbers fit no matrix of {size} rows, full, triangular or"
+            " diagonal",
             self.binary.path,
         )
 
     def _packed_by_rows(self) -> bool:
         """Return whether a lower triangle is stored row by row, rather than column by column.
 
-        The description does not say. A stiffness that is unpacked in the right order makes no force on a structure that
-        is moved as it is: its entries between one row and the same direction of all nodes add up to nothing.
+        The description does not say. A stiffness that is unpacked in the right order makes no force
+        on a structure that is moved as it is: its entries between one row and the same direction of
+        all nodes add up to nothing.
         """
         left = []
         for by_rows in (True, False):
@@ -163,7 +177,10 @@ class ElementFile:
                 element = self._read(i)
                 K = element.matrices.get("stiffness")
                 if K is not None and np.any(K):
-                    moved = sum(np.abs(K[:, element.dofs == number].sum(axis=1)).max() for number in (1, 2, 3))
+                    moved = sum(
+                        np.abs(K[:, element.dofs == number].sum(axis=1)).max()
+                        for number in (1, 2, 3)
+                    )
                     rest += float(moved) / float(np.abs(K).max())
             left.append(rest)
         return left[0] <= left[1]

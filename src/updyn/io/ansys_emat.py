@@ -1,8 +1,9 @@
 """Ansys ``.emat`` files: a model whose groups are exact sums of its element matrices.
 
-The file has the matrices of each element, before supports. It does not say which element is of which material, nor what
-is constrained: that comes from the files of the same job beside it, its ``.cdb`` or ``.rst`` and its ``.full``. With
-the ``.full`` file, the sum of the groups is compared with K and M as Ansys assembled them.
+The file has the matrices of each element, before supports. It does not say which element is of
+which material, nor what is constrained: that comes from the files of the same job beside it, its
+``.cdb`` or ``.rst`` and its ``.full``. With the ``.full`` file, the sum of the groups is compared
+with K and M as Ansys assembled them.
 """
 
 from __future__ import annotations
@@ -53,39 +54,44 @@ def read_model(
     path : path
         The file.
     unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out: those of the
-        header, else SI.
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        those of the header, else SI.
     loss_factor : float
         Structural loss factor of every group with stiffness; the file has none.
     by : {"material", "type", "real", "section", "component"}
-        What makes a group, named "material 1" or as the component. By material, springs, point masses and matrix
-        elements are grouped by their real constants, "real 3". Elements in no component are "remaining".
+        What makes a group, named "material 1" or as the component. By material, springs, point
+        masses and matrix elements are grouped by their real constants, "real 3". Elements in no
+        component are "remaining".
     groups : mapping of str to iterable of int, optional
         Element numbers by group name, instead of `by`.
     attributes : path, optional
-        The model's ``.cdb`` or ``.rst``, relative to the file, with attributes and positions. Left out: one of the same
-        name beside the file.
+        The model's ``.cdb`` or ``.rst``, relative to the file, with attributes and positions. Left
+        out: one of the same name beside the file.
     full : path or False, optional
-        The ``.full`` file of the same model, relative to the file: supports, and a check of the sums. Left out: one of
-        the same name beside the file, unless `supports` are given. False: none.
+        The ``.full`` file of the same model, relative to the file: supports, and a check of the
+        sums. Left out: one of the same name beside the file, unless `supports` are given. False:
+        none.
     supports : iterable of str or Dof, optional
         What is constrained, where there is no ``.full`` file; an empty list says that nothing is.
     stress_stiffness : bool, optional
-        Whether the stress stiffness of the elements acts (a prestressed solution); it becomes a group of its own,
-        "stress stiffness". It has to be said for a file that has any.
+        Whether the stress stiffness of the elements acts (a prestressed solution); it becomes a
+        group of its own, "stress stiffness". It has to be said for a file that has any.
 
     Returns
     -------
     Model
-        In SI, with geometry where attributes are known. Damping matrices of elements are their group's viscous matrix.
+        In SI, with geometry where attributes are known. Damping matrices of elements are their
+        group's viscous matrix.
 
     Raises
     ------
     FormatError
-        If a file is damaged or not of the same model, elements have degrees of freedom besides displacements and
-        rotations, an element belongs to no or to two groups, or the groups do not add up to the ``.full`` file.
+        If a file is damaged or not of the same model, elements have degrees of freedom besides
+        displacements and rotations, an element belongs to no or to two groups, or the groups do not
+        add up to the ``.full`` file.
     OptionError
-        If an option is not valid, or ansys-mapdl-reader, which reads ``.cdb`` and ``.rst``, is missing.
+        If an option is not valid, or ansys-mapdl-reader, which reads ``.cdb`` and ``.rst``, is
+        missing.
 
     Warns
     -----
@@ -107,7 +113,8 @@ def read_model(
     system = _system(path, full, unit) if supports is None else None
     keep = _kept(dofs, whole, system, supports, path, said=full is False)
     parts = {
-        name: {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()} for name, matrices in whole.items()
+        name: {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()}
+        for name, matrices in whole.items()
     }
     kept = dofs[keep]
     if system is not None:
@@ -127,7 +134,9 @@ def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None
     return None if found is None else read_attributes(found)
 
 
-def _system(path: str | Path, full: str | Path | bool | None, unit: str | None) -> FullSystem | None:
+def _system(
+    path: str | Path, full: str | Path | bool | None, unit: str | None
+) -> FullSystem | None:
     if isinstance(full, bool):
         if full:
             raise OptionError("full=True: expected the path of a .full file, or False for none")
@@ -142,15 +151,17 @@ def _system(path: str | Path, full: str | Path | bool | None, unit: str | None) 
 def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     """Return the degrees of freedom of all elements, sorted by node and direction."""
     path = file.binary.path
-    nodes_of = {} if known is None else dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
+    nodes_of = (
+        {} if known is None else dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
+    )
     found: list[NDArray[np.int64]] = []
     for element in file:
         own = nodes_of.get(element.number)
         if known is not None and own is not None and not np.isin(element.nodes, own).all():
             stray = element.nodes[~np.isin(element.nodes, own)][0]
             raise FormatError(
-                f"element {element.number} acts on node {stray}, which it has not in {known.path.name}: not the "
-                "files of one model",
+                f"element {element.number} acts on node {stray}, which it has not in"
+                f" {known.path.name}: not the files of one model",
                 path,
             )
         if element.matrices:
@@ -161,7 +172,9 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     return labels_of(nodes, numbers, path)
 
 
-def _sums(file: ElementFile, names: NDArray[np.object_], dofs: DofSet) -> dict[str, dict[str, Matrix]]:
+def _sums(
+    file: ElementFile, names: NDArray[np.object_], dofs: DofSet
+) -> dict[str, dict[str, Matrix]]:
     """Return K, M, C and stress stiffness of each group, shape (N, N), in units of the deck."""
     sums: dict[str, dict[str, _Sum]] = {}
     keys = dofs.nodes * _KEYS + dofs.axes + 1  # ascending: sorted by node and direction
@@ -191,7 +204,9 @@ class _Sum:
 
     def add(self, at: NDArray[np.intp], matrix: NDArray[np.float64]) -> None:
         row, column = np.nonzero(matrix)
-        self._pieces.append((at[row].astype(np.int32), at[column].astype(np.int32), matrix[row, column]))
+        self._pieces.append(
+            (at[row].astype(np.int32), at[column].astype(np.int32), matrix[row, column])
+        )
         self._count += len(row)
         if self._count > _CHUNK:
             self.matrix()
@@ -199,20 +214,24 @@ class _Sum:
     def matrix(self) -> Matrix:
         if self._pieces:
             row, column, data = (np.concatenate(part) for part in zip(*self._pieces, strict=True))
-            self._total = self._total + sp.csr_array(sp.coo_array((data, (row, column)), shape=self._total.shape))
+            self._total = self._total + sp.csr_array(
+                sp.coo_array((data, (row, column)), shape=self._total.shape)
+            )
             self._pieces, self._count = [], 0
         return self._total
 
 
-def _say_stress_stiffness(parts: dict[str, dict[str, Matrix]], acts: bool | None, path: str | Path) -> None:
+def _say_stress_stiffness(
+    parts: dict[str, dict[str, Matrix]], acts: bool | None, path: str | Path
+) -> None:
     if _STRESS not in parts:
         if acts:
             raise FormatError("stress_stiffness=True, but no element has any", path)
         return
     if acts is None:
         raise OptionError(
-            f"{path}: elements have stress stiffness; say whether it acts: stress_stiffness=True (PSTRES,ON, a "
-            "prestressed solution) or False"
+            f"{path}: elements have stress stiffness; say whether it acts: stress_stiffness=True"
+            " (PSTRES,ON, a prestressed solution) or False"
         )
     if not acts:
         del parts[_STRESS]
@@ -222,7 +241,12 @@ def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group | None:
     if not parts:
         return None
     stiffness = parts.get("stiffness")
-    return Group(stiffness, parts.get("mass"), 0.0 if stiffness is None else loss_factor, parts.get("damping"))
+    return Group(
+        stiffness,
+        parts.get("mass"),
+        0.0 if stiffness is None else loss_factor,
+        parts.get("damping"),
+    )
 
 
 # -- supports, and the check -------------------------------------------------------------------------------
@@ -244,8 +268,8 @@ def _kept(
         missing = [d for d in system.dofs if d not in dofs]
         if missing:
             raise FormatError(
-                f"the .full file has {missing[0]} ({len(missing)} such), on which no element acts: not the "
-                "files of one model",
+                f"the .full file has {missing[0]} ({len(missing)} such), on which no element acts:"
+                " not the files of one model",
                 path,
             )
         keep[:] = False
@@ -253,8 +277,8 @@ def _kept(
         free = [d for d in dofs[np.flatnonzero(~keep & used)] if d not in system.supports]
         if free:
             raise FormatError(
-                f"{free[0]} ({len(free)} such) is neither free nor constrained in the .full file: not the files of one "
-                "model",
+                f"{free[0]} ({len(free)} such) is neither free nor constrained in the .full file:"
+                " not the files of one model",
                 path,
             )
     elif supports is not None:
@@ -264,26 +288,32 @@ def _kept(
                 keep[dofs.match(chosen(grounded, "supports", path)).index] = False
     elif not said:
         warnings.warn(
-            f"{path}: nothing says what is constrained, the model is taken as free: give full= (the .full file) or "
-            "supports=, or full=False to say that it is free",
+            f"{path}: nothing says what is constrained, the model is taken as free: give full= (the"
+            " .full file) or supports=, or full=False to say that it is free",
             UpdynWarning,
             stacklevel=3,
         )
     lone = np.flatnonzero(keep & ~used)
     if lone.size:
         warnings.warn(
-            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are left out, the first being "
-            f"{dofs[int(lone[0])]}",
+            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are left"
+            f" out, the first being {dofs[int(lone[0])]}",
             UpdynWarning,
             stacklevel=3,
         )
     return np.flatnonzero(keep & used)
 
 
-def _check_sum(parts: Mapping[str, Mapping[str, Matrix]], system: FullSystem, dofs: DofSet, path: str | Path) -> None:
+def _check_sum(
+    parts: Mapping[str, Mapping[str, Matrix]], system: FullSystem, dofs: DofSet, path: str | Path
+) -> None:
     """Refuse groups that do not add up to what Ansys assembled."""
     at = system.dofs.match(dofs).index
-    for what, total in (("stiffness", system.stiffness), ("mass", system.mass), ("damping", system.viscous)):
+    for what, total in (
+        ("stiffness", system.stiffness),
+        ("mass", system.mass),
+        ("damping", system.viscous),
+    ):
         own = [p[what] for p in parts.values() if what in p]
         if total is None:
             continue  # a static solution has no M, an undamped one no C: there is nothing to compare with
@@ -297,8 +327,9 @@ def _check_sum(parts: Mapping[str, Mapping[str, Matrix]], system: FullSystem, do
         if beyond[worst] > 0.0:
             i, j = int(left.row[worst]), int(left.col[worst])
             raise FormatError(
-                f"the element matrices do not add up to the .full file: {what} at {dofs[i]}, {dofs[j]} is "
-                f"{left.data[worst]:.3g} off (largest entry there {max(scale[i], scale[j]):.3g}); files of different "
-                "solutions, or couplings (CE, CP, contact) that no element shows",
+                f"the element matrices do not add up to the .full file: {what} at {dofs[i]},"
+                f" {dofs[j]} is {left.data[worst]:.3g} off (largest entry there"
+                f" {max(scale[i], scale[j]):.3g}); files of different solutions, or couplings (CE,"
+                " CP, contact) that no element shows",
                 path,
             )

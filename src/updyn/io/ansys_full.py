@@ -1,9 +1,10 @@
 """Ansys ``.full`` files: K, M and C of the whole structure, as Mechanical APDL solved it.
 
-A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of degrees of freedom
-come from the nodal extent vector and the DOF vector, in which supports are negative; supports are no degrees of freedom
-of the model. The file knows no groups: with ``doubled``, runs of the deck with one group's stiffness and density
-doubled, they come out by difference.
+A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of
+degrees of freedom come from the nodal extent vector and the DOF vector, in which supports are
+negative; supports are no degrees of freedom of the model. The file knows no groups: with
+``doubled``, runs of the deck with one group's stiffness and density doubled, they come out by
+difference.
 """
 
 from __future__ import annotations
@@ -83,24 +84,27 @@ def read_model(
     path : path
         The file.
     unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out: those of the
-        header, else SI.
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        those of the header, else SI.
     loss_factor : float
         Structural loss factor of every group; the file has none.
     doubled : mapping of str to path, optional
-        By group name, the ``.full`` file, relative to the file, of the same deck with stiffness and density of that
-        group doubled. The groups have to add up to the model (1e-10). Left out: one group, "model".
+        By group name, the ``.full`` file, relative to the file, of the same deck with stiffness and
+        density of that group doubled. The groups have to add up to the model (1e-10). Left out: one
+        group, "model".
 
     Returns
     -------
     Model
-        In SI. Damping of the file (dashpots and the like) is the viscous matrix of "model", or the group "damping".
+        In SI. Damping of the file (dashpots and the like) is the viscous matrix of "model", or the
+        group "damping".
 
     Raises
     ------
     FormatError
-        If the file is damaged, has degrees of freedom besides displacements and rotations, or holds what is not one
-        symmetric structure: constraint equations, a complex or unsymmetric matrix, one part of a distributed solution.
+        If the file is damaged, has degrees of freedom besides displacements and rotations, or holds
+        what is not one symmetric structure: constraint equations, a complex or unsymmetric matrix,
+        one part of a distributed solution.
     OptionError
         If an option is not valid.
     """
@@ -117,14 +121,23 @@ def read_model(
 
 
 def _by_difference(
-    system: FullSystem, doubled: Mapping[str, str | Path], path: str | Path, unit: str | None, loss_factor: float
+    system: FullSystem,
+    doubled: Mapping[str, str | Path],
+    path: str | Path,
+    unit: str | None,
+    loss_factor: float,
 ) -> dict[str, Group]:
     from updyn.io.differences import groups_by_difference
 
     if not isinstance(doubled, Mapping) or not doubled:
-        raise OptionError(f"doubled: expected a mapping of group name to .full file, found {doubled!r}")
+        raise OptionError(
+            f"doubled: expected a mapping of group name to .full file, found {doubled!r}"
+        )
     if "damping" in doubled and system.viscous is not None:
-        raise OptionError("doubled: 'damping' is what the file's own viscous matrix is called; choose another name")
+        raise OptionError(
+            "doubled: 'damping' is what the file's own viscous matrix is called; choose another"
+            " name"
+        )
 
     def of(name: str) -> tuple[Matrix | None, Matrix | None]:
         file = Path(path).parent / doubled[name]
@@ -132,13 +145,17 @@ def _by_difference(
             raise FormatError(f"doubled: no such file for group {name!r}", file)
         other = read_system(file, unit)
         if other.dofs != system.dofs:
-            raise FormatError(f"group {name!r}: other degrees of freedom than {Path(path).name}", file)
+            raise FormatError(
+                f"group {name!r}: other degrees of freedom than {Path(path).name}", file
+            )
         return other.stiffness, other.mass
 
     parts = groups_by_difference(doubled, (system.stiffness, system.mass), of, system.dofs, path)
     for name, (stiffness, mass) in parts.items():
         if stiffness is None and mass is None:
-            raise FormatError(f"group {name!r}: {doubled[name]} has the same matrices; nothing was doubled", path)
+            raise FormatError(
+                f"group {name!r}: {doubled[name]} has the same matrices; nothing was doubled", path
+            )
     return {
         name: Group(stiffness, mass, 0.0 if stiffness is None else loss_factor)
         for name, (stiffness, mass) in parts.items()
@@ -195,45 +212,63 @@ def _check_header(header: Mapping[str, int], path: str | Path) -> None:
     if header["ptrEND"] * 4 > Path(path).stat().st_size:
         raise FormatError(f"cut short: its end is said to be at word {header['ptrEND']}", path)
     if header["lumpm"]:
-        raise FormatError("holds a lumped mass matrix; solve with LUMPM,OFF, or read the .emat file", path)
+        raise FormatError(
+            "holds a lumped mass matrix; solve with LUMPM,OFF, or read the .emat file", path
+        )
     if header["keyuns"]:
         raise FormatError(
-            "holds unsymmetric matrices; fluid, gyroscopic and friction terms make them so: expected a symmetric "
-            "structure (MODOPT,LANB)",
+            "holds unsymmetric matrices; fluid, gyroscopic and friction terms make them so:"
+            " expected a symmetric structure (MODOPT,LANB)",
             path,
         )
     if header["fun04"] >= 0:
-        raise FormatError("assembled for the frontal solver; expected symbolic assembly (EQSLV,SPARSE)", path)
+        raise FormatError(
+            "assembled for the frontal solver; expected symbolic assembly (EQSLV,SPARSE)", path
+        )
     if header["ncefull"]:
         raise FormatError(
-            f"holds {header['ncefull']} constraint equations (CE, CP, RBE3, contact) that are not in its K and M; give "
-            "them to updyn.elements.constraints on a model read from the .emat file",
+            f"holds {header['ncefull']} constraint equations (CE, CP, RBE3, contact) that are not"
+            " in its K and M; give them to updyn.elements.constraints on a model read from the"
+            " .emat file",
             path,
         )
     if header["nVirtBCs"]:
         raise FormatError("holds virtual constraints; expected supports and elements only", path)
     if header["distKey"]:
         raise FormatError(
-            "is one part of a distributed solution; solve with -smp, or combine the parts (COMBINE)", path
+            "is one part of a distributed solution; solve with -smp, or combine the parts"
+            " (COMBINE)",
+            path,
         )
 
 
-def _dof_vector(binary: BinaryFile, header: Mapping[str, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _dof_vector(
+    binary: BinaryFile, header: Mapping[str, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return node and DOF reference number of each equation, negative where it is constrained."""
-    at = binary.after(_FILE_HEADER, "header", 2)  # and the degrees of freedom in use, of all nodes together
+    at = binary.after(
+        _FILE_HEADER, "header", 2
+    )  # and the degrees of freedom in use, of all nodes together
     nodes, _ = binary.record(at, "nodal equivalence table", "i")
     extent, at = binary.record(header["ptrDOF"], "nodal extent vector", "i")
     numbers, _ = binary.record(at, "DOF vector", "i")
-    if len(extent) != len(nodes) or extent.sum() != header["neqn"] or len(numbers) != header["neqn"]:
+    if (
+        len(extent) != len(nodes)
+        or extent.sum() != header["neqn"]
+        or len(numbers) != header["neqn"]
+    ):
         raise FormatError(
-            f"{header['neqn']} equations, but {len(nodes)} nodes with {extent.sum()} degrees of freedom and "
-            f"{len(numbers)} entries in the DOF vector: multipliers of contact or joints, or a damaged file",
+            f"{header['neqn']} equations, but {len(nodes)} nodes with {extent.sum()} degrees of"
+            f" freedom and {len(numbers)} entries in the DOF vector: multipliers of contact or"
+            " joints, or a damaged file",
             binary.path,
         )
     return np.repeat(nodes, extent).astype(np.int64), numbers.astype(np.int64)
 
 
-def _matrix(binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int) -> Matrix:
+def _matrix(
+    binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int
+) -> Matrix:
     """Return the matrix whose rows start at a word, both triangles, with the rows and columns asked for."""
     columns: list[NDArray[Any]] = []
     entries: list[NDArray[Any]] = []
@@ -242,21 +277,30 @@ def _matrix(binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np
         entry, at = binary.record(at, what, "f")
         if len(entry) != len(column):
             raise FormatError(
-                f"{what}: row {len(columns) + 1} has {len(column)} columns and {len(entry)} numbers; complex matrices "
-                "of a harmonic solution are not read",
+                f"{what}: row {len(columns) + 1} has {len(column)} columns and {len(entry)}"
+                " numbers; complex matrices of a harmonic solution are not read",
                 binary.path,
             )
         columns.append(column)
         entries.append(entry)
     row = np.repeat(np.arange(size), [len(c) for c in columns])
-    column, data = np.concatenate(columns).astype(np.int64) - 1, np.concatenate(entries).astype(np.float64)
+    column, data = (
+        np.concatenate(columns).astype(np.int64) - 1,
+        np.concatenate(entries).astype(np.float64),
+    )
     if len(column) != terms:
-        raise FormatError(f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path)
+        raise FormatError(
+            f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path
+        )
     if column.min() < 0 or column.max() >= size:
         raise FormatError(f"{what}: a column outside of 1 to {size}: damaged", binary.path)
     if (column < row).any() and (column > row).any():
-        raise FormatError(f"{what}: entries on both sides of the diagonal; expected one triangle", binary.path)
+        raise FormatError(
+            f"{what}: entries on both sides of the diagonal; expected one triangle", binary.path
+        )
     if not np.isfinite(data).all():
         raise FormatError(f"{what}: holds numbers that are not finite", binary.path)
-    triangle = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))[order][:, order]
+    triangle = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))[order][
+        :, order
+    ]
     return sp.csr_array(triangle + triangle.T - sp.diags_array(triangle.diagonal()))

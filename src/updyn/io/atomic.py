@@ -27,7 +27,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Where to write: an empty file. It is removed when the block raises; `path` is then as it was.
+        Where to write: an empty file. It is removed when the block raises; `path` is then as it
+        was.
 
     Raises
     ------
@@ -41,7 +42,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         raise FormatError("is a folder, not a file", path)
     temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(6)}{path.suffix}")
     try:
-        # Not tempfile: its files are for their owner alone, and stay so once they have replaced a shared one.
+        # Not tempfile: its files are for their owner alone, and stay so once they have replaced a
+        # shared one.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
         if path.exists():
             temporary.chmod(path.stat().st_mode & 0o777)
@@ -63,7 +65,8 @@ def write_json(content: Any, path: str | Path) -> None:
     Parameters
     ----------
     content : mapping
-        Numbers, texts, lists and mappings; no number may be infinite or nan, which JSON does not have.
+        Numbers, texts, lists and mappings; no number may be infinite or nan, which JSON does not
+        have.
     path : path
         File to write.
     """

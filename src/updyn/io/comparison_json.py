@@ -24,14 +24,14 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``title``; ``unknowns``, names; ``truth`` by unknown, None where it is not known; ``rule`` and ``tolerance`` of
-        the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a method with what `updyn.comparison.Row`
-        holds: ``method``, ``reference``, ``status``, ``message``, ``cannot``, ``needs``, ``n_unknowns`` and
-        ``updated``, ``left``, ``values``, ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``,
-        ``off_in_std``, ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
-        ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines`` in Hz, ``tried``,
-        ``note``; None where not sought);
-        ``versions``.
+        ``title``; ``unknowns``, names; ``truth`` by unknown, None where it is not known; ``rule``
+        and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a
+        method with what `updyn.comparison.Row` holds: ``method``, ``reference``, ``status``,
+        ``message``, ``cannot``, ``needs``, ``n_unknowns`` and ``updated``, ``left``, ``values``,
+        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``, ``off_in_std``,
+        ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
+        ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines``
+        in Hz, ``tried``, ``note``; None where not sought); ``versions``.
     """
     return {
         "title": comparison.title,
@@ -47,7 +47,19 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    said = ("method", "reference", "status", "message", "cannot", "needs", "updated", "left", "values", "std", "errors")
+    said = (
+        "method",
+        "reference",
+        "status",
+        "message",
+        "cannot",
+        "needs",
+        "updated",
+        "left",
+        "values",
+        "std",
+        "errors",
+    )
     counted = (
         "error_max",
         "error_rms",

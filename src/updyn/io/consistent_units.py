@@ -1,8 +1,8 @@
 """Consistent units of decks and matrix files, which do not say theirs: conversion to SI, and whether numbers fit.
 
-With a unit of length L (m) and one of energy W (J), angles in rad, a matrix of stiffness, damping or mass becomes
-W T A T with T = 1/L at translations and 1 at rotations, as u^T A u is an energy (or power, or twice an energy over
-seconds squared) in any of them.
+With a unit of length L (m) and one of energy W (J), angles in rad, a matrix of stiffness, damping
+or mass becomes W T A T with T = 1/L at translations and 1 at rotations, as u^T A u is an energy (or
+power, or twice an energy over seconds squared) in any of them.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class System:
             return matrix
         entry = sp.coo_array(matrix)
         power = (dofs.axes < 3).astype(np.int64)
-        # Powers of the unit of length are taken together, so that 1e-3 / 1e-3^2 is 1000 to the last bit or nearly.
+        # Powers of the unit of length are taken together, so that 1e-3 / 1e-3^2 is 1000 to the last
+        # bit or nearly.
         factors = np.array([self.energy * (1.0 / self.length) ** k for k in range(3)])
         data = entry.data * factors[power[entry.row] + power[entry.col]]
         return sp.csr_array(sp.coo_array((data, (entry.row, entry.col)), shape=entry.shape))
@@ -78,7 +79,9 @@ class System:
         return self.energy / self.length**5
 
 
-_POUND_FORCE = 4.4482216152605  # N, exact (International Bureau of Weights and Measures, SI brochure)
+_POUND_FORCE = (
+    4.4482216152605  # N, exact (International Bureau of Weights and Measures, SI brochure)
+)
 UNITS = {
     s.name: s
     for s in (
@@ -108,11 +111,14 @@ def system(name: str) -> System:
     """
     if name not in UNITS:
         known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())
-        raise OptionError(f"unit {name!r}; {suggest(str(name), UNITS)} Consistent units: {known}, all with s")
+        raise OptionError(
+            f"unit {name!r}; {suggest(str(name), UNITS)} Consistent units: {known}, all with s"
+        )
     return UNITS[name]
 
 
-#: What solids have, with room on both sides: rubber and foam to diamond, aerogel to osmium, gels to beryllium.
+#: What solids have, with room on both sides: rubber and foam to diamond, aerogel to osmium, gels to
+#: beryllium.
 _MODULUS, _DENSITY, _SPEED = (1e4, 2e12), (1.0, 3e4), (10.0, 3e4)
 
 
@@ -142,7 +148,9 @@ def check_materials(
         hint = (
             f"they fit unit = {others[0].name!r} ({others[0].described})"
             if others
-            else "they fit none of " + ", ".join(repr(s) for s in UNITS) + ": units are mixed in the deck"
+            else "they fit none of "
+            + ", ".join(repr(s) for s in UNITS)
+            + ": units are mixed in the deck"
         )
         said = " and ".join(
             f"{what} {value:g} ({value * factor:.3g} {unit})"
@@ -153,7 +161,8 @@ def check_materials(
             if value is not None
         )
         warnings.warn(
-            f"{path}: material {name!r}: {said} is no solid in unit = {chosen.name!r} ({chosen.described}); {hint}",
+            f"{path}: material {name!r}: {said} is no solid in unit = {chosen.name!r}"
+            f" ({chosen.described}); {hint}",
             UpdynWarning,
             stacklevel=2,
         )
@@ -163,7 +172,9 @@ def check_materials(
 def _plausible(modulus: float | None, density: float | None, chosen: System) -> bool:
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
-    fits = [low <= v <= high for v, (low, high) in ((E, _MODULUS), (rho, _DENSITY)) if v is not None]
+    fits = [
+        low <= v <= high for v, (low, high) in ((E, _MODULUS), (rho, _DENSITY)) if v is not None
+    ]
     if E is not None and rho is not None:
         fits.append(_SPEED[0] <= np.sqrt(abs(E / rho)) <= _SPEED[1])
     return all(fits)

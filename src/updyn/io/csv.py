@@ -7,10 +7,11 @@ For instance::
     freq_Hz,H(3:Z/1:X) re,H(3:Z/1:X) im,H(3:Z/1:X) coh
     10.0,0.12,-0.03,0.98
 
-Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is ``freq_Hz``. The others
-are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and
-optionally ``coh`` (ordinary coherence) and ``var`` (variance), for every pair of response and reference. Lines that
-start with ``#`` may stand before the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
+Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is
+``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
+and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
+(variance), for every pair of response and reference. Lines that start with ``#`` may stand before
+the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
 """
 
 from __future__ import annotations
@@ -62,11 +63,15 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         If the header or a cell is not as described; the message says on which line.
     """
     if duplicates != "raise":
-        raise OptionError(f"duplicates={duplicates!r}: in this format a column stands once; only 'raise' applies")
+        raise OptionError(
+            f"duplicates={duplicates!r}: in this format a column stands once; only 'raise' applies"
+        )
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FormatError(f"not a text in UTF-8 ({error.reason} at byte {error.start})", path) from error
+        raise FormatError(
+            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
+        ) from error
     head, lines = _split_head(text, path)
     number, header = lines[0]
     separator = next((s for s in (";", "\t") if s in header), ",")
@@ -106,18 +111,28 @@ def _split_head(text: str, path: str | Path) -> tuple[dict[str, list[str]], list
 
 def _columns(header: str, separator: str, path: str | Path, line: int) -> list[tuple[_Pair, str]]:
     """Return pair and kind of each column after the first."""
-    # A name such as H(3:Z,1:X) may hold the separator, in quotes or not: commas in brackets do not separate.
-    cells = [c.strip().strip('"').strip() for c in re.split(re.escape(separator) + r"(?![^(]*\))", header)]
+    # A name such as H(3:Z,1:X) may hold the separator, in quotes or not: commas in brackets do not
+    # separate.
+    cells = [
+        c.strip().strip('"').strip()
+        for c in re.split(re.escape(separator) + r"(?![^(]*\))", header)
+    ]
     if cells[0] != "freq_Hz":
-        raise FormatError(f"header: the first column is {cells[0][:40]!r}; expected 'freq_Hz'", path, line)
+        raise FormatError(
+            f"header: the first column is {cells[0][:40]!r}; expected 'freq_Hz'", path, line
+        )
     out: list[tuple[_Pair, str]] = []
     for cell in cells[1:]:
         found = _COLUMN.fullmatch(cell)
         if found is None:
-            raise FormatError(f"header: column {cell!r}; expected a name such as 'H(3:Z/1:X) re'", path, line)
+            raise FormatError(
+                f"header: column {cell!r}; expected a name such as 'H(3:Z/1:X) re'", path, line
+            )
         if found[3] not in _WHAT:
             raise FormatError(
-                f"header: column {cell!r} is of kind {found[3]!r}; {suggest(found[3], _WHAT)}", path, line
+                f"header: column {cell!r} is of kind {found[3]!r}; {suggest(found[3], _WHAT)}",
+                path,
+                line,
             )
         try:
             pair = (Dof.parse(found[1].strip()), Dof.parse(found[2].strip()))
@@ -127,18 +142,26 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[t
             raise FormatError(f"header: column {cell!r} stands twice", path, line)
         out.append((pair, found[3]))
     if not out:
-        raise FormatError("header: no column after 'freq_Hz'; expected names such as 'H(3:Z/1:X) re'", path, line)
+        raise FormatError(
+            "header: no column after 'freq_Hz'; expected names such as 'H(3:Z/1:X) re'", path, line
+        )
     return out
 
 
-def _sides(columns: Sequence[tuple[_Pair, str]], path: str | Path, line: int) -> tuple[DofSet, DofSet]:
+def _sides(
+    columns: Sequence[tuple[_Pair, str]], path: str | Path, line: int
+) -> tuple[DofSet, DofSet]:
     try:
-        return DofSet(dict.fromkeys(p[0] for p, _ in columns)), DofSet(dict.fromkeys(p[1] for p, _ in columns))
+        return DofSet(dict.fromkeys(p[0] for p, _ in columns)), DofSet(
+            dict.fromkeys(p[1] for p, _ in columns)
+        )
     except DofError as error:  # one DOF with both senses
         raise FormatError(f"header: {error}", path, line) from error
 
 
-def _table(lines: Sequence[tuple[int, str]], separator: str, width: int, path: str | Path) -> NDArray[np.float64]:
+def _table(
+    lines: Sequence[tuple[int, str]], separator: str, width: int, path: str | Path
+) -> NDArray[np.float64]:
     if not lines:
         raise FormatError("holds a header and no line of numbers", path)
     out = np.empty((len(lines), width))
@@ -150,7 +173,9 @@ def _table(lines: Sequence[tuple[int, str]], separator: str, width: int, path: s
         out[i] = [_number(cell.strip(), j, path, number) for j, cell in enumerate(cells)]
         if i and out[i, 0] <= out[i - 1, 0]:
             raise FormatError(
-                f"{out[i, 0]:g} Hz does not exceed {out[i - 1, 0]:g} Hz; lines must increase", path, number
+                f"{out[i, 0]:g} Hz does not exceed {out[i - 1, 0]:g} Hz; lines must increase",
+                path,
+                number,
             )
     return out
 
@@ -159,8 +184,14 @@ def _number(cell: str, column: int, path: str | Path, line: int) -> float:
     try:
         value = float(cell)
     except ValueError as error:
-        hint = ": a decimal comma; decimals have a point" if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell) else ""
-        raise FormatError(f"column {column + 1}: {cell!r} is not a number{hint}", path, line) from error
+        hint = (
+            ": a decimal comma; decimals have a point"
+            if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell)
+            else ""
+        )
+        raise FormatError(
+            f"column {column + 1}: {cell!r} is not a number{hint}", path, line
+        ) from error
     if not np.isfinite(value):
         raise FormatError(f"column {column + 1}: {cell!r} is not finite", path, line)
     return value
@@ -185,8 +216,9 @@ def _arrays(
             held = [kind for kind in _WHAT[:4] if (pair, kind) in at]
             if held not in (["re", "im"], ["abs", "phase_deg"]):
                 raise FormatError(
-                    f"header: H({response}/{reference}) has {' and '.join(held) or 'no column'}; expected re and im, "
-                    "or abs and phase_deg, for every pair of response and reference",
+                    f"header: H({response}/{reference}) has {' and '.join(held) or 'no column'};"
+                    " expected re and im, or abs and phase_deg, for every pair of response and"
+                    " reference",
                     path,
                     line,
                 )
@@ -198,7 +230,9 @@ def _arrays(
             for kind, array in extra.items():
                 if (pair, kind) not in at:
                     raise FormatError(
-                        f"header: H({response}/{reference}) has no column {kind!r}, others have", path, line
+                        f"header: H({response}/{reference}) has no column {kind!r}, others have",
+                        path,
+                        line,
                     )
                 array[:, i, j] = at[pair, kind]
     return {"values": values, **{_OPTIONAL[kind]: array for kind, array in extra.items()}}
@@ -208,7 +242,9 @@ def _polar(
     size: NDArray[np.float64], degrees: NDArray[np.float64], pair: _Pair, path: str | Path
 ) -> NDArray[np.complex128]:
     if (size < 0).any():
-        raise FormatError(f"H({pair[0]}/{pair[1]}) abs is {size.min():g}; expected 0 or above", path)
+        raise FormatError(
+            f"H({pair[0]}/{pair[1]}) abs is {size.min():g}; expected 0 or above", path
+        )
     return np.asarray(size * np.exp(1j * np.deg2rad(degrees)))
 
 
@@ -223,8 +259,8 @@ def _quantity(head: dict[str, list[str]], given: str | None, path: str | Path) -
     said = _one(head, "quantity", path)
     if said is None and given is None:
         raise FormatError(
-            "does not say what was measured: expected a line '# quantity: accelerance' (or mobility, receptance), or "
-            "quantity= when reading",
+            "does not say what was measured: expected a line '# quantity: accelerance' (or"
+            " mobility, receptance), or quantity= when reading",
             path,
         )
     if said is not None and given is not None and said != given:
@@ -258,7 +294,9 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     """
     if frf.geometry is not None:
         warnings.warn(
-            f"{path}: the table has no place for the geometry; written without it", UpdynWarning, stacklevel=2
+            f"{path}: the table has no place for the geometry; written without it",
+            UpdynWarning,
+            stacklevel=2,
         )
     head = [f"# quantity: {frf.quantity}"]
     if frf.averages is not None:
@@ -269,7 +307,11 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     for j, reference in enumerate(frf.references):
         for i, response in enumerate(frf.responses):
             parts = {"re": frf.values[:, i, j].real, "im": frf.values[:, i, j].imag}
-            parts |= {k: getattr(frf, n)[:, i, j] for k, n in _OPTIONAL.items() if getattr(frf, n) is not None}
+            parts |= {
+                k: getattr(frf, n)[:, i, j]
+                for k, n in _OPTIONAL.items()
+                if getattr(frf, n) is not None
+            }
             names += [f"H({response}/{reference}) {kind}" for kind in parts]
             columns += list(parts.values())
     body = [",".join(map(repr, row)) for row in np.column_stack(columns).tolist()]

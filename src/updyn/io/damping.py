@@ -47,7 +47,7 @@ def refuse_damping(model: Model, path: str | Path, *able: str) -> None:
         for quantity in group.damping:
             if quantity not in able:
                 raise FormatError(
-                    f"group {name!r} has {quantity}, which this format has no place for; write .h5, .npz, .mat or "
-                    ".toml",
+                    f"group {name!r} has {quantity}, which this format has no place for; write .h5,"
+                    " .npz, .mat or .toml",
                     path,
                 )

@@ -1,8 +1,8 @@
 """Groups of a model out of a program that gives only the sums K and M: by difference, with a check that they add up.
 
-A deck is run as it stands, then once for each group with its stiffness and its density doubled; what grows is the
-group's. Elements whose stiffness is not proportional to what was doubled, and parts that belong to no group, show in
-the sum.
+A deck is run as it stands, then once for each group with its stiffness and its density doubled;
+what grows is the group's. Elements whose stiffness is not proportional to what was doubled, and
+parts that belong to no group, show in the sum.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def groups_by_difference(
     path : path
         The deck, for the message.
     tolerance : float
-        How far the groups may miss the sum, as a share of the largest entry of row and column. Programs that
-        print few digits need more than the default.
+        How far the groups may miss the sum, as a share of the largest entry of row and column.
+        Programs that print few digits need more than the default.
 
     Returns
     -------
@@ -60,11 +60,13 @@ def groups_by_difference(
     Raises
     ------
     FormatError
-        If the groups do not add up, or a run has other DOFs than the first; the message names the pair of DOFs.
+        If the groups do not add up, or a run has other DOFs than the first; the message names the
+        pair of DOFs.
     """
     groups = {
         name: tuple(
-            _grown(one, two, name, what, path) for one, two, what in zip(total, doubled(name), ("K", "M"), strict=True)
+            _grown(one, two, name, what, path)
+            for one, two, what in zip(total, doubled(name), ("K", "M"), strict=True)
         )
         for name in names
     }
@@ -74,21 +76,28 @@ def groups_by_difference(
     return {name: (K, M) for name, (K, M) in groups.items()}
 
 
-def _grown(one: Matrix | None, two: Matrix | None, name: str, what: str, path: str | Path) -> Matrix | None:
+def _grown(
+    one: Matrix | None, two: Matrix | None, name: str, what: str, path: str | Path
+) -> Matrix | None:
     if one is None or two is None:
         if one is two:
             return None
         raise FormatError(f"group {name!r}: {what} is there in one run and not in the other", path)
     if one.shape != two.shape:
         raise FormatError(
-            f"group {name!r}: {what} has {two.shape[0]} DOFs where it is doubled and {one.shape[0]} as it stands", path
+            f"group {name!r}: {what} has {two.shape[0]} DOFs where it is doubled and {one.shape[0]}"
+            " as it stands",
+            path,
         )
     out = sp.csr_array(two - one)
     # What is left of equal numbers by rounding is no part of the group.
     scale = _scale(one)
     entry = out.tocoo()
     out = sp.csr_array(
-        (np.where(np.abs(entry.data) <= _ROUNDING * scale[entry.row], 0.0, entry.data), (entry.row, entry.col)),
+        (
+            np.where(np.abs(entry.data) <= _ROUNDING * scale[entry.row], 0.0, entry.data),
+            (entry.row, entry.col),
+        ),
         shape=out.shape,
     )
     out.eliminate_zeros()
@@ -96,7 +105,12 @@ def _grown(one: Matrix | None, two: Matrix | None, name: str, what: str, path: s
 
 
 def _check_sum(
-    total: Matrix | None, parts: list[Matrix], what: str, tolerance: float, dofs: DofSet, path: str | Path
+    total: Matrix | None,
+    parts: list[Matrix],
+    what: str,
+    tolerance: float,
+    dofs: DofSet,
+    path: str | Path,
 ) -> None:
     if total is None:
         return
@@ -109,9 +123,10 @@ def _check_sum(
     if beyond.size and beyond.max() > 0.0:
         worst = int(np.argmax(beyond))
         raise FormatError(
-            f"the groups do not add up to {what}: at {dofs[int(entry.row[worst])]}, {dofs[int(entry.col[worst])]} "
-            f"{entry.data[worst]:.3g} is left (at most {allowed[worst]:.1g}); a part belongs to no group, or is not "
-            "proportional to its modulus or density",
+            f"the groups do not add up to {what}: at {dofs[int(entry.row[worst])]},"
+            f" {dofs[int(entry.col[worst])]} {entry.data[worst]:.3g} is left (at most"
+            f" {allowed[worst]:.1g}); a part belongs to no group, or is not proportional to its"
+            " modulus or density",
             path,
         )
 

@@ -1,8 +1,9 @@
 """Small tables beside a model: its DOFs, and where its nodes stand. Comma-separated, with a header line.
 
-DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``).
-Nodes: header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns ``xx,xy,xz,yx,...,zz``.
-Lines to draw: header ``from,to``, node numbers. Empty lines and lines that start with ``#`` are passed over.
+DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
+header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns
+``xx,xy,xz,yx,...,zz``. Lines to draw: header ``from,to``, node numbers. Empty lines and lines that
+start with ``#`` are passed over.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def read_dofs(path: str | Path) -> DofSet:
         except DofError as error:
             raise FormatError(str(error), path, line) from error
         if (dof.node, dof.direction) in seen:
-            raise FormatError(f"DOF {dof} stands twice: also on line {seen[dof.node, dof.direction]}", path, line)
+            raise FormatError(
+                f"DOF {dof} stands twice: also on line {seen[dof.node, dof.direction]}", path, line
+            )
         seen[dof.node, dof.direction] = line
         dofs.append(dof)
     return DofSet(dofs)
@@ -48,7 +51,9 @@ def read_dofs(path: str | Path) -> DofSet:
 
 def write_dofs(dofs: DofSet, path: str | Path) -> None:
     """Write a table of DOFs."""
-    Path(path).write_text("dof\n" + "".join(f"{label}\n" for label in dofs.labels), encoding="utf-8")
+    Path(path).write_text(
+        "dof\n" + "".join(f"{label}\n" for label in dofs.labels), encoding="utf-8"
+    )
 
 
 def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geometry:
@@ -61,12 +66,17 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
     """
     header, rows = _table(path, (_POINT, _POINT + _AXES))
     nodes = [_whole(cells[0], path, line) for line, cells in rows]
-    numbers = np.array([[_number(c, path, line) for c in cells[1:]] for line, cells in rows], dtype=np.float64)
+    numbers = np.array(
+        [[_number(c, path, line) for c in cells[1:]] for line, cells in rows], dtype=np.float64
+    )
     numbers = numbers.reshape(len(nodes), len(header) - 1)
     axes = numbers[:, 3:].reshape(-1, 3, 3) if len(header) > len(_POINT) else None
     pairs: list[list[int]] = []
     if lines_path is not None:
-        pairs = [[_whole(c, lines_path, line) for c in cells] for line, cells in _table(lines_path, (_LINE,))[1]]
+        pairs = [
+            [_whole(c, lines_path, line) for c in cells]
+            for line, cells in _table(lines_path, (_LINE,))[1]
+        ]
     with placed(path):
         return Geometry(nodes, numbers[:, :3], np.array(pairs, dtype=np.int64).reshape(-1, 2), axes)
 
@@ -95,7 +105,9 @@ def _table(
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FormatError(f"not a text in UTF-8 ({error.reason} at byte {error.start})", path) from error
+        raise FormatError(
+            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
+        ) from error
     rows = [
         (number, [cell.strip() for cell in line.split(",")])
         for number, line in enumerate(text.splitlines(), 1)
@@ -110,7 +122,9 @@ def _table(
         raise FormatError(f"header {','.join(first)!r}; expected {expected}", path, line)
     for line, cells in rows[1:]:
         if len(cells) != len(header):
-            raise FormatError(f"{len(cells)} column(s); expected {len(header)}: {','.join(header)}", path, line)
+            raise FormatError(
+                f"{len(cells)} column(s); expected {len(header)}: {','.join(header)}", path, line
+            )
     return header, rows[1:]
 
 

@@ -1,7 +1,8 @@
 """Turning what goes wrong inside a file into a `FormatError` that names the file.
 
-The libraries that read archives raise a zoo of exceptions for a damaged file. They are caught at the call into the
-library and nowhere else, so that a mistake of our own is not taken for a bad file.
+The libraries that read archives raise a zoo of exceptions for a damaged file. They are caught at
+the call into the library and nowhere else, so that a mistake of our own is not taken for a bad
+file.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from updyn.errors import FormatError, InputError, suggest
 
 __all__ = ["FAILURES", "chosen", "known_only", "library", "placed"]
 
-#: What h5py, numpy, scipy.io and zipfile raise for damaged files (found by flipping bytes in good ones).
+#: What h5py, numpy, scipy.io and zipfile raise for damaged files (found by flipping bytes in good
+#: ones).
 FAILURES = (
     ArithmeticError,
     AssertionError,
@@ -49,7 +51,8 @@ def library(path: str | Path, what: str) -> Iterator[None]:
         text = str(error).strip().splitlines()
         reason = text[0] if text else type(error).__name__
         raise FormatError(
-            f"not a readable {what}: the file is damaged, cut short, or another format ({reason})", path
+            f"not a readable {what}: the file is damaged, cut short, or another format ({reason})",
+            path,
         ) from error
 
 
@@ -79,7 +82,9 @@ def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
     return dofs
 
 
-def known_only(found: Collection[str], known: Collection[str], path: str | Path, where: str = "") -> None:
+def known_only(
+    found: Collection[str], known: Collection[str], path: str | Path, where: str = ""
+) -> None:
     """Refuse names that mean nothing here: a misspelt one would be left out without a word.
 
     Raises
@@ -89,4 +94,7 @@ def known_only(found: Collection[str], known: Collection[str], path: str | Path,
     """
     for name in found:
         if name not in known:
-            raise FormatError(f"{where + ': ' if where else ''}unknown name {name!r}; {suggest(name, known)}", path)
+            raise FormatError(
+                f"{where + ': ' if where else ''}unknown name {name!r}; {suggest(name, known)}",
+                path,
+            )

@@ -2,15 +2,15 @@
 
 Layout (``*`` where present)::
 
-    /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping below), updyn_version,
+    /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping
+    below), updyn_version,
                            title
-    /dofs/node             int64 (N,)         node numbers
-    /dofs/direction        text (N,)          X Y Z RX RY RZ
-    /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2), axes * float64 (n, 3, 3)
-    /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *, stiffness_damping *
-        loss_table *       freq float64 (n,) in Hz, relative float64 (n,)
-        stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr; attribute size = N
-        mass *
+    /dofs/node             int64 (N,)         node numbers /dofs/direction        text (N,)
+    X Y Z RX RY RZ /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m,
+    2), axes * float64 (n, 3, 3) /groups/0000 ...       in order; attributes name, loss_factor,
+    mass_damping *, stiffness_damping *
+        loss_table *       freq float64 (n,) in Hz, relative float64 (n,) stiffness *        upper
+        triangle with the diagonal in CSR form: data, indices, indptr; attribute size = N mass *
         viscous *
 
 Groups are numbered, as their names may hold characters that HDF5 keeps for itself.
@@ -51,15 +51,22 @@ __all__ = [
 ]
 
 FORMAT_VERSION = 1
-_DAMPED_VERSION = 2  # where groups have what version 1 had no place for: a reader of version 1 would drop it
+_DAMPED_VERSION = (
+    2  # where groups have what version 1 had no place for: a reader of version 1 would drop it
+)
 _READERS = {
     "model": "read_model",
     "frf": "read_frf",
     "result": "read_result",
     "uncertainty": "read_uncertainty",
 }
-_LIBVER = ("v108", "v110")  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
-_COMPRESS_FROM = 2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
+_LIBVER = (
+    "v108",
+    "v110",
+)  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
+_COMPRESS_FROM = (
+    2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
+)
 
 
 def write_model(model: Model, path: str | Path) -> None:
@@ -95,7 +102,8 @@ def read_model(path: str | Path) -> Model:
     Raises
     ------
     FormatError
-        If the file is damaged, is not a model file (the right reader is named), or holds a model that is not valid.
+        If the file is damaged, is not a model file (the right reader is named), or holds a model
+        that is not valid.
     """
     import h5py
 
@@ -125,20 +133,25 @@ def check_kind(file: Any, path: str | Path, expected: str) -> None:
     if "updyn_kind" not in file.attrs:
         held = ", ".join(sorted(map(str, file))[:8]) or "nothing"
         raise FormatError(
-            f"HDF5 file without the attribute 'updyn_kind': it was not written by updyn as a {expected}. It holds: "
-            f"{held}; expected for a model: 'dofs' and 'groups', see updyn.io.hdf5",
+            "HDF5 file without the attribute 'updyn_kind': it was not written by updyn as a"
+            f" {expected}. It holds: {held}; expected for a model: 'dofs' and 'groups', see"
+            " updyn.io.hdf5",
             path,
         )
     kind = take_text(file, "updyn_kind", path)
     if kind != expected:
-        right = f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
+        right = (
+            f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
+        )
         raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
     version = take_number(file, "updyn_format", path)
     if version not in (FORMAT_VERSION, _DAMPED_VERSION):
-        writer = take_text(file, "updyn_version", path) if "updyn_version" in file.attrs else "(unknown)"
+        writer = (
+            take_text(file, "updyn_version", path) if "updyn_version" in file.attrs else "(unknown)"
+        )
         raise FormatError(
-            f"format version {version:g}, written by updyn {writer}; this updyn reads versions {FORMAT_VERSION} "
-            f"and {_DAMPED_VERSION}",
+            f"format version {version:g}, written by updyn {writer}; this updyn reads versions"
+            f" {FORMAT_VERSION} and {_DAMPED_VERSION}",
             path,
         )
 
@@ -154,8 +167,8 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
     model : Model
         The model.
     stored : dict, optional
-        Matrices already in this file, by identity. A matrix met again (the groups that an update left alone) becomes
-        a second link to the same data.
+        Matrices already in this file, by identity. A matrix met again (the groups that an update
+        left alone) becomes a second link to the same data.
     """
     stored = {} if stored is None else stored
     _put_text(parent, "title", model.title)
@@ -197,7 +210,9 @@ def _take_damping(place: Any, path: str | Path) -> dict[str, Any]:
     if "loss_table" in place:
         table = _group(place, "loss_table", path)
         with placed(path, table.name):
-            out["loss_table"] = LossTable(*(take_array(table, name, path, "iuf", 1) for name in ("freq", "relative")))
+            out["loss_table"] = LossTable(
+                *(take_array(table, name, path, "iuf", 1) for name in ("freq", "relative"))
+            )
     return out
 
 
@@ -222,7 +237,9 @@ def take_model(parent: Any, path: str | Path) -> Model:
         if name in groups:
             raise FormatError(f"{item.name}: group name {name!r} stands twice", path)
         groups[name] = _take_group(item, path, name)
-    geometry = take_geometry(_group(parent, "geometry", path), path) if "geometry" in parent else None
+    geometry = (
+        take_geometry(_group(parent, "geometry", path), path) if "geometry" in parent else None
+    )
     title = take_text(parent, "title", path) if "title" in parent.attrs else ""
     with placed(path):
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
@@ -230,7 +247,9 @@ def take_model(parent: Any, path: str | Path) -> Model:
 
 def _take_group(place: Any, path: str | Path, name: str) -> Group:
     known_only(list(place), (*MATRICES, "loss_table"), path, place.name)
-    matrices = {what: _take_matrix(_group(place, what, path), path) for what in MATRICES if what in place}
+    matrices = {
+        what: _take_matrix(_group(place, what, path), path) for what in MATRICES if what in place
+    }
     damping = _take_damping(place, path)
     with placed(path, f"group {name!r}"):
         return Group(**matrices, **damping)
@@ -252,14 +271,18 @@ def take_dofs(place: Any, path: str | Path) -> DofSet:
     if (axes < 0).any():
         at = int(np.flatnonzero(axes < 0)[0])
         found = texts[at].decode("utf-8", "replace")
-        raise FormatError(f"{place.name}: direction {at + 1} is {found!r}; {suggest(found, DIRECTIONS)}", path)
+        raise FormatError(
+            f"{place.name}: direction {at + 1} is {found!r}; {suggest(found, DIRECTIONS)}", path
+        )
     with placed(path, place.name):
         return DofSet.from_arrays(nodes, axes)
 
 
 def _put_matrix(place: Any, matrix: Matrix) -> Any:
     row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-    upper = matrix.indices >= row  # a mask on the entries: scipy.sparse.triu would drop explicit zeros
+    upper = (
+        matrix.indices >= row
+    )  # a mask on the entries: scipy.sparse.triu would drop explicit zeros
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
     place.attrs["size"] = matrix.shape[0]
     _put_text(place, "storage", "upper triangle with diagonal, CSR")
@@ -281,8 +304,8 @@ def _take_matrix(place: Any, path: str | Path) -> Matrix:
     if below.size:
         at = int(below[0])
         raise FormatError(
-            f"{place.name}: entry ({row[at] + 1}, {column[at] + 1}) lies below the diagonal; expected the upper "
-            "triangle only",
+            f"{place.name}: entry ({row[at] + 1}, {column[at] + 1}) lies below the diagonal;"
+            " expected the upper triangle only",
             path,
         )
     off = column > row
@@ -317,7 +340,11 @@ def take_geometry(place: Any, path: str | Path) -> Geometry:
     known_only(list(place), ("node", "xyz", "line", "axes"), path, place.name)
     nodes = take_array(place, "node", path, "iu", 1)
     xyz = take_array(place, "xyz", path, "iuf", 2)
-    lines = take_array(place, "line", path, "iu", 2) if "line" in place else np.empty((0, 2), dtype=np.int64)
+    lines = (
+        take_array(place, "line", path, "iu", 2)
+        if "line" in place
+        else np.empty((0, 2), dtype=np.int64)
+    )
     axes = take_array(place, "axes", path, "iuf", 3) if "axes" in place else None
     if lines.shape[1] != 2:
         raise FormatError(f"{place.name}: line has shape {lines.shape}; expected (m, 2)", path)
@@ -328,7 +355,11 @@ def take_geometry(place: Any, path: str | Path) -> Geometry:
 # -- items -------------------------------------------------------------------------------------------------
 def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
     big = array.size >= _COMPRESS_FROM
-    packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True} if big else {}
+    packed = (
+        {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+        if big
+        else {}
+    )
     place.create_dataset(name, data=array, **packed)
 
 
@@ -349,7 +380,9 @@ def _group(parent: Any, name: str, path: str | Path) -> Any:
     found = parent.get(name)
     if not isinstance(found, h5py.Group):
         state = f"no group {name!r}" if found is None else f"{name!r} is not a group"
-        raise FormatError(f"{parent.name}: {state}; found: {', '.join(map(str, parent)) or 'nothing'}", path)
+        raise FormatError(
+            f"{parent.name}: {state}; found: {', '.join(map(str, parent)) or 'nothing'}", path
+        )
     return found
 
 
@@ -365,12 +398,21 @@ def take_array(parent: Any, name: str, path: str | Path, kinds: str, n_dims: int
 
     found = parent.get(name)
     if not isinstance(found, h5py.Dataset):
-        raise FormatError(f"{parent.name}: no dataset {name!r}; {suggest(name, map(str, parent))}", path)
+        raise FormatError(
+            f"{parent.name}: no dataset {name!r}; {suggest(name, map(str, parent))}", path
+        )
     if found.dtype.kind not in kinds:
-        complex_hint = "; damping goes into loss_factor and viscous" if found.dtype.kind == "c" else ""
-        raise FormatError(f"{found.name}: holds {found.dtype}, expected another type of number{complex_hint}", path)
+        complex_hint = (
+            "; damping goes into loss_factor and viscous" if found.dtype.kind == "c" else ""
+        )
+        raise FormatError(
+            f"{found.name}: holds {found.dtype}, expected another type of number{complex_hint}",
+            path,
+        )
     if found.ndim != n_dims:
-        raise FormatError(f"{found.name}: has shape {found.shape}, expected {n_dims} dimension(s)", path)
+        raise FormatError(
+            f"{found.name}: has shape {found.shape}, expected {n_dims} dimension(s)", path
+        )
     return np.asarray(found[()])
 
 
@@ -383,7 +425,9 @@ def take_attribute(place: Any, name: str, path: str | Path) -> Any:
         If there is none.
     """
     if name not in place.attrs:
-        raise FormatError(f"{place.name}: no attribute {name!r}; {suggest(name, map(str, place.attrs))}", path)
+        raise FormatError(
+            f"{place.name}: no attribute {name!r}; {suggest(name, map(str, place.attrs))}", path
+        )
     return place.attrs[name]
 
 
@@ -413,5 +457,7 @@ def take_number(place: Any, name: str, path: str | Path) -> float:
     """
     value = np.asarray(take_attribute(place, name, path))
     if value.size != 1 or value.dtype.kind not in "iuf":
-        raise FormatError(f"{place.name}: attribute {name!r} is {value.tolist()!r}, expected one number", path)
+        raise FormatError(
+            f"{place.name}: attribute {name!r} is {value.tolist()!r}, expected one number", path
+        )
     return float(value.reshape(())[()])

@@ -60,21 +60,32 @@ def compressed(
     Raises
     ------
     FormatError
-        If the arrays are not of numbers, do not fit each other or the shape, or an entry stands twice.
+        If the arrays are not of numbers, do not fit each other or the shape, or an entry stands
+        twice.
     """
-    for name, array, kinds in (("data", data, "iufc"), ("indices", indices, "iu"), ("indptr", indptr, "iu")):
+    for name, array, kinds in (
+        ("data", data, "iufc"),
+        ("indices", indices, "iu"),
+        ("indptr", indptr, "iu"),
+    ):
         if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.ndim != 1:
-            raise FormatError(f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path)
+            raise FormatError(
+                f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path
+            )
     try:
         out = make((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=shape)
         out.check_format(full_check=True)
     except ValueError as error:
-        raise FormatError(f"{where}: not a sparse matrix of shape {shape} ({error})", path) from error
+        raise FormatError(
+            f"{where}: not a sparse matrix of shape {shape} ({error})", path
+        ) from error
     entries = out.nnz
     out.sum_duplicates()
     if out.nnz != entries:
         raise FormatError(f"{where}: an entry stands twice", path)
-    if max(*shape, entries) < 2**31:  # the index type that scipy itself chooses; checked above with room to spare
+    if (
+        max(*shape, entries) < 2**31
+    ):  # the index type that scipy itself chooses; checked above with room to spare
         out.indices, out.indptr = out.indices.astype(np.int32), out.indptr.astype(np.int32)
     return out
 
@@ -95,15 +106,17 @@ def dofs(given: Any, name: str, path: str | Path) -> DofSet:
         table = whole(given, name, path)
         if table.ndim != 2 or table.shape[1] != 2:
             raise FormatError(
-                f"{name}: found numbers of shape {table.shape}; expected labels such as '12:Z', or an (N, 2) table of "
-                "node and direction 1..6",
+                f"{name}: found numbers of shape {table.shape}; expected labels such as '12:Z', or"
+                " an (N, 2) table of node and direction 1..6",
                 path,
             )
         axes = np.abs(table[:, 1]) - 1
         if ((axes < 0) | (axes > 5)).any():
             at = int(np.flatnonzero((axes < 0) | (axes > 5))[0])
             raise FormatError(
-                f"{name}: row {at + 1} has direction {table[at, 1]}; expected 1..6 for X, Y, Z, RX, RY, RZ", path
+                f"{name}: row {at + 1} has direction {table[at, 1]}; expected 1..6 for X, Y, Z, RX,"
+                " RY, RZ",
+                path,
             )
         return DofSet.from_arrays(table[:, 0], axes, np.sign(table[:, 1]))
 
@@ -134,7 +147,10 @@ def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     """
     if sp.issparse(given):
         return np.asarray(given.toarray())
-    if not isinstance(given, np.ndarray | float | int | complex) or np.asarray(given).dtype.kind not in "iufc":
+    if (
+        not isinstance(given, np.ndarray | float | int | complex)
+        or np.asarray(given).dtype.kind not in "iufc"
+    ):
         raise FormatError(f"{name}: found {kind_of(given)}; expected numbers", path)
     return np.asarray(given)
 
@@ -162,7 +178,11 @@ def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
         If the item called `name` is not that.
     """
     array = real(given, name, path)
-    if not np.isfinite(array).all() or (array != np.round(array)).any() or (np.abs(array) > 2**53).any():
+    if (
+        not np.isfinite(array).all()
+        or (array != np.round(array)).any()
+        or (np.abs(array) > 2**53).any()
+    ):
         raise FormatError(f"{name}: expected whole numbers", path)
     return array.astype(np.int64)
 
@@ -222,4 +242,7 @@ def kind_of(given: Any) -> str:
 def listed(items: Items) -> str:
     """Say which names there are, for a message."""
     names = sorted(str(n) for n in items)
-    return ", ".join(names[:10]) + (f", ... ({len(names)} in all)" if len(names) > 10 else "") or "nothing"
+    return (
+        ", ".join(names[:10]) + (f", ... ({len(names)} in all)" if len(names) > 10 else "")
+        or "nothing"
+    )

@@ -1,8 +1,9 @@
 """Input decks of the keyword family (CalculiX, Abaqus): files into cards, with the line that each stands on.
 
-A card is a line that starts with ``*``, with parameters between commas, and the data lines below it. ``**`` starts a
-comment. Case and blanks do not matter, a keyword line that ends with a comma goes on in the next line, and
-``*INCLUDE, INPUT=file`` is replaced by what is in that file, as is ``INPUT=file`` of nodes, elements and sets.
+A card is a line that starts with ``*``, with parameters between commas, and the data lines below
+it. ``**`` starts a comment. Case and blanks do not matter, a keyword line that ends with a comma
+goes on in the next line, and ``*INCLUDE, INPUT=file`` is replaced by what is in that file, as is
+``INPUT=file`` of nodes, elements and sets.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from updyn.errors import FormatError, suggest
 
 __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 
-#: Both programs read the first twenty characters of a field; CalculiX drops what follows without a word.
+#: Both programs read the first twenty characters of a field; CalculiX drops what follows without a
+#: word.
 FIELD_WIDTH = 20
 _DEEPEST = 20  # files that include files
 #: Keywords whose data lines Abaqus may read from another file, INPUT=.
@@ -99,7 +101,9 @@ class Card:
         """
         for name in self.parameters:
             if name not in known:
-                raise self.error(f"*{self.name}: parameter {name!r} is not read; {suggest(name, known)}")
+                raise self.error(
+                    f"*{self.name}: parameter {name!r} is not read; {suggest(name, known)}"
+                )
 
     def error(self, message: str, row: Row | None = None) -> FormatError:
         """Return an error that names file and line: of the row, else of the keyword."""
@@ -129,8 +133,8 @@ def read_cards(path: str | Path) -> list[Card]:
     Raises
     ------
     FormatError
-        If a file is missing, includes itself or is not a text, or data stand before the first keyword; the message
-        says file and line.
+        If a file is missing, includes itself or is not a text, or data stand before the first
+        keyword; the message says file and line.
     """
     path = Path(path)
     return _grouped(_lines(path, path.parent, ()), path)
@@ -160,10 +164,14 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple
             inner = _included(name, given, path, start, folder)
             chain = (*within, path)
             if inner.resolve() in [p.resolve() for p in chain] or len(chain) > _DEEPEST:
-                raise FormatError(f"*{name}, INPUT={inner.name}: the file includes itself", path, start)
+                raise FormatError(
+                    f"*{name}, INPUT={inner.name}: the file includes itself", path, start
+                )
             yield from _lines(inner, folder, chain)
     if joined:
-        raise FormatError(f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start)
+        raise FormatError(
+            f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start
+        )
 
 
 def _source(path: Path) -> str:
@@ -184,7 +192,11 @@ def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
     if not inner.is_file():
-        near = sorted(p.name for p in inner.parent.iterdir() if p.is_file()) if inner.parent.is_dir() else []
+        near = (
+            sorted(p.name for p in inner.parent.iterdir() if p.is_file())
+            if inner.parent.is_dir()
+            else []
+        )
         close = suggest(inner.name, near) if near else "its folder does not exist or is empty"
         raise FormatError(f"*{name}: no such file {given!r}; {close}", path, at)
     return inner
@@ -201,7 +213,9 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
             head, rows = (path, at, text), []
         elif head is None:
             raise FormatError(
-                f"found {text[:40]!r} before the first keyword; expected a line that starts with *", path, at
+                f"found {text[:40]!r} before the first keyword; expected a line that starts with *",
+                path,
+                at,
             )
         else:
             rows.append(Row(at, text, None if path == head[0] else path))
@@ -238,12 +252,13 @@ def number(text: str, card: Card, row: Row) -> float:
     Raises
     ------
     FormatError
-        If it is not a finite number, or is longer than the twenty characters that the programs read.
+        If it is not a finite number, or is longer than the twenty characters that the programs
+        read.
     """
     if len(text) > FIELD_WIDTH:
         raise card.error(
-            f"*{card.name}: {text!r} has {len(text)} characters; the programs read the first {FIELD_WIDTH} and drop "
-            "the rest, write it shorter",
+            f"*{card.name}: {text!r} has {len(text)} characters; the programs read the first"
+            f" {FIELD_WIDTH} and drop the rest, write it shorter",
             row,
         )
     try:

@@ -57,23 +57,32 @@ def write_changes(
     names = ", ".join(parts[name.upper()].name for name in changes)
     heading = [
         f"** New properties for {deck.name}: {names}.",
-        "** They take the place of the cards of the same names there: delete those, and where the first stood write",
+        (
+            "** They take the place of the cards of the same names there: delete those, and where"
+            " the first stood write"
+        ),
         f"** *INCLUDE, INPUT={path.name}",
         *(f"** {remark}" for remark in remarks),
     ]
     with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([*heading, *(line for b in blocks for line in b)]) + "\n", encoding="utf-8")
+        temporary.write_text(
+            "\n".join([*heading, *(line for b in blocks for line in b)]) + "\n", encoding="utf-8"
+        )
 
 
 def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh: bool) -> None:
     where = f"group {part.name!r}"
     for quantity, value in change.items():
         if quantity not in _QUANTITIES:
-            raise FormatError(f"{where}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck)
+            raise FormatError(
+                f"{where}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
+            )
         lowest_is_zero = quantity in ("loss_factor", "viscous")
         if not (0 < value < float("inf") or (lowest_is_zero and value == 0)):
             wanted = "at least 0" if lowest_is_zero else "above 0"
-            raise FormatError(f"{where}: {quantity} {value!r}; expected a finite number {wanted}", deck)
+            raise FormatError(
+                f"{where}: {quantity} {value!r}; expected a finite number {wanted}", deck
+            )
         if quantity in ("stiffness", "mass") and value != 1.0 and not part.values(quantity):
             has = "*ELASTIC" if quantity == "stiffness" else "*DENSITY"
             lacks = has if part.kind == "material" else quantity
@@ -83,8 +92,8 @@ def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh
     if change.get("viscous", 1.0) != 1.0:
         if part.kind != "material" or not own_rayleigh:
             raise part.cards[0].error(
-                f"{where}: ALPHA and BETA hold for the whole deck, so that the viscous damping of one group cannot be "
-                "changed in it"
+                f"{where}: ALPHA and BETA hold for the whole deck, so that the viscous damping of"
+                " one group cannot be changed in it"
             )
         if not (part.damping("ALPHA") or part.damping("BETA")):
             raise part.cards[0].error(f"{where} has no *DAMPING with ALPHA or BETA to change")
@@ -106,12 +115,16 @@ def _changed(part: Property, change: Mapping[str, float], own_rayleigh: bool) ->
 
 
 def _block(part: Property, change: Mapping[str, float], cards: tuple[Card, ...]) -> list[str]:
-    said = ", ".join(f"{q} {'=' if q == 'loss_factor' else 'x'} {short_number(v)}" for q, v in change.items())
+    said = ", ".join(
+        f"{q} {'=' if q == 'loss_factor' else 'x'} {short_number(v)}" for q, v in change.items()
+    )
     out = ["**", f"** {part.kind} {part.name}: {said or 'unchanged'}"]
     for what, label in (("stiffness", "modulus"), ("mass", "density")):
         if old := part.values(what):
             word = label if part.kind == "material" else what
             out.append(f"** old {word}: {', '.join(short_number(v) for v in old[:9])}")
     if (damping := part.card("DAMPING")) is not None:
-        out.append("** old damping: " + ", ".join(f"{k}={v}" for k, v in damping.parameters.items()))
+        out.append(
+            "** old damping: " + ", ".join(f"{k}={v}" for k, v in damping.parameters.items())
+        )
     return [*out, *(line for card in cards for line in card.text())]

@@ -1,7 +1,7 @@
 """What an input deck of CalculiX or Abaqus says of a structure: nodes, elements, sets, and who is made of what.
 
-Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only what stands before the
-first ``*STEP`` is looked at.
+Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only
+what stands before the first ``*STEP`` is looked at.
 """
 
 from __future__ import annotations
@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_cards import Card, Row, number, whole
 
-__all__ = ["Deck", "Elements", "Section", "edges", "read_deck", "read_members", "read_nodes", "split_steps"]
+__all__ = [
+    "Deck",
+    "Elements",
+    "Section",
+    "edges",
+    "read_deck",
+    "read_members",
+    "read_nodes",
+    "split_steps",
+]
 
 #: Nodes of the solids, and which of them are corners of which shape.
 SOLIDS = {
@@ -41,7 +50,20 @@ _EDGES = {
     "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
     "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
     "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    "brick": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "brick": (
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ),
 }
 
 
@@ -146,8 +168,8 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
     Raises
     ------
     FormatError
-        If a number cannot be read, a node, element or set is named and not there, an element is of a type that is
-        not read, or an element has no section or two.
+        If a number cannot be read, a node, element or set is named and not there, an element is of
+        a type that is not read, or an element has no section or two.
     """
     path = Path(path)
     nsets: dict[str, list[NDArray[np.int64]]] = {}
@@ -167,7 +189,9 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
             sets = nsets if card.name == "NSET" else elsets
             _add(sets, card.need(card.name), read_members(card, sets))
         elif card.name == "SOLID SECTION":
-            sections.append(Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card))
+            sections.append(
+                Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card)
+            )
     if not numbers:
         raise FormatError("the deck has no *NODE", path)
     deck = Deck(
@@ -251,16 +275,24 @@ def _elements(card: Card) -> Elements:
 
 def _why_not(kind: str) -> str:
     expanded = (
-        "is expanded into solids with hidden nodes and constraints, so that its matrices have no DOFs of the deck"
+        "is expanded into solids with hidden nodes and constraints, so that its matrices have no"
+        " DOFs of the deck"
     )
     if kind.startswith(("B3", "B2", "T2D", "T3D", "PIPE")):
         return (
-            f"*ELEMENT: {kind} is a beam or truss: it {expanded}; model it with solids, or build it with updyn.elements"
+            f"*ELEMENT: {kind} is a beam or truss: it {expanded}; model it with solids, or build it"
+            " with updyn.elements"
         )
     if kind.startswith(("S3", "S4", "S6", "S8", "STRI", "M3D", "CPS", "CPE", "CAX", "SC")):
-        return f"*ELEMENT: {kind} is a shell, membrane or plane element: it {expanded}; model it with solids"
+        return (
+            f"*ELEMENT: {kind} is a shell, membrane or plane element: it {expanded}; model it with"
+            " solids"
+        )
     if kind.startswith("DASHPOT"):
-        return f"*ELEMENT: {kind}: dashpots stand in no matrix that is written; leave it out and add its damping later"
+        return (
+            f"*ELEMENT: {kind}: dashpots stand in no matrix that is written; leave it out and add"
+            " its damping later"
+        )
     return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
 
 
@@ -278,10 +310,14 @@ def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDA
         fields = row.fields
         if "GENERATE" in card.parameters:
             if len(fields) not in (2, 3):
-                raise card.error(f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row)
+                raise card.error(
+                    f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row
+                )
             first, last, step = (*(whole(f, card, row) for f in fields), 1)[:3]
             if step < 1 or last < first:
-                raise card.error(f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row)
+                raise card.error(
+                    f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row
+                )
             found.append(np.arange(first, last + 1, step, dtype=np.int64))
             continue
         for text in (f for f in fields if f):
@@ -290,11 +326,15 @@ def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDA
             elif text.upper() in sets:
                 found += sets[text.upper()]
             else:
-                raise card.error(f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row)
+                raise card.error(
+                    f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row
+                )
     return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
 
 
-def _add(sets: dict[str, list[NDArray[np.int64]]], name: str | None, members: NDArray[np.int64]) -> None:
+def _add(
+    sets: dict[str, list[NDArray[np.int64]]], name: str | None, members: NDArray[np.int64]
+) -> None:
     if name:
         sets.setdefault(name.upper(), []).append(members)
 
@@ -312,7 +352,9 @@ def _check_nodes(deck: Deck) -> None:
                 "which is not in the deck",
                 _row_of(block.card, int(block.numbers[at])),
             )
-    numbers = np.concatenate([np.empty(0, dtype=np.int64), *(block.numbers for block in deck.elements)])
+    numbers = np.concatenate(
+        [np.empty(0, dtype=np.int64), *(block.numbers for block in deck.elements)]
+    )
     if (twice := _twice(numbers)) is not None:
         last = [block.card for block in deck.elements if twice in block.numbers][-1]
         raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
@@ -333,15 +375,16 @@ def _check_sections(deck: Deck) -> None:
     for section in deck.sections:
         if section.elset not in deck.elsets:
             raise section.card.error(
-                f"*SOLID SECTION: no element set {section.elset!r}; {suggest(section.elset, deck.elsets)}"
+                f"*SOLID SECTION: no element set {section.elset!r};"
+                f" {suggest(section.elset, deck.elsets)}"
             )
         members.append(deck.elsets[section.elset])
     taken = np.concatenate([np.empty(0, dtype=np.int64), *members])
     if (twice := _twice(taken)) is not None:
         *_, one, two = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
         raise two.card.error(
-            f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of {two.elset!r}; "
-            "an element has one section"
+            f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of"
+            f" {two.elset!r}; an element has one section"
         )
     for block in deck.elements:
         without = block.numbers[~np.isin(block.numbers, taken)]

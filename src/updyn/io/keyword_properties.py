@@ -32,7 +32,12 @@ NONLINEAR = (
     "DAMAGE INITIATION",
     "DAMAGE EVOLUTION",
 )
-_OTHER = ("ELECTRICAL CONDUCTIVITY", "MAGNETIC PERMEABILITY", "FLUID CONSTANTS", "SPECIFIC GAS CONSTANT")
+_OTHER = (
+    "ELECTRICAL CONDUCTIVITY",
+    "MAGNETIC PERMEABILITY",
+    "FLUID CONSTANTS",
+    "SPECIFIC GAS CONSTANT",
+)
 #: Of each line of ``*ELASTIC`` (and of those that continue it) the fields that are moduli.
 _MODULI = {
     "ISO": ((0,),),
@@ -60,7 +65,8 @@ class Property:
     cards : tuple of Card
         Its cards, which follow each other.
     start : int
-        Of a spring: the line, counted from 0, from which on spring constants stand; above it are its directions.
+        Of a spring: the line, counted from 0, from which on spring constants stand; above it are
+        its directions.
     """
 
     name: str
@@ -98,7 +104,9 @@ class Property:
         FormatError
             If one is not a number.
         """
-        return [number(card.rows[i].fields[j], card, card.rows[i]) for card, i, j in self._places(what)]
+        return [
+            number(card.rows[i].fields[j], card, card.rows[i]) for card, i, j in self._places(what)
+        ]
 
     def first(self, what: str) -> float | None:
         """Return the first modulus or density, None where there is none."""
@@ -145,15 +153,25 @@ class Property:
             last = cards[-1]
             return (*cards, Card("DAMPING", MappingProxyType(texts), (), last.path, last.line))
         both = MappingProxyType({**own.parameters, **texts})
-        return tuple(replace(card, parameters=both) if card.name == "DAMPING" else card for card in cards)
+        return tuple(
+            replace(card, parameters=both) if card.name == "DAMPING" else card for card in cards
+        )
 
     def _places(self, what: str) -> list[tuple[Card, int, int]]:
         """Return card, line and field of every number of a quantity."""
         if self.kind == "mass":
-            return [(self.cards[0], i, 0) for i in range(len(self.cards[0].rows))] if what == "mass" else []
+            return (
+                [(self.cards[0], i, 0) for i in range(len(self.cards[0].rows))]
+                if what == "mass"
+                else []
+            )
         if self.kind == "spring":
             own = self.cards[0]
-            return [(own, i, 0) for i in range(self.start, len(own.rows))] if what == "stiffness" else []
+            return (
+                [(own, i, 0) for i in range(self.start, len(own.rows))]
+                if what == "stiffness"
+                else []
+            )
         card = self.card("ELASTIC" if what == "stiffness" else "DENSITY")
         if card is None:
             return []
@@ -162,10 +180,15 @@ class Property:
         for i, row in enumerate(card.rows):
             wanted = pattern[i % len(pattern)]
             if len(row.fields) <= max(wanted):
-                raise card.error(f"*{card.name}: found {row.text!r}; expected {max(wanted) + 1} numbers or more", row)
+                raise card.error(
+                    f"*{card.name}: found {row.text!r}; expected {max(wanted) + 1} numbers or more",
+                    row,
+                )
             places += [(card, i, j) for j in wanted]
         if len(card.rows) % len(pattern):
-            raise card.error(f"*{card.name}: the last of {len(pattern)} lines is missing", card.rows[-1])
+            raise card.error(
+                f"*{card.name}: the last of {len(pattern)} lines is missing", card.rows[-1]
+            )
         return places
 
 
@@ -177,7 +200,10 @@ def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
 
 
 def read_properties(
-    model: Sequence[Card], springs_between: Mapping[str, str] | None = None, *, own_rayleigh: bool = True
+    model: Sequence[Card],
+    springs_between: Mapping[str, str] | None = None,
+    *,
+    own_rayleigh: bool = True,
 ) -> dict[str, Property]:
     """Find the materials, springs and point masses of a deck.
 
@@ -186,11 +212,11 @@ def read_properties(
     model : sequence of Card
         The cards before the first step.
     springs_between : mapping of str to str, optional
-        Element type by element set in capitals. Springs of type SPRINGA have no line of directions; where the type
-        is not known a first line of whole numbers is one.
+        Element type by element set in capitals. Springs of type SPRINGA have no line of directions;
+        where the type is not known a first line of whole numbers is one.
     own_rayleigh : bool
-        Whether ALPHA and BETA of ``*DAMPING`` are of the material above (Abaqus), or of the deck wherever they stand
-        (CalculiX).
+        Whether ALPHA and BETA of ``*DAMPING`` are of the material above (Abaqus), or of the deck
+        wherever they stand (CalculiX).
 
     Returns
     -------
@@ -208,7 +234,11 @@ def read_properties(
             stop = at + 1
             while stop < len(model) and model[stop].name in (*LINEAR, *NONLINEAR, *_OTHER):
                 stop += 1
-            while not own_rayleigh and model[stop - 1].name == "DAMPING" and not model[stop - 1].get("STRUCTURAL"):
+            while (
+                not own_rayleigh
+                and model[stop - 1].name == "DAMPING"
+                and not model[stop - 1].get("STRUCTURAL")
+            ):
                 stop -= 1
             found = Property(card.need("NAME"), "material", at, tuple(model[at:stop]))
         elif card.name == "SPRING":
@@ -221,7 +251,9 @@ def read_properties(
             continue
         key = found.name.upper()
         if key in out:
-            raise card.error(f"*{card.name}: {found.name!r} stands twice, also on line {out[key].cards[0].line}")
+            raise card.error(
+                f"*{card.name}: {found.name!r} stands twice, also on line {out[key].cards[0].line}"
+            )
         out[key] = found
     return out
 
@@ -229,5 +261,7 @@ def read_properties(
 def _first_constant(card: Card, kind: str | None) -> int:
     if not card.rows:
         raise card.error("*SPRING has no spring constant")
-    has_directions = all(f.isdecimal() for f in card.rows[0].fields if f) if kind is None else kind != "SPRINGA"
+    has_directions = (
+        all(f.isdecimal() for f in card.rows[0].fields if f) if kind is None else kind != "SPRINGA"
+    )
     return 1 if has_directions and len(card.rows) > 1 else 0

@@ -3,10 +3,11 @@
 Variables, or the fields of the one struct that the file holds, are named as in `updyn.io.named`::
 
     K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
-    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where the name is not a MATLAB name
-    freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
+    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where the name is not a MATLAB
+    name freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
 
-Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node direction] with direction
+Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node
+direction] with direction
 1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops trailing axes of length 1: with one reference, H
 is n_f x n_responses. MATLAB string arrays ("text") are not stored in a documented way: use cellstr.
 """
@@ -119,7 +120,11 @@ def write_model(model: Model, path: str | Path) -> None:
     items = model_items(model)
     groups: dict[str, Any] = {}
     for number, (name, parts) in enumerate(items["groups"].items(), 1):
-        field = name if _FIELD.fullmatch(name) and not re.fullmatch(r"group_\d+", name) else f"group_{number}"
+        field = (
+            name
+            if _FIELD.fullmatch(name) and not re.fullmatch(r"group_\d+", name)
+            else f"group_{number}"
+        )
         groups[field] = parts if field == name else {**parts, "name": name}
     _save({**items, "groups": groups}, path)
 
@@ -172,7 +177,9 @@ def _storable(items: Mapping[str, Any]) -> dict[str, Any]:
         elif sp.issparse(value):
             out[name] = sp.csc_matrix(value)
         elif isinstance(value, np.ndarray) and value.dtype.kind == "i":
-            out[name] = value.astype(np.float64)  # node numbers: double is what MATLAB computes with
+            out[name] = value.astype(
+                np.float64
+            )  # node numbers: double is what MATLAB computes with
         else:
             out[name] = float(value) if isinstance(value, int) else value
     return out

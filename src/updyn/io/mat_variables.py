@@ -1,12 +1,13 @@
 """The variables of a ``.mat`` file as plain items: arrays, sparse matrices, texts (lists of them) and mappings.
 
-Version 5 to 7.2 through scipy; version 7.3 is HDF5 in MATLAB's own layout: axes reversed (column-major), complex
-numbers as pairs ``real``, ``imag``, sparse matrices as groups with ``data``, ``ir``, ``jc``, char as uint16, cells as
-references.
+Version 5 to 7.2 through scipy; version 7.3 is HDF5 in MATLAB's own layout: axes reversed
+(column-major), complex numbers as pairs ``real``, ``imag``, sparse matrices as groups with
+``data``, ``ir``, ``jc``, char as uint16, cells as references.
 
-A version 5 file is walked by its stated lengths before scipy sees it. A version 7.3 file cut short is refused by
-libhdf5, which compares its length with the end that its superblock states. Bytes damaged inside it are noticed there as
-far as libhdf5 notices them: its metadata carry no checksums, and in the worst case libhdf5 ends the whole process.
+A version 5 file is walked by its stated lengths before scipy sees it. A version 7.3 file cut short
+is refused by libhdf5, which compares its length with the end that its superblock states. Bytes
+damaged inside it are noticed there as far as libhdf5 notices them: its metadata carry no checksums,
+and in the worst case libhdf5 ends the whole process.
 """
 
 from __future__ import annotations
@@ -70,11 +71,15 @@ def read_variables(path: str | Path) -> dict[str, Any]:
         if not h5py.is_hdf5(path):
             with Path(path).open("rb") as file:
                 if file.read(10) in (b"MATLAB 7.0", b"MATLAB 7.3"):
-                    raise FormatError("MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path)
+                    raise FormatError(
+                        "MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path
+                    )
             return _read_5(path)
         with h5py.File(path, "r") as file:
             return {
-                name: _item_73(file, item, name, path, 0) for name, item in file.items() if not name.startswith("#")
+                name: _item_73(file, item, name, path, 0)
+                for name, item in file.items()
+                if not name.startswith("#")
             }
 
 
@@ -88,11 +93,22 @@ def _read_5(path: str | Path) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatReadWarning)
         try:
-            # A struct as an object with fields, and all axes as stored: a squeezed array no longer says what it was.
-            stored = loadmat(path, appendmat=False, squeeze_me=False, struct_as_record=False, chars_as_strings=True)
+            # A struct as an object with fields, and all axes as stored: a squeezed array no longer
+            # says what it was.
+            stored = loadmat(
+                path,
+                appendmat=False,
+                squeeze_me=False,
+                struct_as_record=False,
+                chars_as_strings=True,
+            )
         except (MatReadError, MatReadWarning) as error:
             raise FormatError(f"not a readable MATLAB file ({error})", path) from error
-    return {name: _item_5(value, name, path) for name, value in stored.items() if not name.startswith("__")}
+    return {
+        name: _item_5(value, name, path)
+        for name, value in stored.items()
+        if not name.startswith("__")
+    }
 
 
 def _check_5(path: str | Path) -> None:
@@ -109,7 +125,9 @@ def _check_5(path: str | Path) -> None:
             tag = file.read(8)
             kind, length = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
             if len(tag) < 8 or kind not in _VARIABLES_5 or at + 8 + length > size:
-                raise FormatError(f"cut short or damaged in variable {number}, at byte {at} of {size}", path)
+                raise FormatError(
+                    f"cut short or damaged in variable {number}, at byte {at} of {size}", path
+                )
             if kind == _COMPRESSED_5:
                 zlib.decompress(file.read(length))  # its checksum covers all of the variable
             at = file.seek(at + 8 + length)
@@ -130,13 +148,21 @@ def _item_5(value: Any, name: str, path: str | Path) -> Any:
     cells = _vector(value, name, path)
     if cells and all(isinstance(c, mat_struct) for c in cells):
         if len(cells) > 1 and name.rpartition(".")[2] != _ARRAY:
-            raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+            raise FormatError(
+                f"{name}: struct array of shape {value.shape}; expected one struct", path
+            )
         if len(cells) > 1:
             return [
-                {key: _item_5(getattr(cell, key), f"{name}({i}).{key}", path) for key in cell._fieldnames}
+                {
+                    key: _item_5(getattr(cell, key), f"{name}({i}).{key}", path)
+                    for key in cell._fieldnames
+                }
                 for i, cell in enumerate(cells, 1)
             ]
-        return {field: _item_5(getattr(cells[0], field), f"{name}.{field}", path) for field in cells[0]._fieldnames}
+        return {
+            field: _item_5(getattr(cells[0], field), f"{name}.{field}", path)
+            for field in cells[0]._fieldnames
+        }
     return [_cell(_item_5(c, name, path), name, i, path) for i, c in enumerate(cells)]
 
 
@@ -150,7 +176,8 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     if not kind:
         raise FormatError(
-            f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it written by MATLAB?",
+            f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it"
+            " written by MATLAB?",
             path,
         )
     if isinstance(item, h5py.Group):
@@ -160,7 +187,10 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
             raise FormatError(f"{name}: {_unusable(kind)}", path)
         if name.rpartition(".")[2] == _ARRAY and _is_array_73(item):
             return _array_73(file, item, name, path, depth)
-        return {key: _item_73(file, item[key], f"{name}.{key}", path, depth + 1) for key in _fields(item)}
+        return {
+            key: _item_73(file, item[key], f"{name}.{key}", path, depth + 1)
+            for key in _fields(item)
+        }
     if item.attrs.get("MATLAB_empty"):
         # An empty array is stored as its size.
         return [] if kind in ("char", "cell") else np.empty(tuple(int(n) for n in item[()]))
@@ -170,7 +200,10 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
         return _rows([row.tobytes().decode("utf-16-le") for row in rows])
     if kind == "cell":
         cells = [file[ref] for ref in _vector(np.asarray(values), name, path)]
-        return [_cell(_item_73(file, c, name, path, depth + 1), name, i, path) for i, c in enumerate(cells)]
+        return [
+            _cell(_item_73(file, c, name, path, depth + 1), name, i, path)
+            for i, c in enumerate(cells)
+        ]
     if kind not in _NUMBERS:
         raise FormatError(f"{name}: {_unusable(kind)}", path)
     return _complex(np.asarray(values)).T
@@ -185,9 +218,15 @@ def _is_array_73(item: Any) -> bool:
 
 
 def _array_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> list[Any]:
-    columns = {key: [file[ref] for ref in _vector(np.asarray(item[key][()]), name, path)] for key in _fields(item)}
+    columns = {
+        key: [file[ref] for ref in _vector(np.asarray(item[key][()]), name, path)]
+        for key in _fields(item)
+    }
     return [
-        {key: _item_73(file, column[i], f"{name}({i + 1}).{key}", path, depth + 1) for key, column in columns.items()}
+        {
+            key: _item_73(file, column[i], f"{name}({i + 1}).{key}", path, depth + 1)
+            for key, column in columns.items()
+        }
         for i in range(len(next(iter(columns.values()))))
     ]
 
@@ -227,7 +266,9 @@ def _rows(texts: list[str]) -> list[str]:
 
 def _vector(cells: NDArray[Any], name: str, path: str | Path) -> list[Any]:
     if cells.size not in (0, max(cells.shape, default=1)):
-        raise FormatError(f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path)
+        raise FormatError(
+            f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path
+        )
     return list(cells.ravel())
 
 
@@ -238,5 +279,12 @@ def _cell(value: Any, name: str, at: int, path: str | Path) -> str:
 
 
 def _unusable(kind: str) -> str:
-    hint = " (a MATLAB string array? save cellstr(...) or char(...) of it)" if kind in ("string", "object") else ""
-    return f"MATLAB class {kind!r} cannot be used{hint}; expected numbers, char, a cell array of char, or a struct"
+    hint = (
+        " (a MATLAB string array? save cellstr(...) or char(...) of it)"
+        if kind in ("string", "object")
+        else ""
+    )
+    return (
+        f"MATLAB class {kind!r} cannot be used{hint}; expected numbers, char, a cell array of char,"
+        " or a struct"
+    )

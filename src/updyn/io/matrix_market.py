@@ -2,8 +2,8 @@
 
 ::
 
-    title = "Gear case"
-    dofs = "dofs.csv"                 # a table, see updyn.io.dof_table; or the labels: ["1:X", "1:Y"]
+    title = "Gear case" dofs = "dofs.csv"                 # a table, see updyn.io.dof_table; or the
+    labels: ["1:X", "1:Y"]
 
     [geometry]                        # optional
     nodes = "nodes.csv"
@@ -18,9 +18,9 @@
     stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
     loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
 
-File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
-those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`; OUTPUT4 and DMIG files of Nastran, as in
-`updyn.io.nastran.matrices`.
+File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or
+general. Where they are those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`;
+OUTPUT4 and DMIG files of Nastran, as in `updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
     Raises
     ------
     FormatError
-        If a key is unknown, a file is missing, or a matrix or a table is not valid; the message says file and line.
+        If a key is unknown, a file is missing, or a matrix or a table is not valid; the message
+        says file and line.
     OptionError
         If an option has no place.
     """
@@ -84,13 +85,17 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
 
         return abaqus.read_model(path, unit=unit, internal=internal)
     if (unit, internal) != ("m", "keep"):
-        raise OptionError(f"{path}: unit and internal are of matrix files of Abaqus; a TOML file says its own")
+        raise OptionError(
+            f"{path}: unit and internal are of matrix files of Abaqus; a TOML file says its own"
+        )
     text = _source(path)
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"at line (\d+)", str(error))
-        raise FormatError(f"not a TOML file: {error}", path, int(line[1]) if line else None) from error
+        raise FormatError(
+            f"not a TOML file: {error}", path, int(line[1]) if line else None
+        ) from error
     if "group" not in table and (found := [name for name in _JOB if name in table]):
         raise FormatError(
             f"looks like a job file (it has {found[0]!r}), not a model: updyn check {path.name}",
@@ -114,15 +119,21 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
         )
     entry.only_known(table, _TOP, "")
     if "group" not in table:
-        raise FormatError(f"no [[group]]; a model needs at least one, with {', '.join(_GROUP)}", path)
+        raise FormatError(
+            f"no [[group]]; a model needs at least one, with {', '.join(_GROUP)}", path
+        )
     if not isinstance(table["group"], list) or not all(isinstance(g, dict) for g in table["group"]):
-        raise FormatError("'group' is not a list of tables; write [[group]]", path, entry.line("group"))
+        raise FormatError(
+            "'group' is not a list of tables; write [[group]]", path, entry.line("group")
+        )
     dofs = _dofs(entry, table)
     groups: dict[str, Group] = {}
     for number, parts in enumerate(table["group"]):
         name, group = _group(entry, parts, number)
         if name in groups:
-            raise FormatError(f"group name {name!r} stands twice", path, entry.line("name", "group", number))
+            raise FormatError(
+                f"group name {name!r} stands twice", path, entry.line("name", "group", number)
+            )
         groups[name] = group
     geometry = _geometry(entry, table["geometry"]) if "geometry" in table else None
     title = entry.text(table, "title") if "title" in table else ""
@@ -135,17 +146,24 @@ def _source(path: Path) -> str:
         raw = file.read()
     if raw.startswith(b"%%MatrixMarket"):
         raise FormatError(
-            "one matrix alone is not a model: write a small TOML file beside it and read that. It holds: "
-            'dofs = "dofs.csv" (header "dof", then one label a line such as 12:Z), and for each part [[group]] with '
+            "one matrix alone is not a model: write a small TOML file beside it and read that. It"
+            " holds: "
+            'dofs = "dofs.csv" (header "dof", then one label a line such as 12:Z), and for each'
+            " part [[group]] with "
             f'name = "...", stiffness = "{path.name}", mass = "...", loss_factor = 0.01',
             path,
         )
     if path.suffix.lower() == ".mtx":
-        raise FormatError(f"not a Matrix Market file: it starts with {raw[:16]!r}, expected '%%MatrixMarket'", path)
+        raise FormatError(
+            f"not a Matrix Market file: it starts with {raw[:16]!r}, expected '%%MatrixMarket'",
+            path,
+        )
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FormatError(f"not a text in UTF-8 ({error.reason} at byte {error.start})", path) from error
+        raise FormatError(
+            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
+        ) from error
 
 
 class Entry:
@@ -165,24 +183,34 @@ class Entry:
                 count[current] = count.get(current, -1) + 1
                 if current in (table, key) and (current == key or count[current] == number):
                     header = at
-            elif current == table and count.get(table, 0) == number and re.match(rf'\s*"?{re.escape(key)}"?\s*=', line):
+            elif (
+                current == table
+                and count.get(table, 0) == number
+                and re.match(rf'\s*"?{re.escape(key)}"?\s*=', line)
+            ):
                 return at
         return header
 
-    def only_known(self, table: Mapping[str, Any], known: tuple[str, ...], name: str, number: int = 0) -> None:
+    def only_known(
+        self, table: Mapping[str, Any], known: tuple[str, ...], name: str, number: int = 0
+    ) -> None:
         """Refuse keys that mean nothing here; the nearest known one is named."""
         for key in table:
             if key not in known:
                 where = f" in [{name}]" if name else ""
                 raise FormatError(
-                    f"unknown key {key!r}{where}; {suggest(key, known)}", self.path, self.line(key, name, number)
+                    f"unknown key {key!r}{where}; {suggest(key, known)}",
+                    self.path,
+                    self.line(key, name, number),
                 )
 
     def text(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> str:
         """Return the value of a key, which has to be a text."""
         value = table[key]
         if not isinstance(value, str):
-            raise FormatError(f"{key} is {value!r}; expected a text", self.path, self.line(key, name, number))
+            raise FormatError(
+                f"{key} is {value!r}; expected a text", self.path, self.line(key, name, number)
+            )
         return value
 
     def file(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> Path:
@@ -191,16 +219,26 @@ class Entry:
         found = self.path.parent / given
         if not found.is_file():
             folder = found.parent
-            near = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
-            state = f"; {suggest(found.name, near)}" if near else ": its folder does not exist or is empty"
-            raise FormatError(f"{key}: no such file {given!r}{state}", self.path, self.line(key, name, number))
+            near = (
+                sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
+            )
+            state = (
+                f"; {suggest(found.name, near)}"
+                if near
+                else ": its folder does not exist or is empty"
+            )
+            raise FormatError(
+                f"{key}: no such file {given!r}{state}", self.path, self.line(key, name, number)
+            )
         return found
 
 
 def _dofs(entry: Entry, table: Mapping[str, Any]) -> DofSet:
     if "dofs" not in table:
         raise FormatError(
-            'no \'dofs\': expected dofs = "dofs.csv" (a table) or dofs = ["1:X", "1:Y"] (the labels)', entry.path
+            'no \'dofs\': expected dofs = "dofs.csv" (a table) or dofs = ["1:X", "1:Y"] (the'
+            " labels)",
+            entry.path,
         )
     if isinstance(table["dofs"], list):
         with placed(entry.path, "dofs"):
@@ -211,7 +249,9 @@ def _dofs(entry: Entry, table: Mapping[str, Any]) -> DofSet:
 def _geometry(entry: Entry, table: Any) -> Geometry:
     if not isinstance(table, dict) or "nodes" not in table:
         raise FormatError(
-            "[geometry] needs nodes = 'nodes.csv', and may have lines", entry.path, entry.line("geometry")
+            "[geometry] needs nodes = 'nodes.csv', and may have lines",
+            entry.path,
+            entry.line("geometry"),
         )
     entry.only_known(table, _GEOMETRY, "geometry")
     lines = entry.file(table, "lines", "geometry") if "lines" in table else None
@@ -221,19 +261,31 @@ def _geometry(entry: Entry, table: Any) -> Geometry:
 def _group(entry: Entry, parts: Mapping[str, Any], number: int) -> tuple[str, Group]:
     entry.only_known(parts, _GROUP, "group", number)
     if "name" not in parts:
-        raise FormatError(f"[[group]] number {number + 1} has no name", entry.path, entry.line("name", "group", number))
+        raise FormatError(
+            f"[[group]] number {number + 1} has no name",
+            entry.path,
+            entry.line("name", "group", number),
+        )
     name = entry.text(parts, "name", "group", number)
-    matrices = {what: _matrix(entry.file(parts, what, "group", number)) for what in _MATRICES if what in parts}
+    matrices = {
+        what: _matrix(entry.file(parts, what, "group", number))
+        for what in _MATRICES
+        if what in parts
+    }
     try:
         group = Group(**matrices, **{what: parts[what] for what in DAMPING if what in parts})
     except ModelError as error:
         fault = str(error)
         damping = next((what for what in DAMPING if fault.replace(" ", "_").startswith(what)), None)
-        guilty = next((what for what in _MATRICES if what in parts and fault.startswith(what)), None)
+        guilty = next(
+            (what for what in _MATRICES if what in parts and fault.startswith(what)), None
+        )
         guilty = None if damping else guilty
         key = guilty or damping or "name"
         file = f" ({parts[guilty]})" if guilty else ""
-        raise FormatError(f"group {name!r}: {fault}{file}", entry.path, entry.line(key, "group", number)) from error
+        raise FormatError(
+            f"group {name!r}: {fault}{file}", entry.path, entry.line(key, "group", number)
+        ) from error
     return name, group
 
 
@@ -247,7 +299,9 @@ def _matrix(path: Path) -> Matrix:
                 "complex": "damping goes into loss_factor and viscous",
                 "pattern": "a pattern says where entries stand, not what they are",
             }
-            raise FormatError(f"field {field!r}: expected real; {why.get(field, 'numbers are needed')}", path, 1)
+            raise FormatError(
+                f"field {field!r}: expected real; {why.get(field, 'numbers are needed')}", path, 1
+            )
         if symmetry not in ("symmetric", "general"):
             raise FormatError(f"symmetry {symmetry!r}: expected symmetric or general", path, 1)
         if rows != columns:
@@ -257,7 +311,11 @@ def _matrix(path: Path) -> Matrix:
     twice = np.flatnonzero(np.diff(order) == 0)
     if twice.size:
         i, j = divmod(int(order[twice[0]]), columns)
-        both = "; under the header 'symmetric' only one triangle is stored" if symmetry == "symmetric" else ""
+        both = (
+            "; under the header 'symmetric' only one triangle is stored"
+            if symmetry == "symmetric"
+            else ""
+        )
         raise FormatError(f"entry ({i + 1}, {j + 1}) stands twice{both}", path)
     return matrix.tocsr()
 
@@ -271,8 +329,9 @@ def write_model(model: Model, path: str | Path) -> None:
     model : Model
         The model.
     path : path
-        The TOML file to write, for instance ``case.toml``; the others are called ``case_01_K.mtx``, ``case_dofs.csv``
-        and so on, and are replaced where they exist. The TOML file is written last.
+        The TOML file to write, for instance ``case.toml``; the others are called ``case_01_K.mtx``,
+        ``case_dofs.csv`` and so on, and are replaced where they exist. The TOML file is written
+        last.
 
     Raises
     ------
@@ -283,7 +342,10 @@ def write_model(model: Model, path: str | Path) -> None:
 
     path = Path(path)
     if path.suffix.lower() == ".mtx":
-        raise FormatError(f"a model is more than one matrix; write to {path.with_suffix('.toml').name!r} instead", path)
+        raise FormatError(
+            f"a model is more than one matrix; write to {path.with_suffix('.toml').name!r} instead",
+            path,
+        )
     entry = tomlkit.document()
     if model.title:
         entry["title"] = model.title
@@ -332,4 +394,6 @@ def _write_matrix(matrix: Matrix, path: Path, name: str) -> None:
 
     comment = f" group {name}".encode("ascii", "backslashreplace").decode("ascii")
     with path.open("wb") as file:
-        mmwrite(file, sp.coo_array(matrix), comment=comment, precision=_DIGITS, symmetry="symmetric")
+        mmwrite(
+            file, sp.coo_array(matrix), comment=comment, precision=_DIGITS, symmetry="symmetric"
+        )

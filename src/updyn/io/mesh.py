@@ -31,8 +31,8 @@ def read_model(
     unit : {"m", "mm", "cm", "in"}
         Of the positions in the file; has to be given, as no format says it.
     materials : mapping of str to mapping
-        By physical group the fields of its part, in SI units whatever the unit of the mesh; has to be given. The
-        ``section`` of a beam may be a table, as in a job.
+        By physical group the fields of its part, in SI units whatever the unit of the mesh; has to
+        be given. The ``section`` of a beam may be a table, as in a job.
     leave_out, ungrouped, grounded
         As for `updyn.elements.mesh.structure_from_mesh`.
 
@@ -45,15 +45,20 @@ def read_model(
     OptionError
         If the unit or the materials are not given.
     FormatError
-        If the file cannot be read, a group has no material, a material no group, or a cell no group.
+        If the file cannot be read, a group has no material, a material no group, or a cell no
+        group.
     """
     from updyn.elements.mesh import structure_from_mesh
     from updyn.elements.structure.table import section_from_table
 
     for name, given in (("unit", unit), ("materials", materials)):
         if given is None:
-            raise OptionError(f"{path}: a mesh says nothing of its {name}; expected the option {name!r}")
-    if not isinstance(materials, Mapping) or not all(isinstance(m, Mapping) for m in materials.values()):
+            raise OptionError(
+                f"{path}: a mesh says nothing of its {name}; expected the option {name!r}"
+            )
+    if not isinstance(materials, Mapping) or not all(
+        isinstance(m, Mapping) for m in materials.values()
+    ):
         raise OptionError(f"{path}: materials hold no table for each group")
     with placed(path):
         own = {group: dict(material) for group, material in materials.items()}

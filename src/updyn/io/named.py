@@ -2,9 +2,10 @@
 
 An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB struct). A model is::
 
-    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
-    K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
-    groups                  mapping of group name to K, M, C, loss_factor, name                 } these
+    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6
+    for X Y Z RX RY RZ K, M, C, loss_factor    one group, called "model"; K or M or C at least
+    } one of groups                  mapping of group name to K, M, C, loss_factor, name
+    } these
                             (or one of the ways in `updyn.io.named_groups`)
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
@@ -14,13 +15,11 @@ An item is a number array, a sparse matrix, a list of texts, or a mapping of ite
 
 and an FRF is::
 
-    freq                    n_f lines in Hz
-    H (or values)           complex, (n_f, n_responses, n_references)
-    responses, references   signed labels, or tables of node and direction, negative for the opposite sense
-    quantity                "receptance", "mobility" or "accelerance"
-    coherence, variance     of the shape of H, optional
-    averages, source        optional
-    nodes, xyz, lines, axes geometry, optional
+    freq                    n_f lines in Hz H (or values)           complex, (n_f, n_responses,
+    n_references) responses, references   signed labels, or tables of node and direction, negative
+    for the opposite sense quantity                "receptance", "mobility" or "accelerance"
+    coherence, variance     of the shape of H, optional averages, source        optional nodes, xyz,
+    lines, axes geometry, optional
 """
 
 from __future__ import annotations
@@ -40,7 +39,19 @@ from updyn.geometry import Geometry
 from updyn.group import VALUES
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.guard import known_only, placed
-from updyn.io.items import Items, dofs, kind_of, listed, matrix, number, numbers, real, text, vector, whole
+from updyn.io.items import (
+    Items,
+    dofs,
+    kind_of,
+    listed,
+    matrix,
+    number,
+    numbers,
+    real,
+    text,
+    vector,
+    whole,
+)
 from updyn.io.named_groups import refuse_triangle, with_groups
 from updyn.model import Group, Model
 
@@ -50,7 +61,18 @@ _GEOMETRY = ("nodes", "xyz", "lines", "axes")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
 _MARKS = ("updyn_kind", "updyn_version")
 _MODEL = ("dofs", "groups", *_MATRICES, *DAMPING, "title", *_GEOMETRY, *_MARKS)
-_FRF = ("freq", "H", "values", "responses", "references", "quantity", "coherence", "variance", "averages", "source")
+_FRF = (
+    "freq",
+    "H",
+    "values",
+    "responses",
+    "references",
+    "quantity",
+    "coherence",
+    "variance",
+    "averages",
+    "source",
+)
 _AXES = ("freq", "response", "reference")
 
 
@@ -74,17 +96,22 @@ def build_model(items: Items, path: str | Path) -> Model:
     elif plain:
         groups = {"model": _group({name: items[name] for name in plain}, "model", path)}
     else:
-        raise FormatError(f"no matrix: expected K, M or C, or groups of them; found: {listed(items)}", path)
+        raise FormatError(
+            f"no matrix: expected K, M or C, or groups of them; found: {listed(items)}", path
+        )
     if "dofs" not in items:
         size = next(iter(groups.values())).n_dofs
         raise FormatError(
-            f"no 'dofs': the {size} DOFs need labels such as '12:Z' (or a table of node and direction 1..6); found: "
-            f"{listed(items)}",
+            f"no 'dofs': the {size} DOFs need labels such as '12:Z' (or a table of node and"
+            f" direction 1..6); found: {listed(items)}",
             path,
         )
     with placed(path):
         return Model.from_groups(
-            groups, dofs(items["dofs"], "dofs", path), geometry=_geometry(items, path), title=_title(items, path)
+            groups,
+            dofs(items["dofs"], "dofs", path),
+            geometry=_geometry(items, path),
+            title=_title(items, path),
         )
 
 
@@ -98,7 +125,9 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
     out: dict[str, Group] = {}
     for key, parts in given.items():
         if not isinstance(parts, Mapping):
-            raise FormatError(f"groups: {key!r} is {kind_of(parts)}; expected K, M, C and loss_factor in it", path)
+            raise FormatError(
+                f"groups: {key!r} is {kind_of(parts)}; expected K, M, C and loss_factor in it", path
+            )
         name = text(parts["name"], f"name of group {key!r}", path) if "name" in parts else key
         if name in out:
             raise FormatError(f"group {name!r} stands twice", path)
@@ -109,10 +138,16 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
 def _group(parts: Items, name: str, path: str | Path) -> Group:
     where = f"group {name!r}"
     known_only(parts, (*_MATRICES, *DAMPING), path, where)
-    matrices = {what: matrix(parts[key], f"{where}: {key}", path) for key, what in _MATRICES.items() if key in parts}
+    matrices = {
+        what: matrix(parts[key], f"{where}: {key}", path)
+        for key, what in _MATRICES.items()
+        if key in parts
+    }
     for what, given in matrices.items():
         refuse_triangle(given, f"{where}: {what}", path)
-    damping: dict[str, Any] = {name: number(parts[name], f"{where}: {name}", path) for name in VALUES if name in parts}
+    damping: dict[str, Any] = {
+        name: number(parts[name], f"{where}: {name}", path) for name in VALUES if name in parts
+    }
     if "loss_table" in parts:
         damping["loss_table"] = real(parts["loss_table"], f"{where}: loss_table", path)
     with placed(path, where):
@@ -124,12 +159,20 @@ def model_items(model: Model) -> dict[str, Any]:
     groups: dict[str, dict[str, Any]] = {}
     for name, group in model.groups.items():
         parts: dict[str, Any] = {
-            key: getattr(group, what) for key, what in _MATRICES.items() if getattr(group, what) is not None
+            key: getattr(group, what)
+            for key, what in _MATRICES.items()
+            if getattr(group, what) is not None
         }
         groups[name] = {**parts, **plain_damping(group)}
         if group.loss_table is not None:
-            groups[name]["loss_table"] = np.array([group.loss_table.freq, group.loss_table.relative])
-    items: dict[str, Any] = {"dofs": model.dofs.labels, "groups": groups, **_geometry_items(model.geometry)}
+            groups[name]["loss_table"] = np.array(
+                [group.loss_table.freq, group.loss_table.relative]
+            )
+    items: dict[str, Any] = {
+        "dofs": model.dofs.labels,
+        "groups": groups,
+        **_geometry_items(model.geometry),
+    }
     return {**_marks("model"), **({"title": model.title} if model.title else {}), **items}
 
 
@@ -159,7 +202,8 @@ def build_frf(
     response_labels, reference_labels : iterable of str or Dof, optional
         What the rows and columns are, where the file does not say.
     order : sequence of str, optional
-        What the axes of the stored array are, where they are not ``("freq", "response", "reference")``.
+        What the axes of the stored array are, where they are not ``("freq", "response",
+        "reference")``.
 
     Raises
     ------
@@ -170,12 +214,17 @@ def build_frf(
     """
     if duplicates != "raise":
         raise OptionError(
-            f"duplicates={duplicates!r}: this format holds every response and reference once; only 'raise' applies"
+            f"duplicates={duplicates!r}: this format holds every response and reference once; only"
+            " 'raise' applies"
         )
     _check_kind(items, "frf", path)
     known_only(items, (*_FRF, *_GEOMETRY, *_MARKS), path)
     key = _values_key(items, path)
-    options = {"responses": "response_labels", "references": "reference_labels", "quantity": "quantity"}
+    options = {
+        "responses": "response_labels",
+        "references": "reference_labels",
+        "quantity": "quantity",
+    }
     given = {"responses": response_labels, "references": reference_labels, "quantity": quantity}
     lacking = [name for name in ("freq", *options) if name not in items and given.get(name) is None]
     if lacking:
@@ -183,8 +232,9 @@ def build_frf(
         offered = [f"{options[name]}=..." for name in lacking if name in options]
         hint = f"; can also be given when reading: {', '.join(offered)}" if offered else ""
         raise FormatError(
-            f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape {shape}); expected "
-            f"freq, H (lines, responses, references), responses, references, quantity{hint}",
+            f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape"
+            f" {shape}); expected freq, H (lines, responses, references), responses, references,"
+            f" quantity{hint}",
             path,
         )
     freq = vector(items["freq"], "freq", path)
@@ -244,12 +294,18 @@ def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: st
         return option if option is not None else DofSet([])
     stored = dofs(items[name], name, path)
     if option is not None and option != stored:
-        raise FormatError(f"{name}: the argument {option!r} contradicts the file, which says {stored!r}", path)
+        raise FormatError(
+            f"{name}: the argument {option!r} contradicts the file, which says {stored!r}", path
+        )
     return stored
 
 
 def _arranged(
-    given: Any, name: str, shape: tuple[int, int, int], order: Sequence[str] | None, path: str | Path
+    given: Any,
+    name: str,
+    shape: tuple[int, int, int],
+    order: Sequence[str] | None,
+    path: str | Path,
 ) -> NDArray[Any]:
     """Return an array as (lines, responses, references). Nothing is guessed from lengths."""
     array = numbers(given, name, path)
@@ -257,11 +313,13 @@ def _arranged(
     if order is not None:
         if sorted(order) != sorted(_AXES):
             raise OptionError(
-                f"order={tuple(order)!r}: expected {', '.join(map(repr, _AXES))} in the order of the file"
+                f"order={tuple(order)!r}: expected {', '.join(map(repr, _AXES))} in the order of"
+                " the file"
             )
         if array.ndim == 3:
             array = array.transpose([list(order).index(axis) for axis in _AXES])
-    # MATLAB has no trailing axis of length 1: with one reference (and one response) the file shows fewer axes.
+    # MATLAB has no trailing axis of length 1: with one reference (and one response) the file shows
+    # fewer axes.
     if array.ndim == 2 and shape[2] == 1 and order is None:
         array = array[:, :, None]
     if array.shape != shape:
@@ -281,15 +339,18 @@ def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
         return ""
     if len(fits) > 1:
         return "; more than one order of its axes would fit: say which with order=(...)"
-    return f"; if its axes are as their lengths suggest, read with order={tuple(_AXES[i] for i in fits[0])!r}"
+    return (
+        "; if its axes are as their lengths suggest, read with"
+        f" order={tuple(_AXES[i] for i in fits[0])!r}"
+    )
 
 
 def _check_phase(array: NDArray[Any], name: str, path: str | Path) -> None:
     """Refuse what looks like magnitudes. MATLAB stores an FRF without damping as real numbers, of both signs."""
     if array.dtype.kind != "c" and array.size and not (array < 0).any():
         raise FormatError(
-            f"{name}: holds real numbers, none of them negative: a magnitude without phase cannot be used; expected "
-            "complex numbers",
+            f"{name}: holds real numbers, none of them negative: a magnitude without phase cannot"
+            " be used; expected complex numbers",
             path,
         )
 
@@ -338,8 +399,14 @@ def _geometry(items: Items, path: str | Path) -> Geometry | None:
         return None
     lacking = [name for name in ("nodes", "xyz") if name not in given]
     if lacking:
-        raise FormatError(f"holds {given[0]!r} but no {lacking[0]!r}; a geometry needs nodes and xyz", path)
-    lines = whole(items["lines"], "lines", path) if "lines" in items else np.empty((0, 2), dtype=np.int64)
+        raise FormatError(
+            f"holds {given[0]!r} but no {lacking[0]!r}; a geometry needs nodes and xyz", path
+        )
+    lines = (
+        whole(items["lines"], "lines", path)
+        if "lines" in items
+        else np.empty((0, 2), dtype=np.int64)
+    )
     if lines.ndim != 2 or lines.shape[1] != 2:
         raise FormatError(f"lines: found shape {lines.shape}; expected (m, 2) node numbers", path)
     nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)

@@ -1,10 +1,10 @@
 """The ways in which people store a model's matrices by part, brought to one: a mapping of group name to K, M, C.
 
-Besides ``groups.NAME.K`` (`updyn.io.named`): a struct array ``groups`` with fields name, K, M, C, loss_factor; and
-``K``, ``M``, ``C`` as structs themselves, a field for each part (``K.shaft``, ``M.shaft``), and so ``loss_factor`` and
-the other damping. Labels may be ``dof_ref``,
-node and direction 0 to 5, as ansys-mapdl-reader returns them and the ``MK_model`` of pyFBS keeps them. The matrices
-that ansys-mapdl-reader returns are upper triangles, which are refused with that word.
+Besides ``groups.NAME.K`` (`updyn.io.named`): a struct array ``groups`` with fields name, K, M, C,
+loss_factor; and ``K``, ``M``, ``C`` as structs themselves, a field for each part (``K.shaft``,
+``M.shaft``), and so ``loss_factor`` and the other damping. Labels may be ``dof_ref``, node and
+direction 0 to 5, as ansys-mapdl-reader returns them and the ``MK_model`` of pyFBS keeps them. The
+matrices that ansys-mapdl-reader returns are upper triangles, which are refused with that word.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ def with_groups(items: Items, path: str | Path) -> Items:
     Raises
     ------
     FormatError
-        If two ways are mixed, a part has no name or stands twice, or ``dof_ref`` is no table of node and direction.
+        If two ways are mixed, a part has no name or stands twice, or ``dof_ref`` is no table of
+        node and direction.
     """
     out = dict(items)
     if "dof_ref" in out:
@@ -40,8 +41,9 @@ def with_groups(items: Items, path: str | Path) -> Items:
         table = whole(out.pop("dof_ref"), "dof_ref", path)
         if table.ndim != 2 or table.shape[1] != 2 or not np.isin(table[:, 1], range(6)).all():
             raise FormatError(
-                f"dof_ref: found numbers of shape {table.shape}; expected (N, 2): node, and direction 0..5 for X, Y, "
-                "Z, RX, RY, RZ; a table with directions 1..6 is called dofs",
+                f"dof_ref: found numbers of shape {table.shape}; expected (N, 2): node, and"
+                " direction 0..5 for X, Y, Z, RX, RY, RZ; a table with directions 1..6 is called"
+                " dofs",
                 path,
             )
         out["dofs"] = table + np.array([0, 1])
@@ -52,7 +54,9 @@ def with_groups(items: Items, path: str | Path) -> Items:
         return out
     if "groups" in out or any(key in out and key not in split for key in _MATRICES):
         other = next(key for key in ("groups", *_MATRICES) if key in out and key not in split)
-        raise FormatError(f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path)
+        raise FormatError(
+            f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path
+        )
     groups: dict[str, dict[str, Any]] = {}
     for key in split:
         for name, part in out.pop(key).items():
@@ -69,7 +73,9 @@ def _by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
     given = out.pop(key, {})
     if not isinstance(given, Mapping):
         found = "one table" if key == "loss_table" else f"{number(given, key, path):g}"
-        raise FormatError(f"{key} is {found} for several parts; expected a struct with one for each", path)
+        raise FormatError(
+            f"{key} is {found} for several parts; expected a struct with one for each", path
+        )
     return dict(given)
 
 
@@ -79,11 +85,14 @@ def _from_array(parts: list[Any], path: str | Path) -> dict[str, Any]:
         if not isinstance(part, Mapping):
             raise FormatError(f"groups: expected one struct a group, found {kind_of(parts)}", path)
         if "name" not in part:
-            raise FormatError(f"groups({i}) has no field 'name'; it has {', '.join(map(str, part))}", path)
+            raise FormatError(
+                f"groups({i}) has no field 'name'; it has {', '.join(map(str, part))}", path
+            )
         name = text(part["name"], f"groups({i}).name", path)
         if name in groups:
             raise FormatError(f"group {name!r} stands twice", path)
-        # An element of a struct array has all fields of the others; those that it does not need are empty.
+        # An element of a struct array has all fields of the others; those that it does not need are
+        # empty.
         groups[name] = {key: value for key, value in part.items() if not _empty(value)}
     return groups
 
@@ -108,7 +117,7 @@ def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
     if upper != lower:
         side, other = ("upper", "triu(K, 1)") if upper else ("lower", "tril(K, -1)")
         raise FormatError(
-            f"{name}: holds the {side} triangle only, as programs store a symmetric matrix; expected all of it: "
-            f"K + {other}' completes it",
+            f"{name}: holds the {side} triangle only, as programs store a symmetric matrix;"
+            f" expected all of it: K + {other}' completes it",
             path,
         )

@@ -1,7 +1,8 @@
 """FRFs as netCDF-4, which is HDF5: the dataset of `FRF.to_xarray`, with ``updyn_kind = "frf"`` at the top.
 
-Any xarray opens the file. ``frf`` is complex, stored as h5netcdf stores it (a compound of two doubles, the convention
-that the netCDF library shares). For programs that cannot write that, two real variables ``frf_real`` and ``frf_imag``
+Any xarray opens the file. ``frf`` is complex, stored as h5netcdf stores it (a compound of two
+doubles, the convention that the netCDF library shares). For programs that cannot write that, two
+real variables ``frf_real`` and ``frf_imag``
 are read as well. Expected::
 
     frf (freq, response, reference)        or frf_real and frf_imag
@@ -49,25 +50,31 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
     Raises
     ------
     FormatError
-        If the file is damaged, holds a model or a result (the right reader is named), or lacks a variable.
+        If the file is damaged, holds a model or a result (the right reader is named), or lacks a
+        variable.
     """
     import h5py
     import xarray as xr
 
     if duplicates != "raise":
         raise OptionError(
-            f"duplicates={duplicates!r}: this format holds every response and reference once; only 'raise' applies"
+            f"duplicates={duplicates!r}: this format holds every response and reference once; only"
+            " 'raise' applies"
         )
     with Path(path).open("rb") as file:
         if file.read(3) == b"CDF":
-            raise FormatError("a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path)
+            raise FormatError(
+                "a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path
+            )
     with library(path, "netCDF-4 file"):
         with h5py.File(path, "r") as file:
             if "updyn_kind" in file.attrs:
                 check_kind(file, path, "frf")
             elif "frf" not in file and "frf_real" not in file:
                 held = ", ".join(sorted(map(str, file))[:8]) or "nothing"
-                raise FormatError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
+                raise FormatError(
+                    f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path
+                )
         with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
             data.load()
         with placed(path):
@@ -81,8 +88,8 @@ def _joined(data: xr.Dataset, path: str | Path) -> xr.Dataset:
         return data
     if len(parts) == 1 or "frf" in data.variables:
         raise FormatError(
-            f"holds {', '.join(sorted(n for n in ('frf', *parts) if n in data.variables))}; expected 'frf', or both "
-            "'frf_real' and 'frf_imag'",
+            f"holds {', '.join(sorted(n for n in ('frf', *parts) if n in data.variables))};"
+            " expected 'frf', or both 'frf_real' and 'frf_imag'",
             path,
         )
     if data["frf_real"].dims != data["frf_imag"].dims:

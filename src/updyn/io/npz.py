@@ -1,7 +1,8 @@
 """NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
 
-A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group is called "model".
-Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and ``loss_table``, see `updyn.io.named`.
+A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group
+is called "model". Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and
+``loss_table``, see `updyn.io.named`.
 
 A model with several groups, ``NAME`` being a group's name (without dots)::
 
@@ -11,9 +12,9 @@ A model with several groups, ``NAME`` being a group's name (without dots)::
     NAME.K.data, NAME.K.indices, NAME.K.indptr
     NAME.loss_factor
 
-FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All other names, common
-to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System`` of SDynPy is told by its names, see
-`updyn.io.sdynpy`.
+FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All
+other names, common to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System``
+of SDynPy is told by its names, see `updyn.io.sdynpy`.
 """
 
 from __future__ import annotations
@@ -52,13 +53,14 @@ def read_model(path: str | Path) -> Model:
     Raises
     ------
     FormatError
-        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not valid.
+        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
+        valid.
     """
     arrays = _arrays(path)
     if {"format", "shape", *_CSR} <= set(arrays):
         raise FormatError(
-            "holds one sparse matrix as scipy.sparse.save_npz writes it; a model needs K, M and dofs in one archive, "
-            "see updyn.io.npz",
+            "holds one sparse matrix as scipy.sparse.save_npz writes it; a model needs K, M and"
+            " dofs in one archive, see updyn.io.npz",
             path,
         )
     if is_system(arrays):
@@ -110,13 +112,14 @@ def read_frf(
     response_labels, reference_labels : iterable of str or Dof, optional
         What the rows and columns are, where the file does not say; a contradiction is an error.
     order : sequence of str, optional
-        What the axes of the stored array are, for instance ``("reference", "response", "freq")``; by default
-        ``("freq", "response", "reference")``.
+        What the axes of the stored array are, for instance ``("reference", "response", "freq")``;
+        by default ``("freq", "response", "reference")``.
 
     Raises
     ------
     FormatError
-        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not valid.
+        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
+        valid.
     """
     items = _nested(_arrays(path), path)
     return build_frf(
@@ -146,18 +149,23 @@ def write_frf(frf: FRF, path: str | Path) -> None:
 def _save(items: dict[str, Any], path: str | Path) -> None:
     # Through an open file: given a name, numpy appends a suffix where it misses one.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **{name: np.asarray(value) for name, value in items.items()})
+        np.savez(
+            file, allow_pickle=False, **{name: np.asarray(value) for name, value in items.items()}
+        )
 
 
 def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     with Path(path).open("rb") as file:
         start = file.read(8)
     if start.startswith(b"\x93NUMPY"):
-        raise FormatError("holds one array (.npy); expected an archive of named arrays, see numpy.savez", path)
+        raise FormatError(
+            "holds one array (.npy); expected an archive of named arrays, see numpy.savez", path
+        )
     if not start.startswith(b"PK"):
         raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
     out: dict[str, NDArray[Any]] = {}
-    # Through an open file: numpy leaves one that it opened itself open where the archive is damaged.
+    # Through an open file: numpy leaves one that it opened itself open where the archive is
+    # damaged.
     with (
         Path(path).open("rb") as file,
         library(path, ".npz archive"),
@@ -172,8 +180,8 @@ def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
                 if "pickle" not in str(error):
                     raise
                 raise FormatError(
-                    f"{name}: holds Python objects (pickled), which are never read; store numbers, or texts as an "
-                    "array of text",
+                    f"{name}: holds Python objects (pickled), which are never read; store numbers,"
+                    " or texts as an array of text",
                     path,
                 ) from error
             if not isinstance(array, np.ndarray):
@@ -198,10 +206,14 @@ def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]
     if not isinstance(names, list):
         raise FormatError(f"groups: found {kind_of(names)}; expected an array of group names", path)
     if len(set(names)) != len(names):
-        raise FormatError(f"groups: {next(n for n in names if names.count(n) > 1)!r} stands twice", path)
+        raise FormatError(
+            f"groups: {next(n for n in names if names.count(n) > 1)!r} stands twice", path
+        )
     if set(names) != set(groups):
         lone = sorted(set(names) ^ set(groups))[0]
-        state = f"names {lone!r}, of which there is no array" if lone in names else f"lacks {lone!r}"
+        state = (
+            f"names {lone!r}, of which there is no array" if lone in names else f"lacks {lone!r}"
+        )
         raise FormatError(f"groups: {state}; found: {listed(groups)}", path)
     return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
 
@@ -218,11 +230,19 @@ def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
     for key, triple in triples.items():
         lacking = [part for part in _CSR if part not in triple]
         if lacking or key in out:
-            fault = f"no '{name}.{key}.{lacking[0]}'" if lacking else f"'{name}.{key}' stands both dense and sparse"
-            raise FormatError(f"{fault}; a sparse matrix is stored as .data, .indices and .indptr", path)
+            fault = (
+                f"no '{name}.{key}.{lacking[0]}'"
+                if lacking
+                else f"'{name}.{key}' stands both dense and sparse"
+            )
+            raise FormatError(
+                f"{fault}; a sparse matrix is stored as .data, .indices and .indptr", path
+            )
         data, indices, indptr = (triple[part] for part in _CSR)
         size = int(np.size(indptr)) - 1
-        out[key] = compressed(sp.csr_array, data, indices, indptr, (size, size), f"{name}.{key}", path)
+        out[key] = compressed(
+            sp.csr_array, data, indices, indptr, (size, size), f"{name}.{key}", path
+        )
     return out
 
 
@@ -231,5 +251,9 @@ def _plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
         return array
     if array.ndim > 1:
         raise FormatError(f"{name}: found texts of shape {array.shape}; expected one row", path)
-    texts = array.astype(np.str_) if array.dtype.kind == "U" else np.char.decode(array, "ascii", "backslashreplace")
+    texts = (
+        array.astype(np.str_)
+        if array.dtype.kind == "U"
+        else np.char.decode(array, "ascii", "backslashreplace")
+    )
     return str(texts) if array.ndim == 0 else [str(t) for t in texts]

@@ -1,9 +1,10 @@
 """A model out of a running OpenSees interpreter (openseespy), group by group.
 
-OpenSees forms K, M and C on demand with the integrator GimmeMCK, without taking a step. It has no command that returns
-what an element adds to them; but damping of an element is alphaM times its mass plus betaK times its tangent stiffness
-(Element::getDamp), with factors for each element. With all of them zero but one group's, C is that group's K, or its M:
-the sum of its element matrices, not a difference of runs. What is left of the totals then has to be nothing.
+OpenSees forms K, M and C on demand with the integrator GimmeMCK, without taking a step. It has no
+command that returns what an element adds to them; but damping of an element is alphaM times its
+mass plus betaK times its tangent stiffness (Element::getDamp), with factors for each element. With
+all of them zero but one group's, C is that group's K, or its M: the sum of its element matrices,
+not a difference of runs. What is left of the totals then has to be nothing.
 """
 
 from __future__ import annotations
@@ -26,12 +27,22 @@ from updyn.model import Group, Model
 __all__ = ["from_opensees"]
 
 _LARGEST = 4000  # equations: OpenSees prints full matrices only
-_TOLERANCE = 1e-10  # of the largest entry of row and column, between the sum of the groups and the total
+_TOLERANCE = (
+    1e-10  # of the largest entry of row and column, between the sum of the groups and the total
+)
 _ROUNDING = 1e-13
 #: Direction of each degree of freedom of a node, by number of dimensions and of degrees of freedom.
-_DIRECTIONS = {(1, 1): (0,), (2, 2): (0, 1), (2, 3): (0, 1, 5), (3, 3): (0, 1, 2), (3, 6): (0, 1, 2, 3, 4, 5)}
+_DIRECTIONS = {
+    (1, 1): (0,),
+    (2, 2): (0, 1),
+    (2, 3): (0, 1, 5),
+    (3, 3): (0, 1, 2),
+    (3, 6): (0, 1, 2, 3, 4, 5),
+}
 _BRICK = tuple(
-    [(a, (a + 1) % 4) for a in range(4)] + [(a + 4, (a + 1) % 4 + 4) for a in range(4)] + [(a, a + 4) for a in range(4)]
+    [(a, (a + 1) % 4) for a in range(4)]
+    + [(a + 4, (a + 1) % 4 + 4) for a in range(4)]
+    + [(a, a + 4) for a in range(4)]
 )
 _EDGES = {2: ((0, 1),), 3: ((0, 1), (1, 2), (2, 0)), 4: ((0, 1), (1, 2), (2, 3), (3, 0)), 8: _BRICK}
 _Array = NDArray[np.float64]
@@ -48,21 +59,23 @@ def from_opensees(
 ) -> Model:
     """Take the model that is loaded in OpenSees, in its present state.
 
-    Nodes, elements, loads and displacements stay as they are. Analysis objects and eigenvectors are replaced, and the
-    Rayleigh factors of all elements and nodes are set to `rayleigh` at the end: OpenSees does not say what they were.
+    Nodes, elements, loads and displacements stay as they are. Analysis objects and eigenvectors are
+    replaced, and the Rayleigh factors of all elements and nodes are set to `rayleigh` at the end:
+    OpenSees does not say what they were.
 
     Parameters
     ----------
     ops : module
         ``openseespy.opensees``, with a model in it.
     groups : mapping of str to iterable of int, optional
-        Element tags by group name; elements in none are "remaining". Left out: one group for each type of element,
-        named as OpenSees calls it.
+        Element tags by group name; elements in none are "remaining". Left out: one group for each
+        type of element, named as OpenSees calls it.
     masses : mapping of str to iterable of int, optional
-        Node tags by group name, for masses at nodes (command ``mass``); those in none, and all of them where this is
-        left out, are "nodal mass".
+        Node tags by group name, for masses at nodes (command ``mass``); those in none, and all of
+        them where this is left out, are "nodal mass".
     unit : {"m", "mm", "in"}
-        Consistent units of the model by their unit of length: m-N-kg, mm-N-t, in-lbf, all with seconds.
+        Consistent units of the model by their unit of length: m-N-kg, mm-N-t, in-lbf, all with
+        seconds.
     loss_factor : float
         Structural loss factor of every group with stiffness.
     rayleigh : (float, float, float, float)
@@ -71,21 +84,27 @@ def from_opensees(
     Returns
     -------
     Model
-        In SI, with the equations of the handler "Transformation": constrained degrees of freedom are condensed out
-        exactly. Damping of OpenSees (dashpots, Rayleigh factors as they were) is the group "damping".
+        In SI, with the equations of the handler "Transformation": constrained degrees of freedom
+        are condensed out exactly. Damping of OpenSees (dashpots, Rayleigh factors as they were) is
+        the group "damping".
 
     Raises
     ------
     ModelError
-        If there is no model, it is larger than 4000 equations, a degree of freedom is neither displacement nor rotation
-        (pressures), K, M or C is unsymmetric, or groups do not add up because elements of several groups leave out
-        Rayleigh damping (``zeroLength``, ``truss`` and others, unless made with ``'-doRayleigh', 1``).
+        If there is no model, it is larger than 4000 equations, a degree of freedom is neither
+        displacement nor rotation (pressures), K, M or C is unsymmetric, or groups do not add up
+        because elements of several groups leave out Rayleigh damping (``zeroLength``, ``truss`` and
+        others, unless made with ``'-doRayleigh', 1``).
     OptionError
         If an option is not valid.
     """
     units = system(unit)
-    if not all(hasattr(ops, name) for name in ("getNodeTags", "printA", "setElementRayleighDampingFactors")):
-        raise OptionError(f"ops: expected the module openseespy.opensees (3.5 or later), found {ops!r}")
+    if not all(
+        hasattr(ops, name) for name in ("getNodeTags", "printA", "setElementRayleighDampingFactors")
+    ):
+        raise OptionError(
+            f"ops: expected the module openseespy.opensees (3.5 or later), found {ops!r}"
+        )
     if len(rayleigh) != 4:
         raise OptionError(f"rayleigh={rayleigh!r}: expected alphaM, betaK, betaKinit, betaKcomm")
     elements = _groups_of_elements(ops, groups)
@@ -93,7 +112,8 @@ def from_opensees(
     taken = set(elements) & {*at_nodes, "damping"}
     if taken or "damping" in at_nodes:
         raise OptionError(
-            f"group {min(taken or {'damping'})!r} stands twice: elements, masses and 'damping' differ in name"
+            f"group {min(taken or {'damping'})!r} stands twice: elements, masses and 'damping'"
+            " differ in name"
         )
     _check_free(ops)
     assembly = _Assembly(ops)
@@ -101,22 +121,29 @@ def from_opensees(
     parts = _take_apart(ops, assembly, dofs, elements, at_nodes, rayleigh)
     out: dict[str, Group] = {}
     for name, found in parts.items():
-        matrices = {what: units.to_si(sp.csr_array(m), dofs) for what, m in found.items() if m.any()}
+        matrices = {
+            what: units.to_si(sp.csr_array(m), dofs) for what, m in found.items() if m.any()
+        }
         if matrices:
             gamma = loss_factor if "stiffness" in matrices else 0.0
-            out[name] = Group(matrices.get("stiffness"), matrices.get("mass"), gamma, matrices.get("viscous"))
+            out[name] = Group(
+                matrices.get("stiffness"), matrices.get("mass"), gamma, matrices.get("viscous")
+            )
     return Model.from_groups(out, dofs, geometry=_geometry(ops, units.length))
 
 
 # -- what there is -----------------------------------------------------------------------------------------
-def _groups_of_elements(ops: Any, groups: Mapping[str, Iterable[int]] | None) -> dict[str, list[int]]:
+def _groups_of_elements(
+    ops: Any, groups: Mapping[str, Iterable[int]] | None
+) -> dict[str, list[int]]:
     tags = [int(t) for t in ops.getEleTags() or []]
     if not tags:
         raise ModelError("OpenSees holds no element; build the model before it is taken")
     wet = next((t for t in tags if "UP" in str(ops.eleType(t))), None)
     if wet is not None:
         raise ModelError(
-            f"element {wet} ({ops.eleType(wet)}) has pore pressures; expected displacements and rotations only"
+            f"element {wet} ({ops.eleType(wet)}) has pore pressures; expected displacements and"
+            " rotations only"
         )
     if groups is None:
         by_type: dict[str, list[int]] = {}
@@ -126,7 +153,9 @@ def _groups_of_elements(ops: Any, groups: Mapping[str, Iterable[int]] | None) ->
     out = _parted(groups, set(tags), "element")
     rest = sorted(set(tags) - {t for part in out.values() for t in part})
     if rest and "remaining" in out:
-        raise OptionError("groups: 'remaining' is what elements in no group are called; choose another name")
+        raise OptionError(
+            "groups: 'remaining' is what elements in no group are called; choose another name"
+        )
     return {**out, "remaining": rest} if rest else out
 
 
@@ -141,9 +170,13 @@ def _groups_of_masses(ops: Any, masses: Mapping[str, Iterable[int]] | None) -> d
     return {**out, "nodal mass": rest} if rest else out
 
 
-def _parted(groups: Mapping[str, Iterable[int]], there: set[int], what: str) -> dict[str, list[int]]:
+def _parted(
+    groups: Mapping[str, Iterable[int]], there: set[int], what: str
+) -> dict[str, list[int]]:
     if not isinstance(groups, Mapping):
-        raise OptionError(f"groups: expected a mapping of name to {what} tags, found {type(groups).__name__}")
+        raise OptionError(
+            f"groups: expected a mapping of name to {what} tags, found {type(groups).__name__}"
+        )
     out: dict[str, list[int]] = {}
     owner: dict[int, str] = {}
     for name, tags in groups.items():
@@ -153,9 +186,14 @@ def _parted(groups: Mapping[str, Iterable[int]], there: set[int], what: str) -> 
         for tag in part:
             if tag not in there:
                 near = sorted(there, key=lambda t: (abs(t - tag), t))[:3]
-                raise OptionError(f"group {name!r}: there is no {what} {tag}; nearest: {', '.join(map(str, near))}")
+                raise OptionError(
+                    f"group {name!r}: there is no {what} {tag}; nearest:"
+                    f" {', '.join(map(str, near))}"
+                )
             if owner.setdefault(tag, name) != name:
-                raise OptionError(f"{what} {tag} is in {owner[tag]!r} and in {name!r}; expected one group each")
+                raise OptionError(
+                    f"{what} {tag} is in {owner[tag]!r} and in {name!r}; expected one group each"
+                )
         out[str(name)] = sorted(set(part))
     return out
 
@@ -164,7 +202,11 @@ def _check_free(ops: Any) -> None:
     """Refuse a model without equations: asked for its matrices, OpenSees would end the whole process."""
     count = sum(int(ops.getNDF(n)[0]) for n in map(int, ops.getNodeTags()))
     held = {(n, int(d)) for n in map(int, ops.getFixedNodes() or []) for d in ops.getFixedDOFs(n)}
-    held |= {(n, int(d)) for n in map(int, ops.getConstrainedNodes() or []) for d in ops.getConstrainedDOFs(n)}
+    held |= {
+        (n, int(d))
+        for n in map(int, ops.getConstrainedNodes() or [])
+        for d in ops.getConstrainedDOFs(n)
+    }
     if len(held) >= count:
         raise ModelError("OpenSees has no equation to solve: every degree of freedom is fixed")
 
@@ -178,8 +220,8 @@ def _labels(ops: Any, size: int) -> DofSet:
         directions = _DIRECTIONS.get((dimensions, count))
         if directions is None:
             raise ModelError(
-                f"node {node} has {count} degrees of freedom in {dimensions} dimensions; expected displacements and "
-                "rotations: " + ", ".join(f"{f} in {d}D" for d, f in _DIRECTIONS)
+                f"node {node} has {count} degrees of freedom in {dimensions} dimensions; expected"
+                " displacements and rotations: " + ", ".join(f"{f} in {d}D" for d, f in _DIRECTIONS)
             )
         own = list(range(count))
         if node in tied:  # its own equations come first, then those that it is tied to
@@ -189,10 +231,14 @@ def _labels(ops: Any, size: int) -> DofSet:
             if equation < 0:
                 continue
             if axes[equation] >= 0:
-                raise ModelError(f"equation {equation} belongs to nodes {nodes[equation]} and {node}")
+                raise ModelError(
+                    f"equation {equation} belongs to nodes {nodes[equation]} and {node}"
+                )
             nodes[equation], axes[equation] = node, directions[number]
     if (axes < 0).any():
-        raise ModelError(f"equation {int(np.argmax(axes < 0))} belongs to no node (Lagrange multipliers?)")
+        raise ModelError(
+            f"equation {int(np.argmax(axes < 0))} belongs to no node (Lagrange multipliers?)"
+        )
     return DofSet.from_arrays(nodes, axes)
 
 
@@ -205,7 +251,9 @@ def _geometry(ops: Any, length: float) -> Geometry:
     lines: set[tuple[int, int]] = set()
     for tag in ops.getEleTags():
         ends = [int(n) for n in ops.eleNodes(tag)]
-        lines.update((min(ends[a], ends[b]), max(ends[a], ends[b])) for a, b in _EDGES.get(len(ends), ()))
+        lines.update(
+            (min(ends[a], ends[b]), max(ends[a], ends[b])) for a, b in _EDGES.get(len(ends), ())
+        )
     drawn = np.array(sorted((a, b) for a, b in lines if a != b), dtype=np.int64).reshape(-1, 2)
     return Geometry(nodes, xyz * length, drawn)
 
@@ -223,14 +271,18 @@ class _Assembly:
         ops.algorithm("Linear")
         ops.integrator("GimmeMCK", 0.0, 0.0, 1.0)
         ops.analysis("Transient", "-noWarnings")
-        # It sets up the equations without a step; that the modes of a free or tiny model are not found does not matter.
+        # It sets up the equations without a step; that the modes of a free or tiny model are not
+        # found does not matter.
         with suppress(getattr(ops, "OpenSeesError", RuntimeError)):
             ops.eigen(1)
         self.size = int(ops.systemSize())
         if self.size < 1:
             raise ModelError("OpenSees set up no equation; see what it wrote to the console")
         if self.size > _LARGEST:
-            raise ModelError(f"{self.size} equations; OpenSees prints full matrices, which are taken up to {_LARGEST}")
+            raise ModelError(
+                f"{self.size} equations; OpenSees prints full matrices, which are taken up to"
+                f" {_LARGEST}"
+            )
 
     def form(self, mass: float, damping: float, stiffness: float, what: str) -> _Array:
         """Return the sum of M, C and K with these factors, shape (N, N)."""
@@ -278,7 +330,9 @@ def _take_apart(
             left = _clean(whole - sum(p[what] for p in parts.values()), whole, _TOLERANCE)
             if left.any():
                 name = _silent(ops, assembly, total, elements, what, left, dofs)
-                parts[name][what] = _clean(parts[name][what] + whole - sum(p[what] for p in parts.values()), whole)
+                parts[name][what] = _clean(
+                    parts[name][what] + whole - sum(p[what] for p in parts.values()), whole
+                )
     finally:
         ops.rayleigh(*map(float, rayleigh))
     return {**parts, **points, "damping": {"viscous": C}}
@@ -287,7 +341,11 @@ def _take_apart(
 @contextmanager
 def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Callable[..., None]]:
     """Take the masses off the nodes; gives a function that puts some back, or off again with the factor 0."""
-    before = {node: [float(m) for m in ops.nodeMass(node)] for nodes in at_nodes.values() for node in nodes}
+    before = {
+        node: [float(m) for m in ops.nodeMass(node)]
+        for nodes in at_nodes.values()
+        for node in nodes
+    }
 
     def put(nodes: Iterable[int], factor: float = 1.0) -> None:
         for node in nodes:
@@ -338,15 +396,19 @@ def _silent(
     if len(quiet) == 1:
         return next(iter(quiet))
     i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(left)), left.shape))
-    who = "; ".join(f"{n!r}: {ops.eleType(t[0])} {', '.join(map(str, t[:3]))}" for n, t in quiet.items())
+    who = "; ".join(
+        f"{n!r}: {ops.eleType(t[0])} {', '.join(map(str, t[:3]))}" for n, t in quiet.items()
+    )
     raise ModelError(
-        f"the groups do not add up to the {what} of OpenSees: {left[i, j]:.3g} is left at {dofs[i]}, {dofs[j]}. "
-        "Elements of several groups take no Rayleigh damping, through which their matrices are read "
-        f"({who or 'some of a type'}); make them with '-doRayleigh', 1"
+        f"the groups do not add up to the {what} of OpenSees: {left[i, j]:.3g} is left at"
+        f" {dofs[i]}, {dofs[j]}. Elements of several groups take no Rayleigh damping, through which"
+        f" their matrices are read ({who or 'some of a type'}); make them with '-doRayleigh', 1"
     )
 
 
 def _clean(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
     """Return a difference without what rounding leaves, as a share of the largest entry of row and column."""
     scale = np.abs(whole).max(axis=1)
-    return np.where(np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :]), 0.0, matrix)
+    return np.where(
+        np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :]), 0.0, matrix
+    )

@@ -36,8 +36,9 @@ def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) ->
     plant : Plant
         A continuous or sampled one.
     path : path
-        File to write; its suffix chooses the format: ``.json`` (everything, exactly), ``.mat`` (MATLAB), ``.npz``
-        (NumPy), ``.h`` (a C99 header with the matrices and a function that steps or derives).
+        File to write; its suffix chooses the format: ``.json`` (everything, exactly), ``.mat``
+        (MATLAB), ``.npz`` (NumPy), ``.h`` (a C99 header with the matrices and a function that steps
+        or derives).
     format : {"json", "mat", "npz", "header"}, optional
         To force the format.
 
@@ -106,7 +107,9 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
         for candidate in able:
             if candidate.name == name:
                 return candidate
-        raise FormatError(f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path)
+        raise FormatError(
+            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+        )
     told: list[Format] = []
     if verb == "read_plant":
         start = _start(path)
@@ -115,8 +118,15 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
     for candidate in (*(f for f in told if f in by_suffix), *told, *by_suffix):
         return candidate
     known = ", ".join(s for f in able for s in f.suffixes)
-    hint = " (a header is for compilers: read the plant from another file)" if path.suffix.lower() == ".h" else ""
-    raise FormatError(f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}", path)
+    hint = (
+        " (a header is for compilers: read the plant from another file)"
+        if path.suffix.lower() == ".h"
+        else ""
+    )
+    raise FormatError(
+        f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}",
+        path,
+    )
 
 
 def _start(path: Path) -> Any:

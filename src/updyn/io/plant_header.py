@@ -2,16 +2,17 @@
 
 Every name begins with the stem of the file, so that a program can include several plants. Of ``mount.h``::
 
-    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS      sizes
-    MOUNT_DT, MOUNT_DELAY                                sampling interval in s (0.0: continuous), intervals of delay
-    MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR         Hz, and the error in between
-    mount_A, mount_B, mount_C, mount_D                   double, row after row, in SI units
-    mount_input_names, mount_input_units, mount_output_names, mount_output_units
-    mount_output(x, u, y)                                y = C x + D u
+    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS      sizes MOUNT_DT, MOUNT_DELAY
+    sampling interval in s (0.0: continuous), intervals of delay MOUNT_BAND_LOW, MOUNT_BAND_HIGH,
+    MOUNT_ERROR         Hz, and the error in between mount_A, mount_B, mount_C, mount_D
+    double, row after row, in SI units mount_input_names, mount_input_units, mount_output_names,
+    mount_output_units mount_output(x, u, y)                                y = C x + D u
     mount_derivative(x, u, dx)                           of a continuous plant: dx = A x + B u
-    mount_step(x, u, y)                                  of a sampled one: y = C x + D u, then x = A x + B u
+    mount_step(x, u, y)                                  of a sampled one: y = C x + D u, then x = A
+    x + B u
 
-Numbers have the digits that give them back exactly. Nothing is allocated and nothing else is included.
+Numbers have the digits that give them back exactly. Nothing is allocated and nothing else is
+included.
 """
 
 from __future__ import annotations
@@ -62,12 +63,24 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 def _lines(plant: Plant, name: str) -> list[str]:
     upper, (low, high) = name.upper(), map(float, plant.band)
     dt = 0.0 if plant.dt is None else float(plant.dt)
-    kind = "x' = A x + B u" if plant.dt is None else f"x[k+1] = A x[k] + B u[k], a sample every {dt!r} s"
+    kind = (
+        "x' = A x + B u"
+        if plant.dt is None
+        else f"x[k+1] = A x[k] + B u[k], a sample every {dt!r} s"
+    )
     sizes = {"STATES": plant.n_states, "INPUTS": len(plant.inputs), "OUTPUTS": len(plant.outputs)}
     by_size = {"n": f"{upper}_N_STATES", "u": f"{upper}_N_INPUTS", "y": f"{upper}_N_OUTPUTS"}
-    matrices = (("A", "nn", plant.A), ("B", "nu", plant.B), ("C", "yn", plant.C), ("D", "yu", plant.D))
+    matrices = (
+        ("A", "nn", plant.A),
+        ("B", "nu", plant.B),
+        ("C", "yn", plant.C),
+        ("D", "yu", plant.D),
+    )
     out = [
-        f"/* Plant {name}, written by updyn {__version__}: {kind}, y = C x + D u; SI units, time in s.",
+        (
+            f"/* Plant {name}, written by updyn {__version__}: {kind}, y = C x + D u; SI units,"
+            " time in s."
+        ),
         f" * Made for {low!r} to {high!r} Hz; largest error there {plant.error:.3g} of the peak.",
     ]
     for what, names, units in (
@@ -83,7 +96,10 @@ def _lines(plant: Plant, name: str) -> list[str]:
     if math.isfinite(plant.error):
         out += [f"#define {upper}_ERROR {float(plant.error)!r}"]
     for letter, size, matrix in matrices:
-        out += ["", f"static const double {name}_{letter}[{' * '.join(by_size[s] for s in size)}] = {{"]
+        out += [
+            "",
+            f"static const double {name}_{letter}[{' * '.join(by_size[s] for s in size)}] = {{",
+        ]
         out += [*_rows(matrix), "};"]
     for what, texts in (
         ("input_names", plant.inputs),
@@ -91,9 +107,21 @@ def _lines(plant: Plant, name: str) -> list[str]:
         ("output_names", plant.outputs),
         ("output_units", plant.output_units),
     ):
-        out += ["", f"static const char *const {name}_{what}[{by_size['u' if what[0] == 'i' else 'y']}] = {{"]
+        out += [
+            "",
+            (
+                f"static const char *const {name}_{what}[{by_size['u' if what[0] == 'i' else 'y']}]"
+                " = {"
+            ),
+        ]
         out += [*_listed([_string(text) for text in texts], 1), "};"]
-    return [*out, "", *_functions(name, by_size, sampled=plant.dt is not None), "", f"#endif /* {upper}_H */"]
+    return [
+        *out,
+        "",
+        *_functions(name, by_size, sampled=plant.dt is not None),
+        "",
+        f"#endif /* {upper}_H */",
+    ]
 
 
 def _functions(name: str, size: dict[str, str], *, sampled: bool) -> list[str]:
@@ -131,7 +159,9 @@ def _functions(name: str, size: dict[str, str], *, sampled: bool) -> list[str]:
     ]
 
 
-def _product(name: str, into: str, first: tuple[str, str, str], second: tuple[str, str, str], rows: str) -> list[str]:
+def _product(
+    name: str, into: str, first: tuple[str, str, str], second: tuple[str, str, str], rows: str
+) -> list[str]:
     out = [f"    for (int i = 0; i < {rows}; i++) {{", "        double sum = 0.0;"]
     for matrix, columns, vector in (first, second):
         out += [
@@ -157,9 +187,16 @@ def _listed(items: Sequence[str], a_line: int) -> list[str]:
 
 def _comment(text: str) -> str:
     """Return a text that neither ends a comment nor begins another."""
-    return "".join(letter if _PLAIN.match(letter) else "_" for letter in text.replace("*/", "__").replace("/*", "__"))
+    return "".join(
+        letter if _PLAIN.match(letter) else "_"
+        for letter in text.replace("*/", "__").replace("/*", "__")
+    )
 
 
 def _string(text: str) -> str:
     """Return a C string; what is not plain is written octal, byte by byte of UTF-8: no trigraph, quote or newline."""
-    return '"' + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text) + '"'
+    return (
+        '"'
+        + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text)
+        + '"'
+    )

@@ -2,15 +2,15 @@
 
 Items (`plant_items`), as ``.json`` has them::
 
-    format, schema                       "updyn plant", 1
-    A, B, C, D                           (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
-    dt, delay                            sampling interval in s, None where continuous; intervals of delay within A
-    inputs                               one {name, unit, weights, rotation} each; weights by DOF label
-    outputs                              the same with quantity
-    band                                 Hz
-    tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
+    format, schema                       "updyn plant", 1 A, B, C, D                           (n,
+    n), (n, n_u), (n_y, n), (n_y, n_u), in SI units dt, delay                            sampling
+    interval in s, None where continuous; intervals of delay within A inputs
+    one {name, unit, weights, rotation} each; weights by DOF label outputs
+    the same with quantity band                                 Hz tolerance, error, peak_error,
+    route, rigid, modes, facts    see `updyn.control.plant.Plant`
 
-Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so of ``outputs``
+Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so
+of ``outputs``
 (`flat_items`)::
 
     inputs, input_units                  names and units
@@ -48,7 +48,19 @@ NO_PLANT = "this file holds no plant"
 _MATRICES = ("A", "B", "C", "D")
 _NUMBERS = ("tolerance", "error", "peak_error")
 _COUNTS = ("delay", "rigid")
-_KEYS = ("format", "schema", "dt", *_COUNTS, "inputs", "outputs", "band", *_NUMBERS, "route", "modes", "facts")
+_KEYS = (
+    "format",
+    "schema",
+    "dt",
+    *_COUNTS,
+    "inputs",
+    "outputs",
+    "band",
+    *_NUMBERS,
+    "route",
+    "modes",
+    "facts",
+)
 _PORT = ("name", "unit", "weights", "rotation")
 _FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", "{}_weight_dof")
 
@@ -60,10 +72,15 @@ def plant_items(plant: Plant) -> dict[str, Any]:
         "schema": SCHEMA,
         "dt": plant.dt,
         "delay": int(plant.delay),
-        "inputs": [_port_items(p, unit) for p, unit in zip(plant.input_ports, plant.input_units, strict=True)],
+        "inputs": [
+            _port_items(p, unit)
+            for p, unit in zip(plant.input_ports, plant.input_units, strict=True)
+        ],
         "outputs": [
             {**_port_items(p, unit), "quantity": quantity}
-            for p, unit, quantity in zip(plant.output_ports, plant.output_units, plant.quantities, strict=True)
+            for p, unit, quantity in zip(
+                plant.output_ports, plant.output_units, plant.quantities, strict=True
+            )
         ],
         "band": [float(f) for f in plant.band],
         **{name: float(getattr(plant, name)) for name in _NUMBERS},
@@ -84,23 +101,35 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         If an item is missing, unknown, not valid or contradicts another; file and item are named.
     """
     if items.get("format") != FORMAT:
-        raise FormatError(f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path)
+        raise FormatError(
+            f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path
+        )
     if items.get("schema") != SCHEMA:
-        raise FormatError(f"schema: found {items.get('schema')!r}; this version of updyn reads {SCHEMA}", path)
+        raise FormatError(
+            f"schema: found {items.get('schema')!r}; this version of updyn reads {SCHEMA}", path
+        )
     _complete(items, (*_KEYS, *_MATRICES), "", path)
     inputs = _ports(items["inputs"], "input", _PORT, path)
     outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
     dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
     if dt is not None and (not is_number(dt) or not np.isfinite(dt) or dt <= 0):
-        raise FormatError(f"dt: found {dt!r}; expected a sampling interval in s above 0, or none", path)
+        raise FormatError(
+            f"dt: found {dt!r}; expected a sampling interval in s above 0, or none", path
+        )
     if band.shape != (2,) or not 0 <= band[0] < band[1] < np.inf:
-        raise FormatError(f"band: found {band.tolist()}; expected its lowest and highest line in Hz", path)
+        raise FormatError(
+            f"band: found {band.tolist()}; expected its lowest and highest line in Hz", path
+        )
     if not isinstance(items["route"], str):
         raise FormatError(f"route: found {items['route']!r}; expected a text", path)
     if not isinstance(items["facts"], Mapping):
-        raise FormatError(f"facts: found {type(items['facts']).__name__}; expected values by name", path)
+        raise FormatError(
+            f"facts: found {type(items['facts']).__name__}; expected values by name", path
+        )
     columns = {"A": 0, "B": len(inputs), "C": 0, "D": len(inputs)}
-    given: dict[str, Any] = {name: _matrix(items[name], columns[name], name, path) for name in _MATRICES}
+    given: dict[str, Any] = {
+        name: _matrix(items[name], columns[name], name, path) for name in _MATRICES
+    }
     given |= {name: _number(items[name], name, path) for name in _NUMBERS}
     given |= {name: _count(items[name], name, path) for name in _COUNTS}
     with placed(path):
@@ -124,7 +153,11 @@ def flat_items(plant: Plant) -> dict[str, Any]:
     out = {**items, "dt": items["dt"] or 0.0, "facts": to_text(items["facts"], "facts of a plant")}
     for side in ("input", "output"):
         ports = items[f"{side}s"]
-        weights = [(number, label, w) for number, p in enumerate(ports, 1) for label, w in p["weights"].items()]
+        weights = [
+            (number, label, w)
+            for number, p in enumerate(ports, 1)
+            for label, w in p["weights"].items()
+        ]
         values = (
             [p["name"] for p in ports],
             [p["unit"] for p in ports],
@@ -134,7 +167,11 @@ def flat_items(plant: Plant) -> dict[str, Any]:
             [label for _, label, _ in weights],
         )
         out.update(zip((name.format(side) for name in _FLAT_PORTS), values, strict=True))
-    return {**out, "band": np.array(items["band"]), "quantities": [p["quantity"] for p in items["outputs"]]}
+    return {
+        **out,
+        "band": np.array(items["band"]),
+        "quantities": [p["quantity"] for p in items["outputs"]],
+    }
 
 
 def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
@@ -150,11 +187,16 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         raise FormatError(f"format: found {told!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
     _complete(flat, list(dict.fromkeys([*_KEYS, *_MATRICES, *ports, "quantities"])), "", path)
-    single = {name: _single(flat[name], name, path) for name in ("schema", "dt", *_COUNTS, *_NUMBERS)}
+    single = {
+        name: _single(flat[name], name, path) for name in ("schema", "dt", *_COUNTS, *_NUMBERS)
+    }
     quantities = _texts(flat["quantities"], "quantities", path)
     outputs = _nested_ports(flat, "output", path)
     if len(quantities) != len(outputs):
-        raise FormatError(f"quantities: found {len(quantities)}, expected {len(outputs)}, one for each output", path)
+        raise FormatError(
+            f"quantities: found {len(quantities)}, expected {len(outputs)}, one for each output",
+            path,
+        )
     return {
         **single,
         "format": told,
@@ -176,14 +218,26 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
     for group in ((names, units, rotation), (weight, port, label)):
         sizes = {name: len(texts.get(name, numbers.get(name, ()))) for name in group}
         if len(set(sizes.values())) > 1:
-            raise FormatError(", ".join(f"{n}: {size} items" for n, size in sizes.items()) + "; expected as many", path)
+            raise FormatError(
+                ", ".join(f"{n}: {size} items" for n, size in sizes.items()) + "; expected as many",
+                path,
+            )
     out: list[dict[str, Any]] = [
-        {"name": name, "unit": unit, "weights": {}, "rotation": {0.0: False, 1.0: True}.get(turns, turns)}
-        for name, unit, turns in zip(texts[names], texts[units], numbers[rotation].tolist(), strict=True)
+        {
+            "name": name,
+            "unit": unit,
+            "weights": {},
+            "rotation": {0.0: False, 1.0: True}.get(turns, turns),
+        }
+        for name, unit, turns in zip(
+            texts[names], texts[units], numbers[rotation].tolist(), strict=True
+        )
     ]
     for number, value, dof in zip(numbers[port], numbers[weight], texts[label], strict=True):
         if number not in range(1, len(out) + 1):
-            raise FormatError(f"{port}: found {number:g}; expected the number of one of {len(out)} {side}s", path)
+            raise FormatError(
+                f"{port}: found {number:g}; expected the number of one of {len(out)} {side}s", path
+            )
         weights = out[int(number) - 1]["weights"]
         if dof in weights:
             raise FormatError(f"{label}: {side} {int(number)} has {dof!r} twice", path)
@@ -193,10 +247,17 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
 
 # -- one item ----------------------------------------------------------------------------------------------
 def _port_items(port: Port, unit: str) -> dict[str, Any]:
-    return {"name": port.name, "unit": unit, "weights": dict(port.weights), "rotation": bool(port.rotation)}
+    return {
+        "name": port.name,
+        "unit": unit,
+        "weights": dict(port.weights),
+        "rotation": bool(port.rotation),
+    }
 
 
-def _ports(found: Any, what: str, keys: tuple[str, ...], path: str | Path) -> list[tuple[Port, str]]:
+def _ports(
+    found: Any, what: str, keys: tuple[str, ...], path: str | Path
+) -> list[tuple[Port, str]]:
     """Return ports with their quantities, which inputs do not have."""
     if not isinstance(found, list) or not all(isinstance(p, Mapping) for p in found):
         raise FormatError(f"{what}s: expected a list of ports", path)
@@ -205,15 +266,21 @@ def _ports(found: Any, what: str, keys: tuple[str, ...], path: str | Path) -> li
         place = f"{what}s, number {number}"
         _complete(one, keys, place, path)
         if not isinstance(one["rotation"], bool):
-            raise FormatError(f"{place}: rotation is {one['rotation']!r}; expected true or false", path)
+            raise FormatError(
+                f"{place}: rotation is {one['rotation']!r}; expected true or false", path
+            )
         with placed(path, place):
             port = Port(one["name"], one["weights"], one["rotation"])
         quantity = one.get("quantity", "")
         if "quantity" in keys and quantity not in QUANTITIES:
-            raise FormatError(f"{place}: quantity {quantity!r}; {suggest(str(quantity), QUANTITIES)}", path)
+            raise FormatError(
+                f"{place}: quantity {quantity!r}; {suggest(str(quantity), QUANTITIES)}", path
+            )
         unit = port.motion_unit(quantity) if quantity else port.force_unit
         if one["unit"] != unit:
-            raise FormatError(f"{place}: unit {one['unit']!r}, but that of this port is {unit!r}", path)
+            raise FormatError(
+                f"{place}: unit {one['unit']!r}, but that of this port is {unit!r}", path
+            )
         out.append((port, quantity))
     with placed(path, f"{what}s"):
         as_ports([port for port, _ in out], what)
@@ -235,21 +302,36 @@ def _matrix(found: Any, columns: int, name: str, path: str | Path) -> NDArray[np
 
 def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.float64]:
     """Return an array of real numbers of so many axes."""
-    if isinstance(found, list) and not all(map(is_number, found)) and not all(isinstance(r, list) for r in found):
+    if (
+        isinstance(found, list)
+        and not all(map(is_number, found))
+        and not all(isinstance(r, list) for r in found)
+    ):
         raise FormatError(f"{name}: holds something that is not a number", path)
     rows = found if isinstance(found, list) and all(isinstance(r, list) for r in found) else []
     for number, row in enumerate(rows, 1):
         if not all(map(is_number, row)) or len(row) != len(rows[0]):
-            wrong = "holds something that is not a number" if len(row) == len(rows[0]) else f"has {len(row)} numbers"
-            raise FormatError(f"{name}: row {number} {wrong}; expected {len(rows[0])} numbers", path)
-    if not isinstance(found, list | np.ndarray) or (isinstance(found, np.ndarray) and found.dtype.kind not in "fiu"):
+            wrong = (
+                "holds something that is not a number"
+                if len(row) == len(rows[0])
+                else f"has {len(row)} numbers"
+            )
+            raise FormatError(
+                f"{name}: row {number} {wrong}; expected {len(rows[0])} numbers", path
+            )
+    if not isinstance(found, list | np.ndarray) or (
+        isinstance(found, np.ndarray) and found.dtype.kind not in "fiu"
+    ):
         raise FormatError(f"{name}: expected real numbers, found {type(found).__name__}", path)
     try:
         array = np.asarray(found, dtype=np.float64)
     except OverflowError as error:
         raise FormatError(f"{name}: holds a number that is too large", path) from error
     if array.ndim != ndim:
-        raise FormatError(f"{name}: found shape {array.shape}; expected {ndim} ax{'i' if ndim == 1 else 'e'}s", path)
+        raise FormatError(
+            f"{name}: found shape {array.shape}; expected {ndim} ax{'i' if ndim == 1 else 'e'}s",
+            path,
+        )
     return array
 
 
@@ -276,7 +358,11 @@ def _row(found: Any, name: str, path: str | Path) -> NDArray[np.float64]:
     """Return numbers in one axis; to MATLAB a row and a column are matrices."""
     if isinstance(found, list) and not found:
         return np.zeros(0)
-    if not isinstance(found, np.ndarray) or found.dtype.kind not in "fiub" or found.size != max((*found.shape, 1)):
+    if (
+        not isinstance(found, np.ndarray)
+        or found.dtype.kind not in "fiub"
+        or found.size != max((*found.shape, 1))
+    ):
         if isinstance(found, np.ndarray) and not found.size:
             return np.zeros(0)
         raise FormatError(f"{name}: expected one row of numbers", path)

@@ -1,7 +1,8 @@
 """A plant as MATLAB variables without structs, so that ``load`` and ``ss`` are all that it takes.
 
-The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant, as ``ss`` has it;
-names and units are cell arrays of char. All variables: `updyn.io.plant_items`. Version 5 is written; 5 to 7.3 are read.
+The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant,
+as ``ss`` has it; names and units are cell arrays of char. All variables: `updyn.io.plant_items`.
+Version 5 is written; 5 to 7.3 are read.
 """
 
 from __future__ import annotations
@@ -48,13 +49,18 @@ def write_plant(plant: Plant, path: str | Path) -> None:
     items = flat_items(plant)
     items["facts"] = json.dumps(json.loads(items["facts"]))  # ASCII: what every reader takes
     items["comment"] = _LINE.format(name=Path(path).name.replace("'", "''"))
-    variables = {name: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v for name, v in items.items()}
+    variables = {
+        name: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v
+        for name, v in items.items()
+    }
     variables = {name: float(v) if isinstance(v, int) else v for name, v in variables.items()}
     try:
         with atomic_path(path) as temporary:
             savemat(temporary, variables, appendmat=False, do_compression=True, oned_as="column")
     except MatWriteError as error:
-        raise FormatError(f"a .mat file of version 5 cannot hold this ({error}); write .npz instead", path) from error
+        raise FormatError(
+            f"a .mat file of version 5 cannot hold this ({error}); write .npz instead", path
+        ) from error
 
 
 def read_plant(path: str | Path) -> Plant:

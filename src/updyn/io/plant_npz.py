@@ -27,7 +27,11 @@ def write_plant(plant: Plant, path: str | Path) -> None:
     """
     # Through an open file: given a name, numpy appends a suffix where it misses one.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **{name: np.asarray(value) for name, value in flat_items(plant).items()})
+        np.savez(
+            file,
+            allow_pickle=False,
+            **{name: np.asarray(value) for name, value in flat_items(plant).items()},
+        )
 
 
 def read_plant(path: str | Path) -> Plant:
@@ -41,7 +45,8 @@ def read_plant(path: str | Path) -> Plant:
     Raises
     ------
     FormatError
-        If the archive is damaged, holds pickled objects, or an array is missing, unknown or not valid.
+        If the archive is damaged, holds pickled objects, or an array is missing, unknown or not
+        valid.
     """
     found: dict[str, Any] = {}
     with (

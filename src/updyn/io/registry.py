@@ -1,11 +1,11 @@
 """Which module reads and writes which format: a lazy registry.
 
-Adding a format is one new module in this folder and one `Format` line below. The module is imported when a file of
-that format is met, and offers, as far as it can, ``read_frf(path, *, quantity, duplicates, ...)``,
-``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)``, ``read_geometry(path)``,
-``read_modes(path)``, ``write_modes(modes, path)`` and
-``write_properties(changes, deck, path)``. A ``read_frf`` with ``responses`` and ``references`` selects while it
-reads; with the others `updyn.io.read_frf` selects afterwards.
+Adding a format is one new module in this folder and one `Format` line below. The module is imported
+when a file of that format is met, and offers, as far as it can, ``read_frf(path, *, quantity,
+duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``, ``write_model(model, path)``,
+``read_geometry(path)``, ``read_modes(path)``, ``write_modes(modes, path)`` and
+``write_properties(changes, deck, path)``. A ``read_frf`` with ``responses`` and ``references``
+selects while it reads; with the others `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Format:
     magic : tuple of bytes
         What files of this format may start with; empty: not told by content.
     can : tuple of str
-        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``, ``read_modes``,
-        ``write_modes``, ``write_properties``.
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
+        ``read_modes``, ``write_modes``, ``write_properties``.
     """
 
     name: str
@@ -58,7 +58,13 @@ _DECK = ("read_model", "write_properties")
 _ANSYS = b"d\0\0\0\0\0\0\x80"
 
 FORMATS = (
-    Format("uff", "updyn.io.uff", (".uff", ".unv", ".uf", ".bunv"), (b"    -1",), (*_FRF, "read_geometry", *_MODES)),
+    Format(
+        "uff",
+        "updyn.io.uff",
+        (".uff", ".unv", ".uf", ".bunv"),
+        (b"    -1",),
+        (*_FRF, "read_geometry", *_MODES),
+    ),
     Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5, b"CDF"), _FRF),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
@@ -100,7 +106,9 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
         for candidate in able:
             if candidate.name == name:
                 return candidate
-        raise FormatError(f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path)
+        raise FormatError(
+            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+        )
     if verb.startswith("read") or verb == "write_properties":  # of which the file is the deck
         if not path.is_file():
             raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
@@ -115,15 +123,16 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
         fits = [f for f in told if path.suffix.lower() in f.suffixes] or told
         if fits:
             return fits[0]
-        # A binary format that is not told by its first bytes is not that format, whatever the suffix says.
+        # A binary format that is not told by its first bytes is not that format, whatever the
+        # suffix says.
         able = [f for f in able if not f.magic or f.name == "uff"]
     for candidate in able:
         if path.suffix.lower() in candidate.suffixes:
             return candidate
     known = sorted({s for f in FORMATS if verb in f.can for s in f.suffixes})
     raise FormatError(
-        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known suffixes: "
-        + ", ".join(known),
+        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known"
+        " suffixes: " + ", ".join(known),
         path,
     )
 
@@ -134,6 +143,8 @@ def load(chosen: Format) -> ModuleType:
 
 
 def _absent(path: Path) -> str:
-    siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    siblings = (
+        [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    )
     close = suggest(path.name, siblings) if siblings else "its folder does not exist or is empty"
     return f"no such file; {close}"

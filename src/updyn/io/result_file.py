@@ -3,16 +3,17 @@
 xarray opens the root, which holds what one plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
-    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound     (parameter)
-    link *                                (parameter): JSON text of drives, nominal, unit
-    covariance                            (parameter, parameter_other)
-    history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
-    history_value                         (iteration, parameter)
-    line                                  lines of the fit, in Hz
-    residual_bands *                      (band, edge): Hz
-    residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
-    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.io.values_text
+    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound
+    (parameter) link *                                (parameter): JSON text of drives, nominal,
+    unit covariance                            (parameter, parameter_other) history_stage,
+    history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
+    history_value                         (iteration, parameter) line
+    lines of the fit, in Hz residual_bands *                      (band, edge): Hz residual_misfit
+    *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
+                                          (fitted_response, fitted_reference, band): see
+                                          updyn.updating.adequacy
+    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see
+    updyn.io.values_text
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """
@@ -55,7 +56,13 @@ _JSON = (
     "identifiability",
 )
 _RESIDUAL = ("bands", "misfit", "alike", "chi_square_p", "whiteness_p")
-_STEP = {"stage": object, "number": np.int64, "cost": np.float64, "step": np.float64, "condition": np.float64}
+_STEP = {
+    "stage": object,
+    "number": np.int64,
+    "cost": np.float64,
+    "step": np.float64,
+    "condition": np.float64,
+}
 
 
 def write_result(result: UpdateResult, path: str | Path) -> None:
@@ -106,7 +113,8 @@ def read_result(path: str | Path) -> UpdateResult:
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or is not the record of a run (the right reader is named).
+        If the file is not there, is damaged, or is not the record of a run (the right reader is
+        named).
     """
     import h5py
     import xarray as xr
@@ -118,7 +126,10 @@ def read_result(path: str | Path) -> UpdateResult:
             for name in ("start_model", "updated_model"):
                 if name not in file:
                     raise FormatError(f"no group {name!r}; found: {', '.join(file)}", path)
-            start, model = take_model(file["start_model"], path), take_model(file["updated_model"], path)
+            start, model = (
+                take_model(file["start_model"], path),
+                take_model(file["updated_model"], path),
+            )
         with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
             data.load()
     with placed(path):
@@ -151,13 +162,23 @@ def _to_dataset(result: UpdateResult) -> xr.Dataset:
     _put_table(data, "std", ("parameter",), [result.std], names)
     unknown = [name for name in result.at_bound if name not in names]
     if unknown:
-        raise InputError(f"at_bound names {unknown[0]!r}, which is not an unknown; {suggest(unknown[0], names)}")
+        raise InputError(
+            f"at_bound names {unknown[0]!r}, which is not an unknown; {suggest(unknown[0], names)}"
+        )
     data["at_bound"] = ("parameter", _texts(result.at_bound.get(name, "") for name in names))
     data["covariance"] = (("parameter", "parameter_other"), result.covariance)
     for name, kind in _STEP.items():
-        data[f"history_{name}"] = ("iteration", np.array([getattr(h, name) for h in result.history], dtype=kind))
-    data["history_accepted"] = ("iteration", np.array([h.accepted for h in result.history], dtype=np.int8))
-    _put_table(data, "history_value", ("iteration", "parameter"), [h.values for h in result.history], names)
+        data[f"history_{name}"] = (
+            "iteration",
+            np.array([getattr(h, name) for h in result.history], dtype=kind),
+        )
+    data["history_accepted"] = (
+        "iteration",
+        np.array([h.accepted for h in result.history], dtype=np.int8),
+    )
+    _put_table(
+        data, "history_value", ("iteration", "parameter"), [h.values for h in result.history], names
+    )
     return data
 
 
@@ -166,11 +187,18 @@ def _put_adequacy(data: xr.Dataset, found: Adequacy) -> None:
     data["adequacy"] = ((), to_text(told, "adequacy"))
     data["residual_bands"] = (("band", "edge"), found.bands, {"units": "Hz"})
     for name in _RESIDUAL[1:]:
-        data[f"residual_{name}"] = (("fitted_response", "fitted_reference", "band"), getattr(found, name))
+        data[f"residual_{name}"] = (
+            ("fitted_response", "fitted_reference", "band"),
+            getattr(found, name),
+        )
 
 
 def _link(p: Parameter) -> dict[str, Any]:
-    return {"drives": [[d.group, d.quantity, d.power] for d in p.drives], "nominal": p.nominal, "unit": p.unit}
+    return {
+        "drives": [[d.group, d.quantity, d.power] for d in p.drives],
+        "nominal": p.nominal,
+        "unit": p.unit,
+    }
 
 
 def _texts(items: Iterable[str]) -> Any:
@@ -178,7 +206,11 @@ def _texts(items: Iterable[str]) -> Any:
 
 
 def _put_table(
-    data: xr.Dataset, name: str, dims: tuple[str, ...], rows: list[Mapping[str, float]], names: list[str]
+    data: xr.Dataset,
+    name: str,
+    dims: tuple[str, ...],
+    rows: list[Mapping[str, float]],
+    names: list[str],
 ) -> None:
     """Store rows by unknown. Where a row lacks one, NaN stands, and ``NAME_given`` tells it from a value of NaN."""
     table = np.full((len(rows), len(names)), np.nan)
@@ -186,7 +218,9 @@ def _put_table(
     for i, row in enumerate(rows):
         for unknown, value in row.items():
             if unknown not in names:
-                raise InputError(f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, names)}")
+                raise InputError(
+                    f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, names)}"
+                )
             table[i, names.index(unknown)] = value
             given[i, names.index(unknown)] = 1
     shape = tuple(len(rows) if dim == "iteration" else len(names) for dim in dims)
@@ -210,7 +244,9 @@ def _from_dataset(data: xr.Dataset, path: Path, **parts: Any) -> UpdateResult:
     names = parameters.names
     covariance = variable(data, "covariance", path)
     if covariance.shape != (len(names), len(names)):
-        raise FormatError(f"covariance: found shape {covariance.shape}, expected {(len(names), len(names))}", path)
+        raise FormatError(
+            f"covariance: found shape {covariance.shape}, expected {(len(names), len(names))}", path
+        )
     bounds = [str(b) for b in variable(data, "at_bound", path)]
     return UpdateResult(
         **texts,
@@ -242,14 +278,31 @@ def _adequacy(data: xr.Dataset, path: Path) -> Adequacy | None:
 
 
 def _parameters(data: xr.Dataset, path: Path) -> ParameterSet:
-    columns = [variable(data, name, path).tolist() for name in ("group", "quantity", "start", "lower", "upper")]
-    priors = data["prior_std"].values.tolist() if "prior_std" in data.variables else [np.nan] * len(columns[0])
+    columns = [
+        variable(data, name, path).tolist()
+        for name in ("group", "quantity", "start", "lower", "upper")
+    ]
+    priors = (
+        data["prior_std"].values.tolist()
+        if "prior_std" in data.variables
+        else [np.nan] * len(columns[0])
+    )
     links: list[dict[str, Any]] = [{} for _ in priors]
     if "link" in data.variables:
         links = [_read_link(str(text), path) for text in data["link"].values]
     items = [
-        Parameter(str(group), str(quantity), start, lower, upper, None if np.isnan(prior) else prior, **link)
-        for group, quantity, start, lower, upper, prior, link in zip(*columns, priors, links, strict=True)
+        Parameter(
+            str(group),
+            str(quantity),
+            start,
+            lower,
+            upper,
+            None if np.isnan(prior) else prior,
+            **link,
+        )
+        for group, quantity, start, lower, upper, prior, link in zip(
+            *columns, priors, links, strict=True
+        )
     ]
     return ParameterSet(tuple(items))
 
@@ -259,23 +312,37 @@ def _read_link(text: str, path: Path) -> dict[str, Any]:
     try:
         return {**link, "drives": tuple(Drive(*d) for d in link["drives"])}
     except (KeyError, TypeError) as error:
-        raise FormatError(f"link: {text!r} is not what an unknown acts on ({error})", path) from error
+        raise FormatError(
+            f"link: {text!r} is not what an unknown acts on ({error})", path
+        ) from error
 
 
 def _history(data: xr.Dataset, names: list[str], path: Path) -> tuple[Iteration, ...]:
-    columns = {name: variable(data, f"history_{name}", path).tolist() for name in (*_STEP, "accepted")}
+    columns = {
+        name: variable(data, f"history_{name}", path).tolist() for name in (*_STEP, "accepted")
+    }
     values = _table(data, "history_value", names, path)
     return tuple(
         Iteration(str(stage), int(number), cost, step, condition, bool(accepted), row)
-        for stage, number, cost, step, condition, accepted, row in zip(*columns.values(), values, strict=True)
+        for stage, number, cost, step, condition, accepted, row in zip(
+            *columns.values(), values, strict=True
+        )
     )
 
 
 def _table(data: xr.Dataset, name: str, names: list[str], path: Path) -> list[dict[str, float]]:
     table = variable(data, name, path).reshape(-1, len(names))
     mask = f"{name}_given"
-    given = data[mask].values.reshape(table.shape) if mask in data.variables else np.ones(table.shape, dtype=np.int8)
+    given = (
+        data[mask].values.reshape(table.shape)
+        if mask in data.variables
+        else np.ones(table.shape, dtype=np.int8)
+    )
     return [
-        {unknown: float(value) for unknown, value, there in zip(names, row, kept, strict=True) if there}
+        {
+            unknown: float(value)
+            for unknown, value, there in zip(names, row, kept, strict=True)
+            if there
+        }
         for row, kept in zip(table, given, strict=True)
     ]

@@ -26,19 +26,24 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one dict an unknown in
-        order, with ``std`` None and ``identifiable`` False where the data leave it open, ``at_bound`` True or False and
-        ``bound`` ``"lower"``, ``"upper"`` or None, ``nominal`` and ``unit`` of what a factor of 1 stands for,
-        ``drives`` of a linked unknown; ``identifiability``; ``correlation`` with ``before``, ``after`` and
-        ``validation`` (empty where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
-        ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``, ``verdict``,
-        ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz, ``misfit`` over noise by response,
-        reference and band, the ``worst`` places and ``explained_by``. Of several tests also ``tests``: ``correlation``,
-        ``noise`` and ``adequacy`` by name.
+        ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one
+        dict an unknown in order, with ``std`` None and ``identifiable`` False where the data leave
+        it open, ``at_bound`` True or False and ``bound`` ``"lower"``, ``"upper"`` or None,
+        ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a linked unknown;
+        ``identifiability``; ``correlation`` with ``before``, ``after`` and ``validation`` (empty
+        where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
+        ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
+        ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
+        ``misfit`` over noise by response, reference and band, the ``worst`` places and
+        ``explained_by``. Of several tests also ``tests``: ``correlation``, ``noise`` and
+        ``adequacy`` by name.
     """
     if isinstance(result, JointResult):
         own = {name: result_to_json(one) for name, one in result.results.items()}
-        tests = {name: {key: one[key] for key in ("correlation", "noise", "adequacy")} for name, one in own.items()}
+        tests = {
+            name: {key: one[key] for key in ("correlation", "noise", "adequacy")}
+            for name, one in own.items()
+        }
         return {**next(iter(own.values())), "title": result.title, "tests": tests}
     ident = result.identifiability
     return {
@@ -61,11 +66,19 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
                 "advice": ident.advice,
             }
         ),
-        "correlation": {when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")},
+        "correlation": {
+            when: plain(result.correlation.get(when, {}))
+            for when in ("before", "after", "validation")
+        },
         "noise": plain(result.noise),
         "iterations": result.iterations,
         "history": [
-            plain({key: getattr(h, key) for key in ("stage", "number", "cost", "step", "condition", "accepted")})
+            plain(
+                {
+                    key: getattr(h, key)
+                    for key in ("stage", "number", "cost", "step", "condition", "accepted")
+                }
+            )
             for h in result.history
         ],
         "timing_s": plain(result.timing_s),
@@ -78,7 +91,10 @@ def _adequacy(found: Adequacy | None) -> dict[str, Any] | None:
     if found is None:
         return None
     keys = ("outcome", "verdict", "absolute", "chi_square", "p_value", "level", "bands", "misfit")
-    places = {"worst": [asdict(p) for p in found.worst], "explained_by": [asdict(s) for s in found.explained_by]}
+    places = {
+        "worst": [asdict(p) for p in found.worst],
+        "explained_by": [asdict(s) for s in found.explained_by],
+    }
     out: dict[str, Any] = plain({**{key: getattr(found, key) for key in keys}, **places})
     return out
 
@@ -100,7 +116,9 @@ def _parameter(result: UpdateResult, name: str) -> dict[str, Any]:
         **plain(numbers),
         "nominal": unknown.nominal,
         "unit": unknown.unit,
-        "drives": [{"group": d.group, "quantity": d.quantity, "power": d.power} for d in unknown.drives],
+        "drives": [
+            {"group": d.group, "quantity": d.quantity, "power": d.power} for d in unknown.drives
+        ],
         "at_bound": name in result.at_bound,
         "bound": result.at_bound.get(name),
         "identifiable": bool(math.isfinite(std)),

@@ -3,7 +3,8 @@
 ``mass``, ``stiffness``, ``damping``
     M, K, C in the internal states of the system, (n, n).
 ``transformation``
-    (m, n): what the coordinates do where the states are; the identity unless the system was reduced or transformed.
+    (m, n): what the coordinates do where the states are; the identity unless the system was reduced
+    or transformed.
 ``coordinate``
     m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
 ``enforce_symmetry``
@@ -52,13 +53,14 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     Returns
     -------
     Model
-        One group, "model", in the units of the file, which are to be SI. A state is named after the coordinate that
-        shows it alone; where that coordinate is negative, the state changes sign.
+        One group, "model", in the units of the file, which are to be SI. A state is named after the
+        coordinate that shows it alone; where that coordinate is negative, the state changes sign.
 
     Raises
     ------
     FormatError
-        If a field is missing or not valid, or a state is no coordinate (a modal or Craig-Bampton reduction).
+        If a field is missing or not valid, or a state is no coordinate (a modal or Craig-Bampton
+        reduction).
 
     Warns
     -----
@@ -70,7 +72,10 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     if missing:
         raise FormatError(f"SDynPy System: no {missing[0]!r}; expected {', '.join(_NEEDED)}", path)
     nodes, directions = _coordinates(arrays["coordinate"], path)
-    K, M, C, T = (np.atleast_2d(real(arrays[n], n, path)) for n in ("stiffness", "mass", "damping", "transformation"))
+    K, M, C, T = (
+        np.atleast_2d(real(arrays[n], n, path))
+        for n in ("stiffness", "mass", "damping", "transformation")
+    )
     size = K.shape[0]
     for name, found, expected in (
         ("stiffness", K.shape, (size, size)),
@@ -86,14 +91,19 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     with placed(path, "SDynPy System"):
         group = Group(K * turned, M * turned, viscous=C * turned if C.any() else None)
         return Model.from_groups(
-            {"model": group}, DofSet.from_arrays(nodes[row], np.abs(directions[row]) - 1), title=Path(path).stem
+            {"model": group},
+            DofSet.from_arrays(nodes[row], np.abs(directions[row]) - 1),
+            title=Path(path).stem,
         )
 
 
-def _coordinates(given: NDArray[Any], path: str | Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _coordinates(
+    given: NDArray[Any], path: str | Path
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     if given.dtype.names != ("node", "direction") or given.ndim != 1:
         raise FormatError(
-            f"coordinate: found {given.dtype} of shape {given.shape}; expected one row of pairs of node and direction",
+            f"coordinate: found {given.dtype} of shape {given.shape}; expected one row of pairs of"
+            " node and direction",
             path,
         )
     directions = given["direction"].astype(np.int64)
@@ -101,8 +111,8 @@ def _coordinates(given: NDArray[Any], path: str | Path) -> tuple[NDArray[np.int6
     if bad.size:
         node, direction = given[int(bad[0])]
         raise FormatError(
-            f"coordinate {int(bad[0]) + 1}: node {node} has direction {direction}; expected 1..6 for X, Y, Z, RX, "
-            "RY, RZ, negative for the opposite sense",
+            f"coordinate {int(bad[0]) + 1}: node {node} has direction {direction}; expected 1..6"
+            " for X, Y, Z, RX, RY, RZ, negative for the opposite sense",
             path,
         )
     if given.size and given["node"].max() > np.iinfo(np.int64).max:
@@ -111,7 +121,10 @@ def _coordinates(given: NDArray[Any], path: str | Path) -> tuple[NDArray[np.int6
 
 
 def _shown_by(
-    T: NDArray[np.float64], nodes: NDArray[np.int64], directions: NDArray[np.int64], path: str | Path
+    T: NDArray[np.float64],
+    nodes: NDArray[np.int64],
+    directions: NDArray[np.int64],
+    path: str | Path,
 ) -> NDArray[np.intp]:
     """Return for each state the first coordinate that is this state and nothing else, with either sign."""
     # A reduction computes its identity part: the last digits of it may be off.
@@ -121,9 +134,9 @@ def _shown_by(
     if not pure.any(axis=0).all():
         lone = int(np.argmin(pure.any(axis=0)))
         raise FormatError(
-            f"SDynPy System: state {lone + 1} of {T.shape[1]} is no coordinate but part of several (a modal or "
-            "Craig-Bampton reduction); save the system before it is reduced, or a reduction that keeps coordinates "
-            "(Guyan, dynamic)",
+            f"SDynPy System: state {lone + 1} of {T.shape[1]} is no coordinate but part of several"
+            " (a modal or Craig-Bampton reduction); save the system before it is reduced, or a"
+            " reduction that keeps coordinates (Guyan, dynamic)",
             path,
         )
     row: NDArray[np.intp] = np.argmax(pure, axis=0)
@@ -131,8 +144,8 @@ def _shown_by(
     if left.size:
         first = DofSet.from_arrays(nodes[left[:1]], np.abs(directions[left[:1]]) - 1)[0]
         warnings.warn(
-            f"{path}: {left.size} coordinates that follow from the {T.shape[1]} states are left out, the first being "
-            f"{first}",
+            f"{path}: {left.size} coordinates that follow from the {T.shape[1]} states are left"
+            f" out, the first being {first}",
             UpdynWarning,
             stacklevel=4,
         )

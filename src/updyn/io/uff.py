@@ -2,30 +2,35 @@
 
 What is read, and how:
 
-- Function type 4 is an FRF, type 6 the coherence of the same pair of DOFs (taken as gamma^2). Other functions (time
-  responses, spectra, multiple coherence) are left out with a warning that counts them. Datasets of other numbers are
-  normal in such files; they are named in ``FRF.source``.
-- The quantity follows from the data types of records 9 and 10. Where they say "unknown", ``quantity=`` has to.
-- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, says no direction: either
-  ``scalar_direction=`` gives one, or the file is refused.
-- If a pair of DOFs is there with one sense and another pair with the opposite one (5:Z and 5:-Z), the sense met first
-  is taken and the values of the other change sign.
-- Every pair of response and reference has to be there, on the same lines. Nothing is interpolated or filled in.
-- Dataset 164 gives the units; without it numbers are taken to be SI. A unit label that contradicts SI ("g", "mm",
-  "lbf") is refused, unless ``scale=`` says by what to multiply.
-- With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a displacement
-  system of its own are expressed in the global one, where they coincide with its axes to 1e-6; oblique ones are
-  refused. The geometry of the FRF therefore has no ``axes``; `read_geometry` gives them. ``local_axes=True`` keeps
-  labels and ``axes`` as the file has them, for `updyn.match`.
+- Function type 4 is an FRF, type 6 the coherence of the same pair of DOFs (taken as gamma^2). Other
+  functions (time responses, spectra, multiple coherence) are left out with a warning that counts
+  them. Datasets of other numbers are normal in such files; they are named in ``FRF.source``.
+- The quantity follows from the data types of records 9 and 10. Where they say "unknown",
+  ``quantity=`` has to.
+- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, says no
+  direction: either ``scalar_direction=`` gives one, or the file is refused.
+- If a pair of DOFs is there with one sense and another pair with the opposite one (5:Z and 5:-Z),
+  the sense met first is taken and the values of the other change sign.
+- Every pair of response and reference has to be there, on the same lines. Nothing is interpolated
+  or filled in.
+- Dataset 164 gives the units; without it numbers are taken to be SI. A unit label that contradicts
+  SI ("g", "mm", "lbf") is refused, unless ``scale=`` says by what to multiply.
+- With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a
+  displacement system of its own are expressed in the global one, where they coincide with its axes
+  to 1e-6; oblique ones are refused. The geometry of the FRF therefore has no ``axes``;
+  `read_geometry` gives them. ``local_axes=True`` keeps labels and ``axes`` as the file has them,
+  for `updyn.match`.
 
-The files are taken apart here and not by pyuff, which the tests use as a second opinion (`tests/io/test_pyuff.py` holds
-what follows). Of deviations that real files have, pyuff 2.5.8
+The files are taken apart here and not by pyuff, which the tests use as a second opinion
+(`tests/io/test_pyuff.py` holds what follows). Of deviations that real files have, pyuff 2.5.8
 
-- cuts the exponents off numbers in fields of 14 columns, one a line, so that -2.5E-01 is read as -2.5, without a word;
+- cuts the exponents off numbers in fields of 14 columns, one a line, so that -2.5E-01 is read as
+  -2.5, without a word;
 - drops every function after a dataset with a line of text that ends in "-1", without a word;
-- ends the data of a 58b at bytes that look like a delimiter, and returns what is before them, without a word;
-- raises "Error when reading data-set(s)" for fields of 14 columns, six a line, for exponents with D, and for numbers
-  separated by blanks.
+- ends the data of a 58b at bytes that look like a delimiter, and returns what is before them,
+  without a word;
+- raises "Error when reading data-set(s)" for fields of 14 columns, six a line, for exponents with
+  D, and for numbers separated by blanks.
 """
 
 from __future__ import annotations
@@ -56,11 +61,31 @@ __all__ = ["read_frf", "read_geometry", "read_modes", "write_frf", "write_modes"
 _MOTION = {8: "receptance", 11: "mobility", 12: "accelerance"}
 _FORCE = (9, 13)
 _UNKNOWN = (0, 1)
-_INVERSE = {"receptance": "dynamic stiffness", "mobility": "impedance", "accelerance": "apparent mass"}
-_TYPES = {2: "stress", 3: "strain", 5: "temperature", 15: "pressure", 16: "mass", 17: "time", 18: "frequency"}
-_TYPES |= {8: "displacement", 9: "reaction force", 11: "velocity", 12: "acceleration", 13: "excitation force"}
+_INVERSE = {
+    "receptance": "dynamic stiffness",
+    "mobility": "impedance",
+    "accelerance": "apparent mass",
+}
+_TYPES = {
+    2: "stress",
+    3: "strain",
+    5: "temperature",
+    15: "pressure",
+    16: "mass",
+    17: "time",
+    18: "frequency",
+}
+_TYPES |= {
+    8: "displacement",
+    9: "reaction force",
+    11: "velocity",
+    12: "acceleration",
+    13: "excitation force",
+}
 #: Unit labels of motions and forces that are not SI, at the start of a label, brackets aside.
-_NOT_SI = re.compile(r"[(\[]*(g|gs|gn|mm|cm|um|µm|μm|nm|in|inch|ft|mil|mils|ips|lbf?|kn|mn|kgf|oz)(?![a-z])", re.I)
+_NOT_SI = re.compile(
+    r"[(\[]*(g|gs|gn|mm|cm|um|µm|μm|nm|in|inch|ft|mil|mils|ips|lbf?|kn|mn|kgf|oz)(?![a-z])", re.I
+)
 _NOT_HZ = re.compile(r"[(\[]*(khz|rpm|cpm|1/min|rad)", re.I)
 
 
@@ -84,18 +109,19 @@ def read_frf(
     quantity : {"receptance", "mobility", "accelerance"}, optional
         What was measured, where the file does not say; a contradiction is an error.
     duplicates : {"raise", "average"}
-        Several functions at one pair of DOFs: an error, or their mean, weighted with their coherence where every one
-        has it; the coherence is then the plain mean.
+        Several functions at one pair of DOFs: an error, or their mean, weighted with their
+        coherence where every one has it; the coherence is then the plain mean.
     responses, references : iterable of str or Dof, optional
-        DOFs to read, in the order given and with a sense if wanted ("5:-Z"); all others are left out, and need not be
-        complete.
+        DOFs to read, in the order given and with a sense if wanted ("5:-Z"); all others are left
+        out, and need not be complete.
     scalar_direction : str, optional
         What direction code 0 stands for, for instance "Z" or "-RX".
     scale : float, optional
-        Factor that turns the values of the file into SI. It replaces dataset 164 and the check of unit labels.
+        Factor that turns the values of the file into SI. It replaces dataset 164 and the check of
+        unit labels.
     local_axes : bool
-        Keep the directions of nodes with a displacement system of their own, as ``axes`` of the geometry: then
-        `updyn.match` has to be told of the measurement before anything else uses it.
+        Keep the directions of nodes with a displacement system of their own, as ``axes`` of the
+        geometry: then `updyn.match` has to be told of the measurement before anything else uses it.
 
     Returns
     -------
@@ -105,7 +131,8 @@ def read_frf(
     Raises
     ------
     FormatError
-        If the file is damaged, does not say what it has to, contradicts itself or an argument, or a pair is missing.
+        If the file is damaged, does not say what it has to, contradicts itself or an argument, or a
+        pair is missing.
     OptionError
         If an option has no valid value.
     """
@@ -139,7 +166,11 @@ def read_frf(
         responses=responses,
         references=references,
     )
-    factor = _factors(parts.responses, parts.references, collector.units) if scale is None else np.float64(scale)
+    factor = (
+        _factors(parts.responses, parts.references, collector.units)
+        if scale is None
+        else np.float64(scale)
+    )
     with placed(path):
         return FRF(
             parts.freq,
@@ -148,9 +179,11 @@ def read_frf(
             parts.references,
             found,
             coherence=parts.coherence,
-            geometry=geometry
-            if geometry is None or local_axes
-            else Geometry(geometry.nodes, geometry.xyz, geometry.lines),
+            geometry=(
+                geometry
+                if geometry is None or local_axes
+                else Geometry(geometry.nodes, geometry.xyz, geometry.lines)
+            ),
             source=_source(path, measured[0], others),
         )
 
@@ -166,7 +199,8 @@ def read_geometry(path: str | Path) -> Geometry:
     Returns
     -------
     Geometry
-        Positions in m in the global system; ``axes`` where a node has a displacement system of its own.
+        Positions in m in the global system; ``axes`` where a node has a displacement system of its
+        own.
 
     Raises
     ------
@@ -189,7 +223,10 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
     if duplicates not in ("raise", "average"):
         raise OptionError(f"duplicates={duplicates!r}: expected 'raise' or 'average'")
     if scale is not None and not (
-        isinstance(scale, int | float) and not isinstance(scale, bool) and np.isfinite(scale) and scale > 0
+        isinstance(scale, int | float)
+        and not isinstance(scale, bool)
+        and np.isfinite(scale)
+        and scale > 0
     ):
         raise OptionError(f"scale={scale!r}: expected a positive number")
     if scalar_direction is None:
@@ -197,7 +234,8 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
     found = re.fullmatch(r"([+-]?)(R?[XYZ])", str(scalar_direction))
     if found is None:
         raise OptionError(
-            f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, with a sign if wanted"
+            f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, with a sign if"
+            " wanted"
         )
     return Dof(0, found[2], -1 if found[1] == "-" else 1)
 
@@ -215,16 +253,21 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
     if len(said) > 1:
         (a, first), (b, second) = list(said.items())[:2]
         raise FormatError(
-            f"holds {a} (dataset 58 on line {first}) and {b} (line {second}); expected one quantity", path
+            f"holds {a} (dataset 58 on line {first}) and {b} (line {second}); expected one"
+            " quantity",
+            path,
         )
     if given is not None and said and given not in said:
-        raise FormatError(f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}", path)
+        raise FormatError(
+            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}", path
+        )
     silent = [f for f in measured if _one_quantity(f, path) is None]
     if silent and given is None:
         f = silent[0]
         raise FormatError(
-            f"records 9 and 10 do not say what was measured (data types {f.numerator.kind} over {f.denominator.kind}; "
-            "expected 8, 11 or 12 over 13): give quantity='receptance', 'mobility' or 'accelerance'",
+            f"records 9 and 10 do not say what was measured (data types {f.numerator.kind} over"
+            f" {f.denominator.kind}; expected 8, 11 or 12 over 13): give quantity='receptance',"
+            " 'mobility' or 'accelerance'",
             path,
             f.numerator.line,
         )
@@ -243,37 +286,47 @@ def _one_quantity(function: Function, path: str | Path) -> str | None:
     if above not in (*_MOTION, *_UNKNOWN) or below not in (*_FORCE, *_UNKNOWN):
         names = [_TYPES.get(k, f"data type {k}") for k in (above, below)]
         raise FormatError(
-            f"records 9 and 10 say {names[0]} over {names[1]}; expected a displacement, velocity or acceleration over "
-            "a force",
+            f"records 9 and 10 say {names[0]} over {names[1]}; expected a displacement, velocity or"
+            " acceleration over a force",
             path,
             line,
         )
     return _MOTION[above] if above in _MOTION and below in _FORCE else None
 
 
-def _check_axes(function: Function, quantity: str, units: Units, scale: float | None, path: str | Path) -> None:
+def _check_axes(
+    function: Function, quantity: str, units: Units, scale: float | None, path: str | Path
+) -> None:
     """Refuse an abscissa that is not in Hz, a magnitude without phase, and units that contradict SI."""
     axis = function.abscissa
     if axis.kind not in (18, *_UNKNOWN) or _NOT_HZ.match(axis.unit):
         what = _TYPES.get(axis.kind, f"data type {axis.kind}")
         raise FormatError(
-            f"record 8: the abscissa is {what} in {axis.unit!r}; expected frequency in Hz", path, axis.line
+            f"record 8: the abscissa is {what} in {axis.unit!r}; expected frequency in Hz",
+            path,
+            axis.line,
         )
     if function.kind != 4:
         return
     if not np.iscomplexobj(function.y) and not (function.y < 0).any():
         raise FormatError(
-            "holds real ordinates, none of them negative: a magnitude without phase cannot be used; expected complex",
+            "holds real ordinates, none of them negative: a magnitude without phase cannot be used;"
+            " expected complex",
             path,
             function.line,
         )
     for record, axis in ((9, function.numerator), (10, function.denominator)):
         found = _NOT_SI.match(axis.unit)
-        # With factors other than 1 the labels name the units of the file, save g, for which no factor stands.
-        if found and scale is None and (found[1].lower() in ("g", "gs", "gn") or units.length == units.force == 1.0):
+        # With factors other than 1 the labels name the units of the file, save g, for which no
+        # factor stands.
+        if (
+            found
+            and scale is None
+            and (found[1].lower() in ("g", "gs", "gn") or units.length == units.force == 1.0)
+        ):
             raise FormatError(
-                f"record {record}: the {quantity} is in {axis.unit!r}, which is not SI: give scale=, the factor that "
-                "turns its values into SI (9.80665 for g/N)",
+                f"record {record}: the {quantity} is in {axis.unit!r}, which is not SI: give"
+                " scale=, the factor that turns its values into SI (9.80665 for g/N)",
                 path,
                 axis.line,
             )
@@ -282,7 +335,9 @@ def _check_axes(function: Function, quantity: str, units: Units, scale: float | 
 def _factors(responses: DofSet, references: DofSet, units: Units) -> NDArray[np.float64]:
     """Return what turns the unit of each pair into SI; dataset 164 gives the factors to divide by."""
     motion = np.array([1.0 if d.direction.startswith("R") else units.length for d in responses])
-    force = np.array([units.force * (units.length if d.direction.startswith("R") else 1.0) for d in references])
+    force = np.array(
+        [units.force * (units.length if d.direction.startswith("R") else 1.0) for d in references]
+    )
     return np.asarray(force[None, :] / motion[:, None])
 
 
@@ -294,13 +349,17 @@ def _nothing(functions: Sequence[Function], collector: Collector, others: Counte
     if others:
         held.append(_counted(others))
     return (
-        f"holds no frequency response function (dataset 58, function type 4); it holds {', '.join(held) or 'nothing'}"
+        "holds no frequency response function (dataset 58, function type 4); it holds"
+        f" {', '.join(held) or 'nothing'}"
     )
 
 
 def _counted(others: Counter[int]) -> str:
     return (
-        ", ".join(f"dataset {n}" + (f" ({k} times)" if k > 1 else "") for n, k in sorted(others.items())) or "nothing"
+        ", ".join(
+            f"dataset {n}" + (f" ({k} times)" if k > 1 else "") for n, k in sorted(others.items())
+        )
+        or "nothing"
     )
 
 
@@ -308,8 +367,8 @@ def _left_out(functions: Sequence[Function], path: str | Path) -> None:
     if functions:
         kinds = ", ".join(f"{n} {name}" for name, n in Counter(f.name for f in functions).items())
         warnings.warn(
-            f"{path}: functions that are neither FRF nor coherence are left out: {kinds} (first: line "
-            f"{functions[0].line})",
+            f"{path}: functions that are neither FRF nor coherence are left out: {kinds} (first:"
+            f" line {functions[0].line})",
             UpdynWarning,
             stacklevel=3,
         )

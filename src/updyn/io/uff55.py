@@ -2,15 +2,18 @@
 
 Layout: SDRC, universal file format, dataset 55. What is read, and how:
 
-- Analysis types 2 (normal mode), 3 and 7 (complex eigenvalues). Others are left out with a warning that counts them.
-- The vectors are global, of three translations or of these and three rotations. A direction of a node that is zero in
-  every mode was not measured (note 15 of the format) and is no DOF of the modes.
-- Type 2: loss factor = twice the viscous ratio plus the hysteretic one; not known where both are 0. A modal mass above
-  0 scales the shape to unit modal mass.
-- Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal A other than 0 the
-  shape is scaled by sqrt(2 i omega_d / A), as phi^T (2 s M + C) phi = A (Ewins, Modal Testing, 2nd ed. 2000, section
-  2.7). Of conjugate pairs the upper one is taken.
-- Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units, else they are SI.
+- Analysis types 2 (normal mode), 3 and 7 (complex eigenvalues). Others are left out with a warning
+  that counts them.
+- The vectors are global, of three translations or of these and three rotations. A direction of a
+  node that is zero in every mode was not measured (note 15 of the format) and is no DOF of the
+  modes.
+- Type 2: loss factor = twice the viscous ratio plus the hysteretic one; not known where both are 0.
+  A modal mass above 0 scales the shape to unit modal mass.
+- Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal
+  A other than 0 the shape is scaled by sqrt(2 i omega_d / A), as phi^T (2 s M + C) phi = A (Ewins,
+  Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
+- Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units,
+  else they are SI.
 """
 
 from __future__ import annotations
@@ -101,18 +104,25 @@ def read_modes(path: str | Path) -> ModeSet:
         held = [f"{n} of data at nodes, {name}" for name, n in left.items()]
         held += [f"dataset {n}" for n in sorted(others)]
         raise FormatError(
-            f"holds no modes (dataset 55 of analysis type 2, 3 or 7); it holds {', '.join(held) or '-'}", path
+            "holds no modes (dataset 55 of analysis type 2, 3 or 7); it holds"
+            f" {', '.join(held) or '-'}",
+            path,
         )
     if left:
         counted = ", ".join(f"{n} {name}" for name, n in left.items())
-        warnings.warn(f"{path}: data at nodes that are no modes are left out: {counted}", UpdynWarning, stacklevel=2)
+        warnings.warn(
+            f"{path}: data at nodes that are no modes are left out: {counted}",
+            UpdynWarning,
+            stacklevel=2,
+        )
     return _assembled(found, collector.units, path)
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
     """Write modes as datasets 55 of a universal file: normal modes where all shapes are real, else complex ones.
 
-    The format keeps six digits. Senses go into the values: 5:-Z is written as 5:Z with the opposite sign.
+    The format keeps six digits. Senses go into the values: 5:-Z is written as 5:Z with the opposite
+    sign.
 
     Parameters
     ----------
@@ -150,22 +160,27 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
     while texts and not texts[-1]:
         texts.pop()
     if len(texts) < _HEAD:
-        raise FormatError(f"dataset 55: {len(texts)} lines; expected at least {_HEAD}", path, dataset.line)
+        raise FormatError(
+            f"dataset 55: {len(texts)} lines; expected at least {_HEAD}", path, dataset.line
+        )
     at = dataset.line + 1
     _, analysis, characteristic, specific, kind, width = (
-        whole_field(texts[5], 10 * i, 10, f"record 6, field {i + 1}", path, at + 5) for i in range(6)
+        whole_field(texts[5], 10 * i, 10, f"record 6, field {i + 1}", path, at + 5)
+        for i in range(6)
     )
     if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
         return _ANALYSES.get(analysis, f"analysis type {analysis}")
     if _WIDTHS.get(characteristic) != width:
         raise FormatError(
-            f"record 6: data characteristic {characteristic} with {width} values a node; expected 2 with 3 "
-            "(translations) or 3 with 6 (translations and rotations)",
+            f"record 6: data characteristic {characteristic} with {width} values a node; expected 2"
+            " with 3 (translations) or 3 with 6 (translations and rotations)",
             path,
             at + 5,
         )
     if kind not in (*_REAL, *_COMPLEX):
-        raise FormatError(f"record 6: data type {kind}; expected 2 (real) or 5 (complex)", path, at + 5)
+        raise FormatError(
+            f"record 6: data type {kind}; expected 2 (real) or 5 (complex)", path, at + 5
+        )
     frequency, loss, conjugate, factor = _head(texts, analysis, path, at)
     nodes, shape = _nodes(texts[_HEAD:], width, kind in _COMPLEX, path, at + _HEAD)
     quality = _QUALITY.search(texts[3])
@@ -181,37 +196,55 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
     )
 
 
-def _head(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> tuple[float, float, bool, complex]:
+def _head(
+    texts: Sequence[str], analysis: int, path: str | Path, at: int
+) -> tuple[float, float, bool, complex]:
     """Return frequency, loss factor, whether it is the lower of a pair, and the factor to unit modal mass."""
-    n_whole, n_real = (whole_field(texts[6], 10 * i, 10, f"record 7, field {i + 1}", path, at + 6) for i in (0, 1))
+    n_whole, n_real = (
+        whole_field(texts[6], 10 * i, 10, f"record 7, field {i + 1}", path, at + 6) for i in (0, 1)
+    )
     least = 4 if analysis == _NORMAL else 2
     if n_whole < 1 or n_real < least:
-        raise FormatError(f"record 7: {n_real} real parameters; expected at least {least}", path, at + 6)
+        raise FormatError(
+            f"record 7: {n_real} real parameters; expected at least {least}", path, at + 6
+        )
     numbers = _numbers([(at + 7, texts[7])], min(n_real, 6), "record 8", path)
     numbers = np.append(numbers, np.zeros(6 - len(numbers)))
     if analysis == _NORMAL:
         f, mass, viscous, hysteretic = numbers[:4]
         if f < 0 or mass < 0:
             raise FormatError(
-                f"record 8: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0", path, at + 7
+                f"record 8: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0",
+                path,
+                at + 7,
             )
         loss = 2.0 * viscous + hysteretic
-        return float(f), float(loss) if loss else np.nan, False, 1.0 / np.sqrt(mass) if mass else 0.0
+        return (
+            float(f),
+            float(loss) if loss else np.nan,
+            False,
+            1.0 / np.sqrt(mass) if mass else 0.0,
+        )
     s, a = complex(numbers[0], numbers[1]), complex(numbers[2], numbers[3])
     if s.imag == 0.0:
         raise FormatError(
-            f"record 8: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part", path, at + 7
+            f"record 8: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
+            path,
+            at + 7,
         )
     factor = np.sqrt(2j * s.imag / a) if a else 0.0
     return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, complex(factor)
 
 
-def _nodes(texts: Sequence[str], width: int, is_complex: bool, path: str | Path, at: int) -> tuple[list[int], _Complex]:
+def _nodes(
+    texts: Sequence[str], width: int, is_complex: bool, path: str | Path, at: int
+) -> tuple[list[int], _Complex]:
     count = width * (2 if is_complex else 1)
     size = 1 + -(-count // 6)
     if len(texts) % size:
         raise FormatError(
-            f"dataset 55: {count} numbers a node take {size} lines, the last node has {len(texts) % size}",
+            f"dataset 55: {count} numbers a node take {size} lines, the last node has"
+            f" {len(texts) % size}",
             path,
             at + len(texts) - 1,
         )
@@ -220,19 +253,25 @@ def _nodes(texts: Sequence[str], width: int, is_complex: bool, path: str | Path,
         nodes.append(whole_field(texts[i], 0, 10, "record 9, node", path, at + i))
         if nodes[-1] in nodes[:-1]:
             raise FormatError(f"dataset 55: node {nodes[-1]} stands twice", path, at + i)
-        found = _numbers([(at + i + j, texts[i + j]) for j in range(1, size)], count, "record 10", path)
+        found = _numbers(
+            [(at + i + j, texts[i + j]) for j in range(1, size)], count, "record 10", path
+        )
         row = found[0::2] + 1j * found[1::2] if is_complex else found.astype(np.complex128)
         rows.append(np.append(row, np.zeros(6 - width)))
     return nodes, np.array(rows).reshape(-1, 6)
 
 
-def _numbers(lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path) -> NDArray[np.float64]:
+def _numbers(
+    lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path
+) -> NDArray[np.float64]:
     """Return the numbers of some lines, told by blanks, or by their 13 columns where they touch."""
     words = [(at, word) for at, text in lines for word in text.split()]
     if len(words) != count:
         words = [(at, field) for at, text in lines for field in _fields(text)]
     if len(words) != count:
-        raise FormatError(f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0])
+        raise FormatError(
+            f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0]
+        )
     out = np.array([real_field(word, what, path, at) for at, word in words])
     if not np.isfinite(out).all():
         raise FormatError(f"{what}: a number is not finite", path, lines[0][0])
@@ -295,7 +334,9 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
         half = 0.0 if np.isnan(loss) else 0.5 * loss
         omega = 2.0 * np.pi * f
         damped = omega * np.sqrt(max(1.0 - half**2, 0.0))
-        yield _row([-half * omega, damped, 0.0, 2.0 * damped * float(modes.scaled[number]), 0.0, 0.0])
+        yield _row(
+            [-half * omega, damped, 0.0, 2.0 * damped * float(modes.scaled[number]), 0.0, 0.0]
+        )
     shape = modes.shapes[:, number] * modes.dofs.signs
     for node in dict.fromkeys(modes.dofs.nodes.tolist()):
         own = np.flatnonzero(modes.dofs.nodes == node)

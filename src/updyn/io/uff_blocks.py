@@ -1,9 +1,10 @@
 """A universal file as a sequence of datasets.
 
-A dataset stands between two lines ``    -1``. Its first line has the number in columns 1 to 6, and for a binary
-dataset 58 ("58b") a ``b`` in column 7, with byte order, floating-point format, number of text lines and number of
-bytes after it. The bytes of a 58b may hold anything, the delimiter too: where they end follows from record 7 and is
-checked against the byte count and against what stands there, never searched for.
+A dataset stands between two lines ``    -1``. Its first line has the number in columns 1 to 6, and
+for a binary dataset 58 ("58b") a ``b`` in column 7, with byte order, floating-point format, number
+of text lines and number of bytes after it. The bytes of a 58b may hold anything, the delimiter too:
+where they end follows from record 7 and is checked against the byte count and against what stands
+there, never searched for.
 """
 
 from __future__ import annotations
@@ -67,21 +68,25 @@ def datasets(path: str | Path) -> Iterator[Dataset]:
     Raises
     ------
     FormatError
-        If a delimiter, a number or a byte count is missing or wrong; the message says on which line.
+        If a delimiter, a number or a byte count is missing or wrong; the message says on which
+        line.
     """
     cursor = _Cursor(Path(path).read_bytes(), path)
     while cursor.skip_padding():
         if not _DELIMITER.match(cursor.peek()):
             raise cursor.error(
-                f"expected '    -1', which opens a dataset, found {text_of(cursor.peek()).strip()[:40]!r}: not a "
-                "universal file, or a delimiter is missing or superfluous"
+                "expected '    -1', which opens a dataset, found"
+                f" {text_of(cursor.peek()).strip()[:40]!r}: not a universal file, or a delimiter is"
+                " missing or superfluous"
             )
         opened = cursor.line
         cursor.take()
         line = cursor.line
         found = _NUMBER.fullmatch(text_of(cursor.peek()))
         if found is None:
-            raise cursor.error(f"expected the number of a dataset, found {text_of(cursor.peek()).strip()[:40]!r}")
+            raise cursor.error(
+                f"expected the number of a dataset, found {text_of(cursor.peek()).strip()[:40]!r}"
+            )
         cursor.take()
         number = int(found[1])
         if number == 58 and found[2]:
@@ -90,7 +95,8 @@ def datasets(path: str | Path) -> Iterator[Dataset]:
         end = _DELIMITER.search(cursor.raw, cursor.at)
         if end is None:
             raise cursor.error(
-                f"dataset {number}, opened on line {opened}, is not closed: no further '    -1'; the file is cut short",
+                f"dataset {number}, opened on line {opened}, is not closed: no further '    -1';"
+                " the file is cut short",
                 line,
             )
         body = cursor.raw[cursor.at : end.start()]
@@ -135,16 +141,21 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
     words = rest.split()
     if len(words) < 4 or not all(_WHOLE.fullmatch(w) for w in words[:4]):
         raise cursor.error(
-            f"58b: expected byte order, floating-point format, lines of text and bytes of data, found {rest.strip()!r}",
+            "58b: expected byte order, floating-point format, lines of text and bytes of data,"
+            f" found {rest.strip()!r}",
             line,
         )
     order, floating, text_lines, n_bytes = (int(w) for w in words[:4])
     if order not in (1, 2):
-        raise cursor.error(f"58b: byte order {order}; expected 1 (little-endian) or 2 (big-endian)", line)
+        raise cursor.error(
+            f"58b: byte order {order}; expected 1 (little-endian) or 2 (big-endian)", line
+        )
     if floating != 2:
         raise cursor.error(f"58b: floating-point format {floating}; expected 2 (IEEE 754)", line)
     if text_lines != _TEXT_LINES:
-        raise cursor.error(f"58b: {text_lines} lines of text before the data; expected {_TEXT_LINES}", line)
+        raise cursor.error(
+            f"58b: {text_lines} lines of text before the data; expected {_TEXT_LINES}", line
+        )
     start = cursor.at
     records = [cursor.take() for _ in range(_TEXT_LINES)]
     if cursor.at >= len(cursor.raw):
@@ -154,9 +165,12 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
     end = _AFTER_BYTES.match(cursor.raw, cursor.at + size)
     if end is None:
         raise cursor.error(_what_is_wrong(cursor, size, n_bytes), line)
-    # Some writers count points times bytes a number, for complex and uneven data as well (pyuff up to 2.5.8).
+    # Some writers count points times bytes a number, for complex and uneven data as well (pyuff up
+    # to 2.5.8).
     if n_bytes not in (size, unit):
-        raise cursor.error(f"58b: says {n_bytes} bytes of data; {size} follow from record 7, and stand there", line)
+        raise cursor.error(
+            f"58b: says {n_bytes} bytes of data; {size} follow from record 7, and stand there", line
+        )
     payload = cursor.raw[cursor.at : cursor.at + size]
     cursor.move(end.end())
     return Dataset(58, line, body, payload, order == 2)
@@ -165,12 +179,19 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
 def _what_is_wrong(cursor: _Cursor, size: int, n_bytes: int) -> str:
     left = len(cursor.raw) - cursor.at
     if left < size:
-        return f"58b: the file is cut short: {size} bytes of data follow from record 7, {left} are left"
+        return (
+            f"58b: the file is cut short: {size} bytes of data follow from record 7, {left} are"
+            " left"
+        )
     if n_bytes != size and _AFTER_BYTES.match(cursor.raw, cursor.at + n_bytes):
-        return f"58b: {n_bytes} bytes of data stand there; from record 7 (points, type, spacing) follow {size}"
+        return (
+            f"58b: {n_bytes} bytes of data stand there; from record 7 (points, type, spacing)"
+            f" follow {size}"
+        )
     return (
-        f"58b: no closing '    -1' after the {size} bytes of data that follow from record 7; the line before says "
-        f"{n_bytes}: a wrong count of points or bytes, or a file changed by a text-mode transfer"
+        f"58b: no closing '    -1' after the {size} bytes of data that follow from record 7; the"
+        f" line before says {n_bytes}: a wrong count of points or bytes, or a file changed by a"
+        " text-mode transfer"
     )
 
 
@@ -191,22 +212,31 @@ def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
     FormatError
         If the ordinate type, the number of points or the spacing is none.
     """
-    kind, points, even = (whole_field(record, i * 10, 10, w, path, line) for i, w in enumerate(_RECORD_7))
+    kind, points, even = (
+        whole_field(record, i * 10, 10, w, path, line) for i, w in enumerate(_RECORD_7)
+    )
     if kind not in _SIZES:
         raise FormatError(
-            f"record 7: ordinate data type {kind}; expected 2 or 4 (real), 5 or 6 (complex, single or double)",
+            f"record 7: ordinate data type {kind}; expected 2 or 4 (real), 5 or 6 (complex, single"
+            " or double)",
             path,
             line,
         )
     if points < 1:
         raise FormatError(f"record 7: {points} points; expected at least 1", path, line)
     if even not in (0, 1):
-        raise FormatError(f"record 7: abscissa spacing {even}; expected 0 (uneven) or 1 (even)", path, line)
+        raise FormatError(
+            f"record 7: abscissa spacing {even}; expected 0 (uneven) or 1 (even)", path, line
+        )
     numbers = (2 if kind >= 5 else 1) + (1 - even)
     return points * numbers * _SIZES[kind], points * _SIZES[kind]
 
 
-_RECORD_7 = ("record 7, ordinate data type", "record 7, number of points", "record 7, abscissa spacing")
+_RECORD_7 = (
+    "record 7, ordinate data type",
+    "record 7, number of points",
+    "record 7, abscissa spacing",
+)
 
 
 # -- fields of a line --------------------------------------------------------------------------------------
@@ -229,7 +259,9 @@ def whole_field(text: str, start: int, width: int, what: str, path: str | Path, 
     field = text[start : start + width].strip()
     if not _WHOLE.fullmatch(field):
         where = f"columns {start + 1} to {start + width}"
-        raise FormatError(f"{what}: expected a whole number in {where}, found {field!r}", path, line)
+        raise FormatError(
+            f"{what}: expected a whole number in {where}, found {field!r}", path, line
+        )
     return int(field)
 
 
@@ -244,4 +276,6 @@ def real_field(text: str, what: str, path: str | Path, line: int) -> float:
     try:
         return float(text.strip().upper().replace("D", "E"))
     except ValueError as error:
-        raise FormatError(f"{what}: expected a number, found {text.strip()!r}", path, line) from error
+        raise FormatError(
+            f"{what}: expected a number, found {text.strip()!r}", path, line
+        ) from error

@@ -1,12 +1,13 @@
 """Nodes, coordinate systems, trace lines and units of universal files.
 
-Datasets 15 (nodes), 2411 (nodes, double precision), 18 and 2420 (coordinate systems), 82 (trace lines), 164 (units);
-layouts by SDRC. What they leave open is read as I-DEAS does:
+Datasets 15 (nodes), 2411 (nodes, double precision), 18 and 2420 (coordinate systems), 82 (trace
+lines), 164 (units); layouts by SDRC. What they leave open is read as I-DEAS does:
 
 - Systems 0 and 1 are the global Cartesian one unless the file defines them.
 - Rows 1 to 3 of a 2420 matrix are the axes of the system in the global one, row 4 is its origin.
 - Angles are in degrees; cylindrical is (r, azimuth, z), spherical (r, angle from z, azimuth).
-- Positions of dataset 15 are in the definition system; those of 2411 in the global one, whatever its field 2 says.
+- Positions of dataset 15 are in the definition system; those of 2411 in the global one, whatever
+  its field 2 says.
 """
 
 from __future__ import annotations
@@ -98,7 +99,11 @@ def _cos(degrees: float) -> float:
 def _sin(degrees: float) -> float:
     """Return the sine, exact at multiples of 90 degrees, so that such systems coincide with the global axes."""
     quarter = degrees / 90.0
-    return float((0, 1, 0, -1)[int(quarter) % 4]) if quarter == int(quarter) else float(np.sin(np.deg2rad(degrees)))
+    return (
+        float((0, 1, 0, -1)[int(quarter) % 4])
+        if quarter == int(quarter)
+        else float(np.sin(np.deg2rad(degrees)))
+    )
 
 
 @dataclass(slots=True)
@@ -139,7 +144,8 @@ class Collector:
         Raises
         ------
         FormatError
-            If a field cannot be read, a node or system stands twice, or units contradict each other.
+            If a field cannot be read, a node or system stands twice, or units contradict each
+            other.
         """
         texts = [text_of(line).rstrip() for line in dataset.body.split(b"\n")]
         lines = [(dataset.line + 1 + i, text) for i, text in enumerate(texts)]
@@ -147,7 +153,14 @@ class Collector:
             lines.pop()
         if not lines:
             raise FormatError(f"dataset {dataset.number} is empty", self.path, dataset.line)
-        readers = {15: self._15, 18: self._18, 82: self._82, 164: self._164, 2411: self._2411, 2420: self._2420}
+        readers = {
+            15: self._15,
+            18: self._18,
+            82: self._82,
+            164: self._164,
+            2411: self._2411,
+            2420: self._2420,
+        }
         readers[dataset.number](lines)
 
     def _fields(self, line: int, text: str, count: int, what: str) -> list[int]:
@@ -156,16 +169,22 @@ class Collector:
     def _reals(self, line: int, text: str, count: int, what: str) -> NDArray[np.float64]:
         words = text.split()
         if len(words) != count:
-            raise FormatError(f"{what}: expected {count} numbers, found {len(words)}: {text!r}", self.path, line)
+            raise FormatError(
+                f"{what}: expected {count} numbers, found {len(words)}: {text!r}", self.path, line
+            )
         out = np.array([real_field(word, what, self.path, line) for word in words])
         if not np.isfinite(out).all():
             raise FormatError(f"{what}: not finite: {text!r}", self.path, line)
         return out
 
-    def _groups(self, lines: Sequence[tuple[int, str]], size: int, what: str) -> Iterator[Sequence[tuple[int, str]]]:
+    def _groups(
+        self, lines: Sequence[tuple[int, str]], size: int, what: str
+    ) -> Iterator[Sequence[tuple[int, str]]]:
         if len(lines) % size:
             raise FormatError(
-                f"{what}: expected {size} lines each, the last has {len(lines) % size}", self.path, lines[-1][0]
+                f"{what}: expected {size} lines each, the last has {len(lines) % size}",
+                self.path,
+                lines[-1][0],
             )
         return (lines[i : i + size] for i in range(0, len(lines), size))
 
@@ -187,7 +206,9 @@ class Collector:
         if before is not None:
             same = (before.definition, before.displacement) == (definition, displacement)
             if not (same and (before.xyz == xyz).all()):
-                raise FormatError(f"node {number} stands twice: also on line {before.line}", self.path, line)
+                raise FormatError(
+                    f"node {number} stands twice: also on line {before.line}", self.path, line
+                )
             return
         self.nodes[number] = _Node(line, definition, displacement, xyz)
 
@@ -196,7 +217,9 @@ class Collector:
         for (line, text), _, (third, a), (fourth, b) in self._groups(lines, 4, "dataset 18"):
             number, kind, reference, _, method = self._fields(line, text, 5, "dataset 18, system")
             if method != 1:
-                raise FormatError(f"dataset 18: method of definition {method}; expected 1", self.path, line)
+                raise FormatError(
+                    f"dataset 18: method of definition {method}; expected 1", self.path, line
+                )
             parent = self._system(reference, line, f"system {number}, reference")
             six = self._reals(third, a, 6, "dataset 18, points")
             points = (six[:3], six[3:], self._reals(fourth, b, 3, "dataset 18, points"))
@@ -204,9 +227,14 @@ class Collector:
             x = on_x - origin
             y = np.cross(on_xz - origin, x)  # z x X = Y: the third point lies on the side of +z
             if not (
-                np.linalg.norm(x) > 0 and np.linalg.norm(y) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(on_xz - origin)
+                np.linalg.norm(x) > 0
+                and np.linalg.norm(y) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(on_xz - origin)
             ):
-                raise FormatError(f"dataset 18: the three points of system {number} lie in a line", self.path, line)
+                raise FormatError(
+                    f"dataset 18: the three points of system {number} lie in a line",
+                    self.path,
+                    line,
+                )
             x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
             self._add_system(line, number, kind, np.array([x, y, np.cross(x, y)]), origin)
 
@@ -217,17 +245,25 @@ class Collector:
             self._add_system(line, number, kind, matrix[:3], matrix[3])
 
     def _add_system(
-        self, line: int, number: int, kind: int, axes: NDArray[np.float64], origin: NDArray[np.float64]
+        self,
+        line: int,
+        number: int,
+        kind: int,
+        axes: NDArray[np.float64],
+        origin: NDArray[np.float64],
     ) -> None:
         if kind not in (0, 1, 2):
             raise FormatError(
-                f"system {number}: type {kind}; expected 0 (Cartesian), 1 (cylindrical) or 2 (spherical)",
+                f"system {number}: type {kind}; expected 0 (Cartesian), 1 (cylindrical) or 2"
+                " (spherical)",
                 self.path,
                 line,
             )
         if not np.allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-4):
             raise FormatError(
-                f"system {number}: its axes are not three perpendicular directions of length 1", self.path, line
+                f"system {number}: its axes are not three perpendicular directions of length 1",
+                self.path,
+                line,
             )
         if number in self.systems:
             raise FormatError(f"system {number} stands twice", self.path, line)
@@ -240,7 +276,8 @@ class Collector:
             return _System(0, np.eye(3), np.zeros(3))
         known = ", ".join(map(str, sorted(self.systems))) or "none"
         raise FormatError(
-            f"{what}: coordinate system {number} is not defined in this file (defined: {known}; 0 and 1 are global)",
+            f"{what}: coordinate system {number} is not defined in this file (defined: {known}; 0"
+            " and 1 are global)",
             self.path,
             line,
         )
@@ -265,19 +302,25 @@ class Collector:
             raise FormatError("dataset 164: no factors of length and force", self.path, line)
         length, force = (real_field(w, "dataset 164, factor", self.path, line) for w in words[:2])
         if not (0 < length < np.inf and 0 < force < np.inf):
-            raise FormatError(f"dataset 164: factors {length:g} and {force:g}; expected positive ones", self.path, line)
+            raise FormatError(
+                f"dataset 164: factors {length:g} and {force:g}; expected positive ones",
+                self.path,
+                line,
+            )
         expected = _UNITS.get(code)
         if expected is None and code != 9:
             raise FormatError(f"dataset 164: units code {code}; expected 1 to 9", self.path, line)
         if expected is not None and not np.allclose((length, force), expected, rtol=1e-3, atol=0):
             raise FormatError(
-                f"dataset 164: units code {code} goes with factors {expected[0]:g} (length) and {expected[1]:g} "
-                f"(force), found {length:g} and {force:g}",
+                f"dataset 164: units code {code} goes with factors {expected[0]:g} (length) and"
+                f" {expected[1]:g} (force), found {length:g} and {force:g}",
                 self.path,
                 line,
             )
         if self.units.line and (self.units.length, self.units.force) != (length, force):
-            raise FormatError(f"dataset 164 contradicts the one on line {self.units.line}", self.path, line)
+            raise FormatError(
+                f"dataset 164 contradicts the one on line {self.units.line}", self.path, line
+            )
         self.units = Units(length, force, line)
 
     # -- the whole -----------------------------------------------------------------------------------------
@@ -294,13 +337,17 @@ class Collector:
         xyz, axes = [], []
         for number, node in self.nodes.items():
             definition = self._system(node.definition, node.line, f"node {number}, definition")
-            displacement = self._system(node.displacement, node.line, f"node {number}, displacement")
+            displacement = self._system(
+                node.displacement, node.line, f"node {number}, displacement"
+            )
             point = definition.position(node.xyz)
             xyz.append(point)
             axes.append(displacement.directions(point))
         for line, pairs in self.traces:
             for number in (n for pair in pairs for n in pair if n not in self.nodes):
-                raise FormatError(f"dataset 82: node {number} of the trace line has no position", self.path, line)
+                raise FormatError(
+                    f"dataset 82: node {number} of the trace line has no position", self.path, line
+                )
         # Everything so far is in the unit of the file; dataset 164 may stand anywhere in it.
         turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
         with placed(self.path):

@@ -38,7 +38,9 @@ class Directions:
         Whether directions stay those of the node.
     """
 
-    def __init__(self, path: str | Path, scalar: Dof | None, geometry: Geometry | None, local: bool = False) -> None:
+    def __init__(
+        self, path: str | Path, scalar: Dof | None, geometry: Geometry | None, local: bool = False
+    ) -> None:
         self.path, self.scalar, self.geometry, self.local = path, scalar, geometry, local
         self._row = {} if geometry is None else {int(n): i for i, n in enumerate(geometry.nodes)}
 
@@ -57,16 +59,16 @@ class Directions:
         Raises
         ------
         FormatError
-            If the code is none, is 0 and nothing says what it stands for, the node is not in the geometry, or the
-            direction is oblique to the global axes and is not to stay as it is.
+            If the code is none, is 0 and nothing says what it stands for, the node is not in the
+            geometry, or the direction is oblique to the global axes and is not to stay as it is.
         """
         at = line + 6
         if not -6 <= code <= 6:
             raise FormatError(f"record 6: {what} direction {code}; expected -6 to 6", self.path, at)
         if code == 0 and self.scalar is None:
             raise FormatError(
-                f"record 6: {what} direction 0 (scalar) at node {node} says no direction: give scalar_direction='Z' or "
-                "what it is",
+                f"record 6: {what} direction 0 (scalar) at node {node} says no direction: give"
+                " scalar_direction='Z' or what it is",
                 self.path,
                 at,
             )
@@ -91,9 +93,10 @@ class Directions:
         if np.abs(vector - along).max() > _PARALLEL:
             shown = ", ".join(f"{v:.6g}" for v in vector)
             raise FormatError(
-                f"record 6: {what} {dof} is oblique: its displacement system turns it to ({shown}) in the global one, "
-                "along none of the axes; keep the directions of nodes with local_axes=True and match them with "
-                "updyn.match ([match] of a job), or transform the measurement to global directions first",
+                f"record 6: {what} {dof} is oblique: its displacement system turns it to ({shown})"
+                " in the global one, along none of the axes; keep the directions of nodes with"
+                " local_axes=True and match them with updyn.match ([match] of a job), or transform"
+                " the measurement to global directions first",
                 self.path,
                 at,
             )
@@ -131,7 +134,10 @@ class _Placed:
 
     @property
     def key(self) -> _Pair:
-        return (self.response.node, self.response.direction), (self.reference.node, self.reference.direction)
+        return (self.response.node, self.response.direction), (
+            self.reference.node,
+            self.reference.direction,
+        )
 
     @property
     def pair(self) -> str:
@@ -200,7 +206,9 @@ def assemble(
             key = (_name(r), _name(c))
             signs = [x.response.sign * x.reference.sign * r.sign * c.sign for x in frfs[key]]
             gamma = [_gamma(x, path) for x in cohs.get(key, ())]
-            values[:, i, j] = _mean([x.function.y * sign for x, sign in zip(frfs[key], signs, strict=True)], gamma)
+            values[:, i, j] = _mean(
+                [x.function.y * sign for x, sign in zip(frfs[key], signs, strict=True)], gamma
+            )
             if coherence is not None:
                 coherence[:, i, j] = np.mean(gamma, axis=0)
     return Parts(freq, values, coherence, rows.kept, columns.kept)
@@ -242,7 +250,9 @@ class _Chosen:
         return dof in self.kept
 
 
-def _by_pair(items: Sequence[_Placed], rows: _Chosen, columns: _Chosen) -> dict[_Pair, list[_Placed]]:
+def _by_pair(
+    items: Sequence[_Placed], rows: _Chosen, columns: _Chosen
+) -> dict[_Pair, list[_Placed]]:
     out: dict[_Pair, list[_Placed]] = {}
     keep_rows, keep_columns = {_name(d) for d in rows.kept}, {_name(d) for d in columns.kept}
     for item in items:
@@ -251,13 +261,18 @@ def _by_pair(items: Sequence[_Placed], rows: _Chosen, columns: _Chosen) -> dict[
     return out
 
 
-def _complete(frfs: Mapping[_Pair, list[_Placed]], rows: _Chosen, columns: _Chosen, path: str | Path) -> None:
-    missing = [f"{r} / {c}" for c in columns.kept for r in rows.kept if (_name(r), _name(c)) not in frfs]
+def _complete(
+    frfs: Mapping[_Pair, list[_Placed]], rows: _Chosen, columns: _Chosen, path: str | Path
+) -> None:
+    missing = [
+        f"{r} / {c}" for c in columns.kept for r in rows.kept if (_name(r), _name(c)) not in frfs
+    ]
     if missing:
         shown = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
         raise FormatError(
-            f"{len(missing)} of {len(rows.kept) * len(columns.kept)} pairs of response / reference are missing: "
-            f"{shown}. Read a complete part with responses=[...] and references=[...]",
+            f"{len(missing)} of {len(rows.kept) * len(columns.kept)} pairs of response / reference"
+            f" are missing: {shown}. Read a complete part with responses=[...] and"
+            " references=[...]",
             path,
         )
 
@@ -266,8 +281,8 @@ def _single(groups: Sequence[list[_Placed]], path: str | Path) -> None:
     for first, *more in groups:
         for second in more:
             raise FormatError(
-                f"{second.function.name} at {second.pair} stands twice: also on line {first.function.line}; choose "
-                "duplicates='average' to take the mean",
+                f"{second.function.name} at {second.pair} stands twice: also on line"
+                f" {first.function.line}; choose duplicates='average' to take the mean",
                 path,
                 second.function.line,
             )
@@ -278,20 +293,23 @@ def _same_lines(item: _Placed, freq: NDArray[np.float64], path: str | Path) -> N
     if len(x) == len(freq) and np.allclose(x, freq, rtol=1e-9, atol=0):
         return
     raise FormatError(
-        f"{item.function.name} at {item.pair} has {len(x)} lines from {x[0]:g} to {x[-1]:g} Hz, the first FRF has "
-        f"{len(freq)} from {freq[0]:g} to {freq[-1]:g} Hz (or differs in between): lines are not aligned",
+        f"{item.function.name} at {item.pair} has {len(x)} lines from {x[0]:g} to {x[-1]:g} Hz, the"
+        f" first FRF has {len(freq)} from {freq[0]:g} to {freq[-1]:g} Hz (or differs in between):"
+        " lines are not aligned",
         path,
         item.function.line,
     )
 
 
-def _usable(frfs: Mapping[_Pair, list[_Placed]], cohs: Mapping[_Pair, list[_Placed]], path: str | Path) -> bool:
+def _usable(
+    frfs: Mapping[_Pair, list[_Placed]], cohs: Mapping[_Pair, list[_Placed]], path: str | Path
+) -> bool:
     """Return whether every FRF has its coherence; warn where only some have."""
     with_it = [key for key, items in frfs.items() if len(cohs.get(key, ())) == len(items)]
     if cohs and len(with_it) < len(frfs):
         warnings.warn(
-            f"{path}: coherence belongs to {len(with_it)} of {len(frfs)} pairs of DOFs; it is left out, as it has to "
-            "be there for all or none",
+            f"{path}: coherence belongs to {len(with_it)} of {len(frfs)} pairs of DOFs; it is left"
+            " out, as it has to be there for all or none",
             UpdynWarning,
             stacklevel=4,
         )
@@ -301,17 +319,25 @@ def _usable(frfs: Mapping[_Pair, list[_Placed]], cohs: Mapping[_Pair, list[_Plac
 def _gamma(item: _Placed, path: str | Path) -> NDArray[np.float64]:
     y = item.function.y
     if np.iscomplexobj(y) and (y.imag != 0).any():
-        raise FormatError(f"coherence at {item.pair} has an imaginary part", path, item.function.line)
+        raise FormatError(
+            f"coherence at {item.pair} has an imaginary part", path, item.function.line
+        )
     if (y.real < 0).any() or (y.real > 1).any():
         worst = y.real[np.argmax(np.abs(y.real - 0.5))]
-        raise FormatError(f"coherence at {item.pair} is {worst:g}; expected 0 to 1", path, item.function.line)
+        raise FormatError(
+            f"coherence at {item.pair} is {worst:g}; expected 0 to 1", path, item.function.line
+        )
     return np.asarray(y.real, dtype=np.float64)
 
 
-def _mean(values: Sequence[NDArray[Any]], gamma: Sequence[NDArray[np.float64]]) -> NDArray[np.complex128]:
+def _mean(
+    values: Sequence[NDArray[Any]], gamma: Sequence[NDArray[np.float64]]
+) -> NDArray[np.complex128]:
     """Return the mean, weighted line by line with the coherence where each has it and not all of it is 0."""
     if len(values) == 1:
         return np.asarray(values[0], dtype=np.complex128)
-    weights = np.array(gamma) if len(gamma) == len(values) else np.ones((len(values), len(values[0])))
+    weights = (
+        np.array(gamma) if len(gamma) == len(values) else np.ones((len(values), len(values[0])))
+    )
     weights[:, weights.sum(axis=0) == 0] = 1.0
     return np.asarray((weights * np.array(values)).sum(axis=0) / weights.sum(axis=0))

@@ -18,7 +18,11 @@ from updyn.io.atomic import atomic_path
 
 __all__ = ["write_frf"]
 
-_MOTION = {"receptance": (8, "m", "rad"), "mobility": (11, "m/s", "rad/s"), "accelerance": (12, "m/s^2", "rad/s^2")}
+_MOTION = {
+    "receptance": (8, "m", "rad"),
+    "mobility": (11, "m/s", "rad/s"),
+    "accelerance": (12, "m/s^2", "rad/s^2"),
+}
 _PAIRS_A_TRACE = 80  # of at most 250 entries, three a pair
 _WIDEST = 10**10  # node numbers have ten columns
 _COLUMNS = 13  # of abscissa minimum and increment
@@ -27,9 +31,9 @@ _COLUMNS = 13  # of abscissa minimum and increment
 def write_frf(frf: FRF, path: str | Path) -> None:
     """Write FRFs as a universal file of binary datasets 58 (58b), SI.
 
-    Values and coherence come back to the last bit: in double precision, or in single where that holds them exactly.
-    Lines at even distances are stored as minimum and increment where these fit their columns and give every line back
-    to rounding; else every line is stored.
+    Values and coherence come back to the last bit: in double precision, or in single where that
+    holds them exactly. Lines at even distances are stored as minimum and increment where these fit
+    their columns and give every line back to rounding; else every line is stored.
 
     Parameters
     ----------
@@ -41,7 +45,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        If a node number is too wide for the format, a DOF is not in the geometry, or a trace line goes to node 0.
+        If a node number is too wide for the format, a DOF is not in the geometry, or a trace line
+        goes to node 0.
 
     Warns
     -----
@@ -70,8 +75,8 @@ def _check_nodes(frf: FRF, path: str | Path) -> None:
     lacking = [d for d in dofs if d.node not in set(placed)]
     if lacking:
         raise FormatError(
-            f"DOF {lacking[0]} stands at a node that the geometry does not have ({len(lacking)} such): such a file "
-            "contradicts itself; complete the geometry, or write without it",
+            f"DOF {lacking[0]} stands at a node that the geometry does not have ({len(lacking)}"
+            " such): such a file contradicts itself; complete the geometry, or write without it",
             path,
         )
 
@@ -98,23 +103,35 @@ def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
     systems = np.zeros(len(geometry.nodes), dtype=np.int64)
     if geometry.axes is not None:
         distinct, which = np.unique(geometry.axes.reshape(-1, 9), axis=0, return_inverse=True)
-        systems = np.where((distinct == np.eye(3).ravel()).all(axis=1), 0, np.arange(len(distinct)) + 2)[which.ravel()]
+        systems = np.where(
+            (distinct == np.eye(3).ravel()).all(axis=1), 0, np.arange(len(distinct)) + 2
+        )[which.ravel()]
         lines = [f"{1:10d}", "NONE"]
         for number in sorted(set(systems.tolist()) - {0}):
             axes = distinct[number - 2].reshape(3, 3)
-            lines += [f"{number:10d}{0:10d}{8:10d}", f"CS{number}", *(_reals(row) for row in (*axes, np.zeros(3)))]
+            lines += [
+                f"{number:10d}{0:10d}{8:10d}",
+                f"CS{number}",
+                *(_reals(row) for row in (*axes, np.zeros(3))),
+            ]
         yield _text(2420, lines)
     lines = []
-    for node, system, xyz in zip(geometry.nodes.tolist(), systems.tolist(), geometry.xyz, strict=True):
+    for node, system, xyz in zip(
+        geometry.nodes.tolist(), systems.tolist(), geometry.xyz, strict=True
+    ):
         lines += [f"{node:10d}{0:10d}{system:10d}{8:10d}", _reals(xyz)]
     yield _text(2411, lines)
     if (geometry.lines == 0).any():
-        raise FormatError("a trace line goes to node 0, which in a universal file lifts the pen", path)
+        raise FormatError(
+            "a trace line goes to node 0, which in a universal file lifts the pen", path
+        )
     for start in range(0, len(geometry.lines), _PAIRS_A_TRACE):
         pairs = geometry.lines[start : start + _PAIRS_A_TRACE].tolist()
         entries = [n for a, b in pairs for n in (a, b, 0)][:-1]
         rows = ["".join(f"{n:10d}" for n in entries[i : i + 8]) for i in range(0, len(entries), 8)]
-        yield _text(82, [f"{start // _PAIRS_A_TRACE + 1:10d}{len(entries):10d}{8:10d}", "NONE", *rows])
+        yield _text(
+            82, [f"{start // _PAIRS_A_TRACE + 1:10d}{len(entries):10d}{8:10d}", "NONE", *rows]
+        )
 
 
 def _reals(row: Any) -> str:
@@ -131,14 +148,21 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes
         single = bool((table == table.astype("<f4")).all())
     data = table.astype("<f4" if single else "<f8").tobytes()
     minimum, increment = even or (f"{0.0:.5E}", f"{0.0:.5E}")
-    ordinate = {(False, True): 2, (False, False): 4, (True, True): 5, (True, False): 6}[is_frf, single]
-    form = f"{ordinate:10d}{len(y):10d}{1 if even else 0:10d}{minimum:>13}{increment:>13}{0.0:13.5E}"
+    ordinate = {(False, True): 2, (False, False): 4, (True, True): 5, (True, False): 6}[
+        is_frf, single
+    ]
+    form = (
+        f"{ordinate:10d}{len(y):10d}{1 if even else 0:10d}{minimum:>13}{increment:>13}{0.0:13.5E}"
+    )
     motion, unit, angle = _MOTION[frf.quantity]
     turning, moment = (d.direction.startswith("R") for d in (response, reference))
     title = f"{'H' if is_frf else 'Coherence'} {response} / {reference}"
     texts = [
         *(title[:80], "NONE", "NONE", "NONE", "NONE"),
-        f"{4 if is_frf else 6:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{_code(response)} {'NONE':<10}{_code(reference)}",
+        (
+            f"{4 if is_frf else 6:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{_code(response)}"
+            f" {'NONE':<10}{_code(reference)}"
+        ),
         form,
         _axis(18, "Frequency", "Hz"),
         _axis(motion, "NONE", angle if turning else unit) if is_frf else _axis(0, "NONE", "NONE"),

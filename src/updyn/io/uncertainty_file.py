@@ -66,7 +66,9 @@ def write_uncertainty(found: Draws | Profiles, path: str | Path) -> None:
             put_kind(file, "uncertainty")
 
 
-def read_uncertainty(path: str | Path, result: UpdateResult | JointResult | None = None) -> Draws | Profiles:
+def read_uncertainty(
+    path: str | Path, result: UpdateResult | JointResult | None = None
+) -> Draws | Profiles:
     """Read draws or profiles, as `write_uncertainty` makes them.
 
     Parameters
@@ -118,7 +120,9 @@ def _of_draws(found: Draws) -> xr.Dataset:
     for name, values in found.diagnostics.items():
         data[f"diagnostic_{name}"] = ("parameter", values)
     data.attrs |= {"kind": found.kind, "message": found.message, "converged": int(found.converged)}
-    data.attrs |= {name: to_text(dict(getattr(found, name)), name) for name in ("failed", "options")}
+    data.attrs |= {
+        name: to_text(dict(getattr(found, name)), name) for name in ("failed", "options")
+    }
     return data
 
 
@@ -126,7 +130,9 @@ def _to_draws(data: xr.Dataset, path: Path) -> Draws:
     chains = variable(data, "draws", path)
     names = tuple(str(n) for n in variable(data, "parameter", path))
     if chains.ndim != 3 or chains.shape[2] != len(names):
-        raise FormatError(f"draws: found shape {chains.shape}, expected (chain, draw, {len(names)})", path)
+        raise FormatError(
+            f"draws: found shape {chains.shape}, expected (chain, draw, {len(names)})", path
+        )
     prefix = "diagnostic_"
     by_unknown = {name: variable(data, name, path) for name in _BY_UNKNOWN}
     return Draws(
@@ -135,7 +141,11 @@ def _to_draws(data: xr.Dataset, path: Path) -> Draws:
         chains=chains,
         **by_unknown,
         is_factor=variable(data, "is_factor", path).astype(np.bool_),
-        diagnostics={str(n).removeprefix(prefix): data[n].values for n in data.data_vars if str(n).startswith(prefix)},
+        diagnostics={
+            str(n).removeprefix(prefix): data[n].values
+            for n in data.data_vars
+            if str(n).startswith(prefix)
+        },
         failed=from_text(text_of(data, "failed", path), "failed", path),
         converged=bool(data.attrs.get("converged")),
         message=text_of(data, "message", path),
@@ -172,13 +182,31 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
 def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
     values, drop, others = (variable(data, name, path) for name in ("value", "drop", "others"))
     humps, ends, missing, better = (
-        from_text(text_of(data, name, path), name, path) for name in ("humps", "ends", "missing", "better")
+        from_text(text_of(data, name, path), name, path)
+        for name in ("humps", "ends", "missing", "better")
     )
-    rows = zip(variable(data, "profile", path), variable(data, "estimate", path), humps, ends, strict=True)
+    rows = zip(
+        variable(data, "profile", path), variable(data, "estimate", path), humps, ends, strict=True
+    )
     found = []
     for i, (name, estimate, own, (low, high)) in enumerate(rows):
         there = np.isfinite(values[i])
         ranges = tuple(Hump(*h) for h in own)
-        one = Profile(str(name), float(estimate), values[i, there], drop[i, there], others[i, there], ranges, low, high)
+        one = Profile(
+            str(name),
+            float(estimate),
+            values[i, there],
+            drop[i, there],
+            others[i, there],
+            ranges,
+            low,
+            high,
+        )
         found.append(one)
-    return Profiles(tuple(found), float(data.attrs["level"]), float(data.attrs["threshold"]), tuple(missing), better)
+    return Profiles(
+        tuple(found),
+        float(data.attrs["level"]),
+        float(data.attrs["threshold"]),
+        tuple(missing),
+        better,
+    )

@@ -1,8 +1,8 @@
 """Mixed values (options, figures, advice) as JSON text, exactly and back, or as plain JSON for other programs.
 
-JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them (``{"__float__": "inf"}``), so
-that `from_text` gives back what was there; `plain` gives up the difference: inf and nan become null, tuples and arrays
-lists.
+JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them
+(``{"__float__": "inf"}``), so that `from_text` gives back what was there; `plain` gives up the
+difference: inf and nan become null, tuples and arrays lists.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ def to_text(value: Any, what: str) -> str:
     Parameters
     ----------
     value : object
-        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of these; a `ModeSet`.
+        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of
+        these; a `ModeSet`.
     what : str
         Where the value belongs, for the warning.
 
@@ -72,7 +73,8 @@ def _marked(value: Any, what: str) -> Any:
         return {"__pairs__": [[_marked(k, what), _marked(v, what)] for k, v in value.items()]}
     kind = type(value).__name__
     warnings.warn(
-        f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its place",
+        f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its"
+        " place",
         UpdynWarning,
         stacklevel=3,
     )
@@ -87,7 +89,11 @@ _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "__modes__": lambda v: ModeSet(**_restored(v["__modes__"])),
     "__dof__": lambda v: Dof.parse(v["__dof__"]),
     "__pairs__": lambda v: {_restored(k): _restored(x) for k, x in v["__pairs__"]},
-    "__array__": lambda v: np.array([_restored(x) for x in v["__array__"]], dtype=v["dtype"]).reshape(v["shape"]),
+    "__array__": (
+        lambda v: np.array([_restored(x) for x in v["__array__"]], dtype=v["dtype"]).reshape(
+            v["shape"]
+        )
+    ),
 }
 
 

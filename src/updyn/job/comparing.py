@@ -80,15 +80,16 @@ def compare_job(
 ) -> Comparison:
     """Run every method on the inputs of a job and write what comes of it.
 
-    Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own options go to that
-    method, measured modes to every method that takes them.
+    Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own
+    options go to that method, measured modes to every method that takes them.
 
     Parameters
     ----------
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem with ``-compare``, beside it. It is made when all is done.
+        The folder; by default the job's stem with ``-compare``, beside it. It is made when all is
+        done.
     callback : callable, optional
         As for `updyn.compare`.
     methods : iterable of str, optional
@@ -96,8 +97,8 @@ def compare_job(
     truth : path, optional
         File with true values, as `read_truth` takes it.
     report : callable, optional
-        Writes the page, usually `updyn.report.write_comparison`. It is handed in, as the way to a result does not
-        depend on how results are shown.
+        Writes the page, usually `updyn.report.write_comparison`. It is handed in, as the way to a
+        result does not depend on how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -108,8 +109,8 @@ def compare_job(
     Returns
     -------
     Comparison
-        In `out`: ``compare.json`` and, with `report`, ``compare.html``, each replaced as a whole; of a comparison that
-        was stopped with the rows so far.
+        In `out`: ``compare.json`` and, with `report`, ``compare.html``, each replaced as a whole;
+        of a comparison that was stopped with the rows so far.
 
     Raises
     ------
@@ -125,9 +126,13 @@ def compare_job(
     ready = prepare(job) if prepared is None else prepared
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)
-    Given.checked(ready.parameters, methods, _options(ready), known, **options)  # what is wrong here is not of the job
+    Given.checked(
+        ready.parameters, methods, _options(ready), known, **options
+    )  # what is wrong here is not of the job
     with method_errors(job):
-        found = _compared(ready, methods, known, {"callback": callback, "engine": engine, **options})
+        found = _compared(
+            ready, methods, known, {"callback": callback, "engine": engine, **options}
+        )
     out.mkdir(parents=True, exist_ok=True)
     if report is not None:
         report(found, out / "compare.html")
@@ -136,7 +141,10 @@ def compare_job(
 
 
 def _compared(
-    ready: Prepared, methods: Iterable[str] | None, truth: dict[str, float] | None, options: dict[str, Any]
+    ready: Prepared,
+    methods: Iterable[str] | None,
+    truth: dict[str, float] | None,
+    options: dict[str, Any],
 ) -> Comparison:
     from updyn.comparison import compare, compare_jointly
     from updyn.updating.selected import Selection
@@ -149,7 +157,9 @@ def _compared(
             options[key] = getattr(method, key)
     tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
     if isinstance(unknowns, Selection) and truth is not None:
-        options["truth"] = {name: value for name, value in truth.items() if name in unknowns.parameters.names}
+        options["truth"] = {
+            name: value for name, value in truth.items() if name in unknowns.parameters.names
+        }
     if len(tests) > 1:
         return compare_jointly(tests, unknowns, **options)
     (test,) = tests

@@ -22,7 +22,13 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
-from updyn.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, ServoTable, WindTable
+from updyn.job.servo_tables import (
+    ControllerTable,
+    NonlinearTable,
+    NotchTable,
+    ServoTable,
+    WindTable,
+)
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = ["complaints"]
@@ -49,7 +55,9 @@ def complaints(error: ValidationError, lines: Mapping[Place, int]) -> list[tuple
     for place, item in items:
         if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
             continue  # an array is "too short" because of a bad item, which has its own complaint
-        found.append((item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place)))
+        found.append(
+            (item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place))
+        )
     return [(line or None, text) for _, line, text in sorted(found)]
 
 
@@ -57,7 +65,10 @@ def _sentence(item: Any, place: Place) -> str:
     kind, name, given = item["type"], _dotted(place), item["input"]
     shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
     if kind == "extra_forbidden":
-        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), _keys(place[:-1]))}"
+        return (
+            f"unknown key {place[-1]!r}{_inside(place[:-1])};"
+            f" {suggest(str(place[-1]), _keys(place[:-1]))}"
+        )
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
@@ -65,16 +76,27 @@ def _sentence(item: Any, place: Place) -> str:
     if kind == "literal_error":
         choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
         return f"{shown}: {suggest(str(given), choices)}"
-    if kind == "value_error" and isinstance(given, Mapping) and place and isinstance(place[-1], int):
+    if (
+        kind == "value_error"
+        and isinstance(given, Mapping)
+        and place
+        and isinstance(place[-1], int)
+    ):
         return f"{item['ctx']['error']}{_inside(place)}"
     if kind == "value_error":
         return f"{shown}: {item['ctx']['error']}"
     if kind in ("greater_than", "greater_than_equal"):
         bound = next(iter(item["ctx"].values()))
-        return f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'} {bound:g}"
+        return (
+            f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'}"
+            f" {bound:g}"
+        )
     if kind in ("less_than", "less_than_equal"):
         bound = next(iter(item["ctx"].values()))
-        return f"{shown}: expected a number {'below' if kind == 'less_than' else 'of at most'} {bound:g}"
+        return (
+            f"{shown}: expected a number {'below' if kind == 'less_than' else 'of at most'}"
+            f" {bound:g}"
+        )
     return f"{shown}: {_WORDS.get(kind, item['msg'])}"
 
 

@@ -27,7 +27,9 @@ def damped(job: Job, model: Model) -> Model:
                 names += fits  # and if there is nothing to act on, that is said
             names += able.intersection(fits)
         try:
-            model = model.with_damping({name: table.stated for name in model.groups if name in names})
+            model = model.with_damping(
+                {name: table.stated for name in model.groups if name in names}
+            )
         except InputError as error:
             raise job.error_about(str(error), "damping", number) from error
     return model

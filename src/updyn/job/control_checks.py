@@ -14,7 +14,13 @@ from updyn.model import Model
 if TYPE_CHECKING:
     from updyn.frf import FRF
 
-__all__ = ["band_of_plant", "beyond_the_data", "check_control", "check_control_tables", "part_of_plant"]
+__all__ = [
+    "band_of_plant",
+    "beyond_the_data",
+    "check_control",
+    "check_control_tables",
+    "part_of_plant",
+]
 
 
 def check_control_tables(job: Job) -> None:
@@ -41,17 +47,26 @@ def check_control_tables(job: Job) -> None:
                 text = f"plant: two {key} are called {name!r}; give one of them another name"
                 raise job.error(text, "plant", key, number)
     if len(table.quantities) != len(table.outputs):
-        text = f"plant.quantity: {len(table.quantities)} given; expected one, or one for each of the outputs, "
+        text = (
+            f"plant.quantity: {len(table.quantities)} given; expected one, or one for each of the"
+            " outputs, "
+        )
         raise job.error(f"{text}{len(table.outputs)}", "plant", "quantity")
     if table.band is not None and not 0 <= table.band[0] < table.band[1]:
-        text = f"plant.band = {list(table.band)}: expected two frequencies in Hz, the lower one first"
+        text = (
+            f"plant.band = {list(table.band)}: expected two frequencies in Hz, the lower one first"
+        )
         raise job.error(text, "plant", "band")
     if table.test is not None:
         names = [part.test.name for part in job.parts]
         if len(names) == 1 and table.test != names[0]:
-            raise job.error("plant.test chooses one of several tests; this job has one", "plant", "test")
+            raise job.error(
+                "plant.test chooses one of several tests; this job has one", "plant", "test"
+            )
         if table.test not in names:
-            raise job.error(f"plant.test = {table.test!r}: {suggest(table.test, names)}", "plant", "test")
+            raise job.error(
+                f"plant.test = {table.test!r}: {suggest(table.test, names)}", "plant", "test"
+            )
 
 
 def part_of_plant(job: Job) -> int:
@@ -93,8 +108,8 @@ def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
     if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
         return ""
     return (
-        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, goes beyond the data, {low:.4g} to {high:.4g} Hz: "
-        "out there the model was not compared with a measurement."
+        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, goes beyond the data, {low:.4g}"
+        f" to {high:.4g} Hz: out there the model was not compared with a measurement."
     )
 
 
@@ -137,7 +152,10 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     high = band_of_plant(job, data[number])[1]
     if table.sampling is not None and high > 0.5 / table.sampling.dt:
         half = 0.5 / table.sampling.dt
-        text = f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band, {high:.4g} Hz"
+        text = (
+            f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band,"
+            f" {high:.4g} Hz"
+        )
         raise job.error(text, "plant", "sampling")
 
 
@@ -149,19 +167,31 @@ def _check_servo(job: Job) -> None:
         return
     if plant is None:
         raise job.error("[servo] without [plant]; add one with inputs and outputs", "servo")
-    ports = {"input": [p.name for p in plant.input_ports], "output": [p.name for p in plant.output_ports]}
+    ports = {
+        "input": [p.name for p in plant.input_ports],
+        "output": [p.name for p in plant.output_ports],
+    }
     for key, what in (("torque", "input"), ("disturbance", "input"), ("velocity", "output"), ("position", "output"),
                       ("pointing", "output")):  # fmt: skip
         name = getattr(servo, key)
         if name is not None and name not in ports[what]:
-            text = f"servo.{key} = {name!r}: the plant has no {what} of that name; {suggest(name, ports[what])}"
+            text = (
+                f"servo.{key} = {name!r}: the plant has no {what} of that name;"
+                f" {suggest(name, ports[what])}"
+            )
             raise job.error(text, "servo", key)
     if (servo.motor is None) != (servo.load is None):
-        raise job.error("servo: expected motor and load, for the figures of the drive; one is missing", "servo")
+        raise job.error(
+            "servo: expected motor and load, for the figures of the drive; one is missing", "servo"
+        )
     if servo.ratio is not None and servo.motor is None:
-        raise job.error("servo.ratio is checked with motor and load; they are missing", "servo", "ratio")
+        raise job.error(
+            "servo.ratio is checked with motor and load; they are missing", "servo", "ratio"
+        )
     if servo.wind is not None and servo.disturbance is None:
-        raise job.error("servo.wind without disturbance; name the input at which it acts", "servo", "wind")
+        raise job.error(
+            "servo.wind without disturbance; name the input at which it acts", "servo", "wind"
+        )
     if servo.wind is not None:
         with _about(job, "servo", "wind"):
             servo.wind.wind()
@@ -169,11 +199,16 @@ def _check_servo(job: Job) -> None:
         keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
         loose = next((k for k in keys if getattr(servo, k)), None)
         if loose is not None or servo.motor is None:
-            text = "servo: expected [servo.controller] with kp or crossover, or motor and load for the drive's figures"
+            text = (
+                "servo: expected [servo.controller] with kp or crossover, or motor and load for the"
+                " drive's figures"
+            )
             raise job.error(text, "servo", *([] if loose is None else [loose]))
         return
     if servo.velocity is None:
-        raise job.error("servo: missing key 'velocity', the output that the velocity loop reads", "servo")
+        raise job.error(
+            "servo: missing key 'velocity', the output that the velocity loop reads", "servo"
+        )
     if servo.torque is None and len(ports["input"]) > 1:
         names = ", ".join(map(repr, ports["input"]))
         raise job.error(f"servo: missing key 'torque': which of the inputs {names}?", "servo")

@@ -28,13 +28,13 @@ def control_record(planted: Planted) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``title``; ``updated``, whether the plant is of the updated model, and ``source``; ``band`` in Hz;
-        ``tolerance`` and ``met``, whether it was; ``message``, why there is no plant; ``plant``, None where there is
-        none: ``error``, ``peak_error``, ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``,
-        ``poles`` (``re``, ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each;
-        ``conversions`` of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where not
-        asked for; ``nonlinear``, limit cycles; ``notes``;
-        ``versions``.
+        ``title``; ``updated``, whether the plant is of the updated model, and ``source``; ``band``
+        in Hz; ``tolerance`` and ``met``, whether it was; ``message``, why there is no plant;
+        ``plant``, None where there is none: ``error``, ``peak_error``, ``route``, ``order``,
+        ``rigid``, ``inputs``, ``outputs``, ``modes_hz``, ``poles`` (``re``, ``im`` in rad/s,
+        ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each; ``conversions``
+        of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where
+        not asked for; ``nonlinear``, limit cycles; ``notes``; ``versions``.
     """
     return {
         "title": planted.title,
@@ -46,7 +46,12 @@ def control_record(planted: Planted) -> dict[str, Any]:
         "message": planted.message,
         "plant": None if planted.plant is None else _plant(planted, planted.plant),
         "conversions": [
-            {"name": c.name, "error": plain(c.error), "peak_error": plain(c.peak_error), "note": c.note}
+            {
+                "name": c.name,
+                "error": plain(c.error),
+                "peak_error": plain(c.peak_error),
+                "note": c.note,
+            }
             for c in planted.conversions
         ],
         "sampled": None if planted.sampled is None else _sampled(planted.sampled),
@@ -88,11 +93,15 @@ def _plant(planted: Planted, plant: Plant) -> dict[str, Any]:
         "inputs": [_port(p, p.force_unit) for p in plant.input_ports],
         "outputs": [
             {**_port(p, unit), "quantity": quantity}
-            for p, unit, quantity in zip(plant.output_ports, plant.output_units, plant.quantities, strict=True)
+            for p, unit, quantity in zip(
+                plant.output_ports, plant.output_units, plant.quantities, strict=True
+            )
         ],
         "modes_hz": plain(plant.modes),
         "poles": [
-            plain({"re": p.real, "im": p.imag, "frequency_hz": f / (2.0 * np.pi), "damping_ratio": z})
+            plain(
+                {"re": p.real, "im": p.imag, "frequency_hz": f / (2.0 * np.pi), "damping_ratio": z}
+            )
             for p, f, z in zip(poles, size, damping, strict=True)
         ],
         "channels": [
@@ -109,7 +118,12 @@ def _port(port: Port, unit: str) -> dict[str, Any]:
 
 
 def _sampled(plant: Plant) -> dict[str, Any]:
-    return {"dt": plant.dt, "delay": plant.delay, "order": plant.n_states, "facts": plain(dict(plant.facts))}
+    return {
+        "dt": plant.dt,
+        "delay": plant.delay,
+        "order": plant.n_states,
+        "facts": plain(dict(plant.facts)),
+    }
 
 
 def _family(planted: Planted) -> dict[str, Any] | None:
@@ -132,7 +146,10 @@ def _weights(planted: Planted) -> list[dict[str, Any]]:
             key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
             for key in ("zeros", "poles")
         }
-        figures = {key: plain(getattr(weight, key)) for key in ("largest", "mean", "peak", "peak_at", "note")}
+        figures = {
+            key: plain(getattr(weight, key))
+            for key in ("largest", "mean", "peak", "peak_at", "note")
+        }
         names = {"output": found.outputs[0], "input": found.inputs[0], "kind": found.kind}
         out.append({**names, "order": weight.order, "gain": plain(weight.gain), **roots, **figures})
     return out

@@ -24,11 +24,22 @@ _TAKEN = ("control.json", "result.json", "compare.json")
 
 def _quantities(given: Any) -> Any:
     names = [given] if isinstance(given, str) else given
-    if not isinstance(names, list | tuple) or not names or not all(isinstance(n, str) for n in names):
-        raise ValueError(f"expected one of {', '.join(map(repr, QUANTITIES))}, or an array with one for each output")
+    if (
+        not isinstance(names, list | tuple)
+        or not names
+        or not all(isinstance(n, str) for n in names)
+    ):
+        raise ValueError(
+            f"expected one of {', '.join(map(repr, QUANTITIES))}, or an array with one for each"
+            " output"
+        )
     for name in names:
         if name not in QUANTITIES:
-            raise ValueError(suggest(name, QUANTITIES) if given == name else f"{name!r}: {suggest(name, QUANTITIES)}")
+            raise ValueError(
+                suggest(name, QUANTITIES)
+                if given == name
+                else f"{name!r}: {suggest(name, QUANTITIES)}"
+            )
     return given if isinstance(given, str) else tuple(names)
 
 
@@ -38,7 +49,9 @@ def _ports(what: str) -> Callable[[Any], Any]:
     def several(given: Any) -> Any:
         items = [given] if isinstance(given, str | Mapping) else given
         if not isinstance(items, list | tuple) or not items:
-            raise ValueError(f"expected {what}: labels such as '1:RZ', or tables {{ name = ..., dof = ... }}")
+            raise ValueError(
+                f"expected {what}: labels such as '1:RZ', or tables {{ name = ..., dof = ... }}"
+            )
         return tuple({"dof": item} if isinstance(item, str) else item for item in items)
 
     return several
@@ -53,8 +66,14 @@ def _files(given: Any) -> Any:
         if PurePath(name).name != name or name in _TAKEN:
             raise ValueError(f"{name!r}: expected the name of a file of its own, without a folder")
         if suffix not in PLANT_SUFFIXES:
-            said = f"did you mean {close[0]!r}?" if (close := nearest(suffix, PLANT_SUFFIXES)) else ""
-            raise ValueError(f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}; {said}".rstrip("; "))
+            said = (
+                f"did you mean {close[0]!r}?" if (close := nearest(suffix, PLANT_SUFFIXES)) else ""
+            )
+            raise ValueError(
+                f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}; {said}".rstrip(
+                    "; "
+                )
+            )
     if len({name.casefold() for name in names}) < len(names):
         raise ValueError("a file stands twice")
     return tuple(names)
@@ -114,8 +133,12 @@ class SamplingTable(Table):
 class PlantTable(Table):
     """``[plant]``: inputs, outputs and band of the plant, how exact it has to be, and where it is written to."""
 
-    inputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("inputs")), Strict(False)] = Field(min_length=1)
-    outputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("outputs")), Strict(False)] = Field(min_length=1)
+    inputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("inputs")), Strict(False)] = (
+        Field(min_length=1)
+    )
+    outputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("outputs")), Strict(False)] = (
+        Field(min_length=1)
+    )
     quantity: Annotated[str | tuple[str, ...], BeforeValidator(_quantities)] = "receptance"
     band: Pair | None = None
     tolerance: float = Field(default=0.02, ge=1e-9, le=0.5)
@@ -139,7 +162,11 @@ class PlantTable(Table):
     @property
     def quantities(self) -> tuple[str, ...]:
         """What each output is."""
-        return (self.quantity,) * len(self.outputs) if isinstance(self.quantity, str) else self.quantity
+        return (
+            (self.quantity,) * len(self.outputs)
+            if isinstance(self.quantity, str)
+            else self.quantity
+        )
 
     @property
     def sampled_files(self) -> tuple[str, ...]:

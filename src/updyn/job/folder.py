@@ -107,10 +107,15 @@ def check_folder(job: Job, out: str | Path) -> Path:
     """
     out = Path(out)
     if out.exists() and not out.is_dir():
-        raise JobError(f"the output folder {str(out)!r} is a file; choose another with --out", job.path)
+        raise JobError(
+            f"the output folder {str(out)!r} is a file; choose another with --out", job.path
+        )
     parent = next(p for p in (out, *out.absolute().parents) if p.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise JobError(f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}", job.path)
+        raise JobError(
+            f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}",
+            job.path,
+        )
     return out
 
 
@@ -132,13 +137,17 @@ def check_out(job: Job, out: str | Path) -> Path:
     Raises
     ------
     JobError
-        If it is a file, lies in no folder that can be written, or a result would replace an input of the job.
+        If it is a file, lies in no folder that can be written, or a result would replace an input
+        of the job.
     """
     out = check_folder(job, out)
     check_inputs(job, out, outputs(job))
     there = out / "job.toml"
     if there.is_file() and not there.read_bytes().startswith(f"# {MARK}".encode()):
-        text = f"the run would write over {str(there)!r}, a job that updyn did not write; choose another --out"
+        text = (
+            f"the run would write over {str(there)!r}, a job that updyn did not write; choose"
+            " another --out"
+        )
         raise JobError(text, job.path)
     return out
 
@@ -191,7 +200,10 @@ def check_inputs(job: Job, out: Path, names: Iterable[str]) -> None:
     for what, path in inputs:
         for name in names:
             if path.resolve() == (out / name).resolve():
-                raise JobError(f"the run would write over its own {what} {str(path)!r}; choose another --out", job.path)
+                raise JobError(
+                    f"the run would write over its own {what} {str(path)!r}; choose another --out",
+                    job.path,
+                )
 
 
 @contextmanager

@@ -38,8 +38,8 @@ def load_job(path: str | Path) -> Job:
     Raises
     ------
     JobError
-        If the file is not there, is not TOML, or holds an unknown key, a wrong value or too little. The message has
-        one line for each complaint, each with its line in the file.
+        If the file is not there, is not TOML, or holds an unknown key, a wrong value or too little.
+        The message has one line for each complaint, each with its line in the file.
     """
     path = Path(path)
     text = _text(path)
@@ -68,7 +68,9 @@ def _text(path: Path) -> str:
         raise JobError("is a folder; expected a job file (TOML)", path)
     if not path.is_file():
         siblings = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        raise JobError(f"no such file; {suggest(path.name, siblings)}" if siblings else "no such file", path)
+        raise JobError(
+            f"no such file; {suggest(path.name, siblings)}" if siblings else "no such file", path
+        )
     raw = path.read_bytes()
     try:
         return raw.decode("utf-8-sig")
@@ -89,10 +91,14 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
 
 def _joined(found: Sequence[tuple[int | None, str]], path: Path) -> JobError:
     (line, first), *others = found
-    return JobError("\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line)
+    return JobError(
+        "\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line
+    )
 
 
-def _each_test(document: dict[str, Any], lines: dict[Place, int]) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
+def _each_test(
+    document: dict[str, Any], lines: dict[Place, int]
+) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
     """Yield the document with each of its tests, and where its parts stand then."""
     tests = document.get("test")
     if not (isinstance(tests, list) and tests and all(isinstance(t, dict) for t in tests)):
@@ -110,10 +116,15 @@ def _check_tests(jobs: Sequence[Job]) -> None:
     for job in jobs if len(jobs) > 1 else ():
         name = job.test.name
         if not name:
-            raise job.error("one of several tests without a name; give each [[test]] its own", "test")
+            raise job.error(
+                "one of several tests without a name; give each [[test]] its own", "test"
+            )
         if not _NAME.fullmatch(name):
             raise job.error(
-                f"test.name = {name!r}: expected letters, digits, blanks, - and _, as it names a folder", "test", "name"
+                f"test.name = {name!r}: expected letters, digits, blanks, - and _, as it names a"
+                " folder",
+                "test",
+                "name",
             )
         if name.casefold() in seen:
             raise job.error(f"test.name = {name!r}: another test has that name", "test", "name")
@@ -126,11 +137,17 @@ def _check_model(job: Job) -> None:
         raise job.error("[model] has a file and a kind; expected one of the two", "model", "kind")
     if table.file is None and table.kind is None:
         for key in table.keys:  # a misspelt file or kind is the likelier mistake
-            raise job.error(f"unknown key {key!r} in [model]; {suggest(key, ('file', 'format', 'kind'))}", "model", key)
+            raise job.error(
+                f"unknown key {key!r} in [model]; {suggest(key, ('file', 'format', 'kind'))}",
+                "model",
+                key,
+            )
         raise job.error("[model] needs a file, or a kind with the keys of its builder", "model")
     if table.kind is not None:
         if table.kind not in KINDS:
-            raise job.error(f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind")
+            raise job.error(
+                f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind"
+            )
         if table.format is not None:
             raise job.error("model.format belongs to a file, not to a kind", "model", "format")
 
@@ -141,7 +158,9 @@ def _check_method(job: Job) -> None:
 
     table = job.method
     if table.name not in METHODS:
-        raise job.error(f"method.name = {table.name!r}: {suggest(table.name, METHODS)}", "method", "name")
+        raise job.error(
+            f"method.name = {table.name!r}: {suggest(table.name, METHODS)}", "method", "name"
+        )
     try:
         check_regularise(table.regularise, table.name)
     except OptionError as error:
@@ -151,7 +170,10 @@ def _check_method(job: Job) -> None:
         if key not in known:
             choices = [*MethodTable.model_fields, *known]
             raise job.error(
-                f"unknown key {key!r} in [method] with name {table.name!r}; {suggest(key, choices)}", "method", key
+                f"unknown key {key!r} in [method] with name {table.name!r};"
+                f" {suggest(key, choices)}",
+                "method",
+                key,
             )
     for key, value in table.options.items():
         try:

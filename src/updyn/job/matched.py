@@ -31,7 +31,8 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
     frf : FRF
         The measurement as it was read.
     others : sequence of FRF
-        Those of the job's other tests: what ``[match]`` says of their sensors is not about this one.
+        Those of the job's other tests: what ``[match]`` says of their sensors is not about this
+        one.
 
     Returns
     -------
@@ -40,7 +41,8 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
     Raises
     ------
     JobError
-        If the geometry cannot be read, a sensor is not a DOF of the model, or the like; the message says on which line.
+        If the geometry cannot be read, a sensor is not a DOF of the model, or the like; the message
+        says on which line.
     """
     table = job.match
     geometry = None if table.geometry is None else _geometry(job, table.geometry)
@@ -53,7 +55,11 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
             by=table.by,
             tolerance=table.tolerance,
             unit=table.unit,
-            alignment={int(a): b for a, b in alignment.items()} if isinstance(alignment, dict) else alignment,
+            alignment=(
+                {int(a): b for a, b in alignment.items()}
+                if isinstance(alignment, dict)
+                else alignment
+            ),
             angle=table.angle,
             table=_here(table.table, frf, others),
             directions=_here(table.directions, frf, others),
@@ -65,7 +71,8 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
 def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     """Name the DOFs of modes as the model names them.
 
-    What the FRFs have too goes where their sensors and forces went; all else has to be labelled as in the model.
+    What the FRFs have too goes where their sensors and forces went; all else has to be labelled as
+    in the model.
 
     Parameters
     ----------
@@ -82,7 +89,8 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     Raises
     ------
     DofError
-        If a DOF is not in the model, or lies where a sensor has turned the DOFs of its node, or two are one.
+        If a DOF is not in the model, or lies where a sensor has turned the DOFs of its node, or two
+        are one.
     """
     seats = {row.sensor: row for row in matching.table}
     new = []
@@ -90,7 +98,8 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
         row = seats.get(str(Dof(dof.node, dof.direction)))
         if row is not None and row.turned:
             raise DofError(
-                f"DOF {dof} of the modes: the sensor at it points obliquely, and the model has turned with it"
+                f"DOF {dof} of the modes: the sensor at it points obliquely, and the model has"
+                " turned with it"
             )
         own = dof if row is None else Dof.parse(row.dof)
         new.append(own if row is None or dof.sign > 0 else -own)
@@ -104,7 +113,11 @@ def _here(told: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T
     """Return what is told of sensors, without those that only other tests have."""
     here = _named(frf)
     elsewhere = {name for other in others for name in _named(other)} - here
-    return {label: about for label, about in told.items() if label.replace("+", "").replace("-", "") not in elsewhere}
+    return {
+        label: about
+        for label, about in told.items()
+        if label.replace("+", "").replace("-", "") not in elsewhere
+    }
 
 
 def _named(frf: FRF) -> set[str]:
@@ -114,11 +127,15 @@ def _named(frf: FRF) -> set[str]:
 
 
 def _at_its_line(job: Job, error: MatchError) -> JobError:
-    message = str(error).replace("the measurement", job.test.file).replace(" in table", " in [match.table]")
+    message = (
+        str(error)
+        .replace("the measurement", job.test.file)
+        .replace(" in table", " in [match.table]")
+    )
     if error.lost:
         message += (
-            f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."), or keep only those '
-            "that are, with responses and references in [test]"
+            f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."),'
+            " or keep only those that are, with responses and references in [test]"
         )
     return job.error(message, *(("match", *error.place) if error.place else ("test", "file")))
 
@@ -128,7 +145,9 @@ def _geometry(job: Job, file: str) -> Geometry:
 
     path = job.beside(file)
     if not path.is_file():
-        siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+        siblings = (
+            [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+        )
         hint = suggest(path.name, siblings) if siblings else "its folder is empty or does not exist"
         raise job.error(f"match.geometry = {file!r}: no such file; {hint}", "match", "geometry")
     try:

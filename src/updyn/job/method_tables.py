@@ -17,7 +17,9 @@ def _lines(given: Any) -> Any:
         return given
     if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
         return tuple(float(x) for x in given)
-    raise ValueError("expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines")
+    raise ValueError(
+        "expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines"
+    )
 
 
 def _validation(given: Any) -> Any:
@@ -26,12 +28,17 @@ def _validation(given: Any) -> Any:
             return tuple(given)
         if len(given) == 2 and all(is_number(x) for x in given):
             return float(given[0]), float(given[1])
-    raise ValueError("expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz")
+    raise ValueError(
+        "expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz"
+    )
 
 
 def _noise(given: Any) -> Any:
     if not isinstance(given, str | Mapping):
-        raise ValueError("expected a table with relative and/or floor, such as { relative = 0.02, floor = 0.001 }")  # noqa: TRY004
+        raise ValueError(  # noqa: TRY004
+            "expected a table with relative and/or floor, such as { relative = 0.02, floor ="
+            " 0.001 }"
+        )
     return given
 
 
@@ -39,7 +46,9 @@ def _regularise(given: Any) -> Any:
     if isinstance(given, str):
         return given
     if not is_number(given) or given <= 0:
-        raise ValueError("expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0")
+        raise ValueError(
+            "expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0"
+        )
     return float(given)
 
 
@@ -55,7 +64,8 @@ def _cosine(given: Any) -> Any:
     return given
 
 
-#: The noise of a test, and what of it is held out; both stand in ``[method]``, or in ``[test]`` instead.
+#: The noise of a test, and what of it is held out; both stand in ``[method]``, or in ``[test]``
+#: instead.
 Noise = Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)]
 HeldOut = Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)]
 
@@ -70,9 +80,13 @@ class SelectionTable(Table):
     @model_validator(mode="after")
     def _something(self) -> SelectionTable:
         if self.cluster is None and self.n is None and self.max_collinearity is None:
-            raise ValueError("expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns")
+            raise ValueError(
+                "expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns"
+            )
         if self.n is not None and self.max_collinearity is not None:
-            raise ValueError("n says how many to fit, max_collinearity how separable they have to be; give one")
+            raise ValueError(
+                "n says how many to fit, max_collinearity how separable they have to be; give one"
+            )
         return self
 
 
@@ -100,7 +114,9 @@ class UncertaintyTable(Table):
     """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
 
     kind: Literal["profile", "bootstrap", "sampling"]
-    names: Texts | None = Field(default=None, min_length=1)  # of a profile; all unknowns where left out
+    names: Texts | None = Field(
+        default=None, min_length=1
+    )  # of a profile; all unknowns where left out
     n: int | None = Field(default=None, ge=2)
     seed: int = Field(default=0, ge=0)
     level: float = Field(default=0.95, gt=0, lt=1)

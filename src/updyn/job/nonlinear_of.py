@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Nonlinear", "nonlinear_of"]
 
-#: Periods of a cycle, and of the bandwidth, that are simulated where the job does not say how long; how far outside of
-#: the cycle it begins; steps in a period of the band's upper end, and in all where the job does not say how long.
+#: Periods of a cycle, and of the bandwidth, that are simulated where the job does not say how long;
+#: how far outside of the cycle it begins; steps in a period of the band's upper end, and in all
+#: where the job does not say how long.
 _PERIODS, _SETTLING, _OUTSIDE = 40, 6, 1.2
 _STEPS, _MOST = 40, 300_000
 
@@ -61,10 +62,20 @@ class Nonlinear:
         """What to know where prediction and simulation disagree, in a sentence; empty where they do not."""
         if self.simulation is None:
             return ""
-        predicted, found = any(c.stable for c in self.cycles), self.simulation.verdict == "limit cycle"
+        predicted, found = (
+            any(c.stable for c in self.cycles),
+            self.simulation.verdict == "limit cycle",
+        )
         if predicted and self.simulation.verdict in ("decays", "at rest"):
-            return "The simulation does not confirm the stable limit cycle that is predicted: trust the simulation."
-        return "The simulation ends in a limit cycle that is not predicted." if found and not predicted else ""
+            return (
+                "The simulation does not confirm the stable limit cycle that is predicted: trust"
+                " the simulation."
+            )
+        return (
+            "The simulation ends in a limit cycle that is not predicted."
+            if found and not predicted
+            else ""
+        )
 
     def summary(self) -> str:
         """Return prediction and simulation as text."""
@@ -91,20 +102,29 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
     Raises
     ------
     JobError
-        If a mesh cannot be opened, a plant with it not be made, or a number not be used, with the line.
+        If a mesh cannot be opened, a plant with it not be made, or a number not be used, with the
+        line.
     """
     tables = () if job.servo is None else job.servo.nonlinear
-    return tuple(_one(job, number, table, model, plant, servo) for number, table in enumerate(tables))
+    return tuple(
+        _one(job, number, table, model, plant, servo) for number, table in enumerate(tables)
+    )
 
 
-def _one(job: Job, number: int, table: NonlinearTable, model: Model, plant: Plant, servo: Servo) -> Nonlinear:
+def _one(
+    job: Job, number: int, table: NonlinearTable, model: Model, plant: Plant, servo: Servo
+) -> Nonlinear:
     from updyn.control.nonlinear.balance import limit_cycles
     from updyn.control.nonlinear.elements import CoulombFriction
     from updyn.control.nonlinear.opened import opened
     from updyn.control.ports import Port
 
     place = ("servo", "nonlinear", number)
-    loop: dict[str, Any] = {"torque": servo.torque, "velocity": servo.velocity, "position": servo.position}
+    loop: dict[str, Any] = {
+        "torque": servo.torque,
+        "velocity": servo.velocity,
+        "position": servo.position,
+    }
     name = _unused(table.kind, plant)
     with located_in(job, *place):
         if table.kind == "friction":
@@ -123,12 +143,20 @@ def _one(job: Job, number: int, table: NonlinearTable, model: Model, plant: Plan
             cycles = limit_cycles(with_it, servo.controller, law, name, **loop)
             found = _largest(cycles)
             if table.frequency is None and found is not None and gap.group.loss_factor:
-                # The damper that stands for the loss factor belongs to the frequency of the cycle itself.
+                # The damper that stands for the loss factor belongs to the frequency of the cycle
+                # itself.
                 frequency = found.frequency
                 law = gap.backlash(table.gap, frequency=frequency)
                 cycles = limit_cycles(with_it, servo.controller, law, name, **loop)
-            lossy = f"; its loss factor as a damper at {frequency:.4g} Hz" if gap.group.loss_factor else ""
-            where = f"in {table.mesh!r}, {table.gap:g} {'rad' if gap.port.rotation else 'm'} at {table.at}{lossy}"
+            lossy = (
+                f"; its loss factor as a damper at {frequency:.4g} Hz"
+                if gap.group.loss_factor
+                else ""
+            )
+            where = (
+                f"in {table.mesh!r}, {table.gap:g} {'rad' if gap.port.rotation else 'm'} at"
+                f" {table.at}{lossy}"
+            )
     simulation, begun, note = _in_time(table, with_it, servo, law, cycles, name, loop)
     return Nonlinear(table.kind, where, law, cycles, simulation, begun, note)
 
@@ -158,7 +186,9 @@ def _plant(job: Job, model: Model, plant: Plant, servo: Servo, port: Any, quanti
 
 def _largest(cycles: LimitCycles) -> LimitCycle | None:
     """Return the stable cycle of the largest amplitude, of those that are not in doubt first; None without one."""
-    return max((c for c in cycles if c.stable), key=lambda c: (not c.doubt, c.amplitude), default=None)
+    return max(
+        (c for c in cycles if c.stable), key=lambda c: (not c.doubt, c.amplitude), default=None
+    )
 
 
 def _in_time(
@@ -175,7 +205,14 @@ def _in_time(
 
     found = _largest(cycles)
     if found is None and not cycles.linear_stable:
-        return None, "", "It is not simulated: the loop is unstable without it, and no stable limit cycle is predicted."
+        return (
+            None,
+            "",
+            (
+                "It is not simulated: the loop is unstable without it, and no stable limit cycle is"
+                " predicted."
+            ),
+        )
     how: dict[str, Any]
     if found is not None:
         how = {"start": found, "scale": _OUTSIDE}
@@ -190,6 +227,10 @@ def _in_time(
     step = 1.0 / (_STEPS * plant.band[1])
     duration = table.duration or min(lasting, _MOST * step)
     try:
-        return simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop), begun, ""
+        return (
+            simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop),
+            begun,
+            "",
+        )
     except UpdynError as error:
         return None, "", f"It is not simulated: {error}"

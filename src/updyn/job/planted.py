@@ -32,7 +32,8 @@ __all__ = ["Planted", "planted_of"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Lines of the comparison with the model: so many spread over the band, and these about each mode, in its half widths.
+#: Lines of the comparison with the model: so many spread over the band, and these about each mode,
+#: in its half widths.
 _SPREAD = 300
 _AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
 #: Above this size a reduced model, proved to this accuracy, answers for the model.
@@ -78,7 +79,8 @@ class Planted:
     family : PlantFamily or None
         Plants drawn from the uncertainty of the update.
     weights : mapping of (int, int) to UncertaintyWeight
-        What covers the family, by position of output and input: the channels of the servo's loops, or all.
+        What covers the family, by position of output and input: the channels of the servo's loops,
+        or all.
     servo : Servo or None
         The controller of ``[servo]`` on the plant, or on the family.
     drive : DriveFigures or None
@@ -119,7 +121,9 @@ class Planted:
         assert self.exact is not None
         assert self.answer is not None
         level = np.abs(self.exact).max(axis=0)
-        return np.asarray(np.abs(self.answer - self.exact).max(axis=0) / np.where(level > 0, level, 1.0))
+        return np.asarray(
+            np.abs(self.answer - self.exact).max(axis=0) / np.where(level > 0, level, 1.0)
+        )
 
 
 def planted_of(
@@ -149,7 +153,8 @@ def planted_of(
     say : callable, optional
         Called with what is being done.
     strict : bool
-        Whether a servo that cannot be had is an error; else a note says why, and the plant is there all the same.
+        Whether a servo that cannot be had is an error; else a note says why, and the plant is there
+        all the same.
 
     Returns
     -------
@@ -184,7 +189,9 @@ def planted_of(
     }
     told("plant: conversions of the damping")
     side_by_side = _side_by_side(job, model, given)
-    base = Planted(job.title or job.path.stem, model, one is not None, source, band, table.tolerance)
+    base = Planted(
+        job.title or job.path.stem, model, one is not None, source, band, table.tolerance
+    )
     told("plant: order")
     made, message = _made(job, model, given)
     extra: dict[str, Any] = {"conversions": side_by_side, "message": message}
@@ -210,7 +217,11 @@ def planted_of(
 
 
 def _servo(
-    job: Job, model: Model, band: tuple[float, float], plant: Plant | PlantFamily | None, strict: bool
+    job: Job,
+    model: Model,
+    band: tuple[float, float],
+    plant: Plant | PlantFamily | None,
+    strict: bool,
 ) -> tuple[dict[str, Any], str]:
     """Return drive and servo, and why one of them is not there."""
     from updyn.job.nonlinear_of import nonlinear_of
@@ -235,7 +246,10 @@ def _servo(
 def _of_the_update(result: UpdateResult) -> list[str]:
     if result.status == "converged":
         return []
-    return [f"The update has ended as {result.status!r}: {result.message} The plant is of the model that it left."]
+    return [
+        f"The update has ended as {result.status!r}: {result.message} The plant is of the model"
+        " that it left."
+    ]
 
 
 def _of_the_test(ready: Prepared, number: int) -> str:
@@ -316,7 +330,11 @@ def lines_of(plant: Plant) -> _Real:
     damping = np.maximum(-poles.real[inside] / np.abs(poles[inside]), 1e-6)
     around = own[inside, None] * (1.0 + damping[:, None] * _AROUND)
     spread = np.geomspace(low, high, _SPREAD)
-    lines = np.unique(np.clip(np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()]), low, high))
+    lines = np.unique(
+        np.clip(
+            np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()]), low, high
+        )
+    )
     return np.asarray(lines[np.concatenate([[True], np.diff(lines) > 1e-10 * high])])
 
 
@@ -338,18 +356,29 @@ def _family(
     """Return the family, or why there is none; the plant is not lost for that."""
     assert job.plant is not None
     if result is None:
-        return None, "There is no family: the model is not updated, so nothing is known of how sure it is."
+        return (
+            None,
+            "There is no family: the model is not updated, so nothing is known of how sure it is.",
+        )
     from updyn.control.family import plant_family
 
     wish = job.plant
-    how: dict[str, Any] = {"n": wish.family, "seed": wish.seed, "draws": draws, "engine": engine, "route": wish.route}
+    how: dict[str, Any] = {
+        "n": wish.family,
+        "seed": wish.seed,
+        "draws": draws,
+        "engine": engine,
+        "route": wish.route,
+    }
     try:
         return plant_family(result, tolerance=wish.tolerance, **how, **given), ""
     except UpdynError as error:
         return None, f"There is no family: {error}"
 
 
-def _weights(job: Job, family: PlantFamily) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
+def _weights(
+    job: Job, family: PlantFamily
+) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
     """Return a weight for each channel of the servo's loops, or for each channel of the plant; and what is missing."""
     from updyn.control.weight import uncertainty_weight
 
@@ -357,7 +386,11 @@ def _weights(job: Job, family: PlantFamily) -> tuple[dict[tuple[int, int], Uncer
     if servo is not None and servo.controller is not None:
         torque = family.inputs[0] if servo.torque is None else servo.torque
         read = {servo.velocity, servo.position}
-        chosen = [(i, j) for i, j in everything if family.outputs[i] in read and family.inputs[j] == torque]
+        chosen = [
+            (i, j)
+            for i, j in everything
+            if family.outputs[i] in read and family.inputs[j] == torque
+        ]
     else:
         chosen = everything[:_WEIGHTS]
     out, notes = {}, []
@@ -367,5 +400,7 @@ def _weights(job: Job, family: PlantFamily) -> tuple[dict[tuple[int, int], Uncer
         except UpdynError as error:
             notes.append(f"No weight covers {family.outputs[i]} over {family.inputs[j]}: {error}")
     if len(chosen) < len(everything) and (servo is None or servo.controller is None):
-        notes.append(f"Weights of the first {len(chosen)} of {len(everything)} channels were sought.")
+        notes.append(
+            f"Weights of the first {len(chosen)} of {len(everything)} channels were sought."
+        )
     return out, notes

@@ -48,7 +48,8 @@ def plant_after(
     Warns
     -----
     UpdynWarning
-        If it cannot be had, or does not hold its tolerance, with the reason; the update is not lost for that.
+        If it cannot be had, or does not hold its tolerance, with the reason; the update is not lost
+        for that.
     """
     from updyn.uncertainty.draws import Draws
 
@@ -70,7 +71,9 @@ def plant_after(
         warnings.warn(f"{job.path}: [plant] is left out: {error}", UpdynWarning, stacklevel=3)
         return None
     if not planted.met:
-        warnings.warn(f"{job.path}: no plant is written: {planted.message}", UpdynWarning, stacklevel=3)
+        warnings.warn(
+            f"{job.path}: no plant is written: {planted.message}", UpdynWarning, stacklevel=3
+        )
     return planted
 
 
@@ -98,7 +101,10 @@ def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:
     from updyn.io.plant_file import write_plant
 
     assert job.plant is not None
-    for made, names in ((planted.plant, job.plant.files), (planted.sampled, job.plant.sampled_files)):
+    for made, names in (
+        (planted.plant, job.plant.files),
+        (planted.sampled, job.plant.sampled_files),
+    ):
         if made is not None:
             for name in names:
                 write_plant(made, folder / name)

@@ -80,8 +80,8 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
     Raises
     ------
     JobError
-        If the job has no ``[plant]``, or the folder is a file, cannot be written, or holds an input of the job under
-        the name of a file of the plant.
+        If the job has no ``[plant]``, or the folder is a file, cannot be written, or holds an input
+        of the job under the name of a file of the plant.
     """
     if job.plant is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
@@ -103,8 +103,9 @@ def plant_job(
 ) -> Planted:
     """Make the plant of a job and write its files.
 
-    It is that of the updated model where the job has been run: by default the result is sought in `out`, and in the
-    job's own folder of results. Where there is none, it is that of the model as it stands, and says so.
+    It is that of the updated model where the job has been run: by default the result is sought in
+    `out`, and in the job's own folder of results. Where there is none, it is that of the model as
+    it stands, and says so.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ def plant_job(
     run : path, optional
         The folder of the finished run, where it is another.
     report : callable, optional
-        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a plant does not
-        depend on how it is shown.
+        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a
+        plant does not depend on how it is shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -127,14 +128,16 @@ def plant_job(
     Returns
     -------
     Planted
-        In `out`: the files that ``[plant]`` names, ``control.json`` and, with `report`, ``plant.html``, each replaced
-        as a whole. Where no plant holds the tolerance, no file of it is there afterwards, also none of an earlier one,
-        as it would pass for this one; record and page say what was reached.
+        In `out`: the files that ``[plant]`` names, ``control.json`` and, with `report`,
+        ``plant.html``, each replaced as a whole. Where no plant holds the tolerance, no file of it
+        is there afterwards, also none of an earlier one, as it would pass for this one; record and
+        page say what was reached.
 
     Raises
     ------
     InputError
-        If the job, a file or the folder cannot be used, or the run is of another job; nothing is written then.
+        If the job, a file or the folder cannot be used, or the run is of another job; nothing is
+        written then.
     SolverError
         If the model has no answer at a line; nothing is written.
     """
@@ -156,7 +159,9 @@ def plant_job(
 
 
 # -- the finished run ----------------------------------------------------------------------------------------
-def _finished(ready: Prepared, out: Path, run: str | Path | None) -> tuple[UpdateResult, Draws | None, Path] | None:
+def _finished(
+    ready: Prepared, out: Path, run: str | Path | None
+) -> tuple[UpdateResult, Draws | None, Path] | None:
     """Return the result of the job's run, draws of its unknowns where there are any, and the folder.
 
     Raises
@@ -174,15 +179,20 @@ def _finished(ready: Prepared, out: Path, run: str | Path | None) -> tuple[Updat
         _check_same(job, folder)
         result = read_result(folder / inside)
         test = ready.tests[number]
-        same = result.frf.values.shape == test.frf.values.shape and np.array_equal(result.frf.values, test.frf.values)
+        same = result.frf.values.shape == test.frf.values.shape and np.array_equal(
+            result.frf.values, test.frf.values
+        )
         if not same or result.model.dofs.labels != test.model.dofs.labels:
             what = "model" if same else "measurement"
             raise JobError(
-                f"the {what} is not that of the run in {str(folder)!r} any more; run the job again", job.path
+                f"the {what} is not that of the run in {str(folder)!r} any more; run the job again",
+                job.path,
             )
         return result, _draws(folder, result), folder
     if run is not None:
-        raise JobError(f"there is no finished run in {str(run)!r}: no {inside.as_posix()!r}", job.path)
+        raise JobError(
+            f"there is no finished run in {str(run)!r}: no {inside.as_posix()!r}", job.path
+        )
     return None
 
 
@@ -206,12 +216,16 @@ def _check_same(job: Job, folder: Path) -> None:
         then = tomllib.loads((folder / "job.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise JobError(
-            f"the run in {str(folder)!r} has no job.toml that can be read; run the job again", job.path
+            f"the run in {str(folder)!r} has no job.toml that can be read; run the job again",
+            job.path,
         ) from error
     now = tomllib.loads(resolved_job(job, folder))
     for table in dict.fromkeys([*now, *then]):
         if table not in _LATER and now.get(table) != then.get(table):
-            text = f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose another --out"
+            text = (
+                f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose"
+                " another --out"
+            )
             raise job.error(text, table)
 
 

@@ -119,8 +119,8 @@ def prepare(job: Job) -> Prepared:
     Raises
     ------
     JobError
-        If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not in the model, or
-        the like; the message says on which line of the job, and where in the file.
+        If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not
+        in the model, or the like; the message says on which line of the job, and where in the file.
     """
     model = damped(job, _model(job))
     _check_properties(job)
@@ -176,9 +176,17 @@ def _check_properties(job: Job) -> None:
 
     with located(job, "output", "properties"):
         if job.model.file is None:
-            raise OptionError("output.properties: a model that was built here has no deck; write it to model.h5")
-        if Path(job.output.properties).name != job.output.properties or job.output.properties in OUTPUTS:
-            raise OptionError(f"output.properties = {job.output.properties!r}: expected the name of a file of its own")
+            raise OptionError(
+                "output.properties: a model that was built here has no deck; write it to model.h5"
+            )
+        if (
+            Path(job.output.properties).name != job.output.properties
+            or job.output.properties in OUTPUTS
+        ):
+            raise OptionError(
+                f"output.properties = {job.output.properties!r}: expected the name of a file of"
+                " its own"
+            )
         find_format(job.beside(job.model.file), "write_properties", job.model.format)
 
 
@@ -195,7 +203,8 @@ def _measurement(job: Job) -> FRF:
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
             raise job.error(
-                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it out",
+                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave"
+                " it out",
                 "test",
                 "averages",
             )
@@ -233,8 +242,14 @@ def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
         return path
     if path.is_dir():
         raise job.error(f"{table}.{key} = {file!r} is a folder ({path})", table, key)
-    siblings = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
-    hint = suggest(path.name, siblings) if siblings else f"the folder {str(path.parent)!r} is empty or does not exist"
+    siblings = (
+        [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    )
+    hint = (
+        suggest(path.name, siblings)
+        if siblings
+        else f"the folder {str(path.parent)!r} is empty or does not exist"
+    )
     raise job.error(f"{table}.{key} = {file!r}: no such file; {hint}", table, key)
 
 
@@ -264,7 +279,9 @@ def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.updating.reducing import is_reduced
 
     if job.method.tier is not None and job.method.tier not in TIERS:
-        raise job.error(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}", "method", "tier")
+        raise job.error(
+            f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}", "method", "tier"
+        )
     with located(job, "method", "tier"):
         is_reduced(job.method.tier, 0, 0, job.method.name)
     with located(job, "method", "backend"):

@@ -38,7 +38,11 @@ def resolved_job(job: Job, out: Path) -> str:
     content = job.model_dump(exclude_none=True, mode="python")
     content["title"] = job.title or job.path.stem
     tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
-    for table, key in ((content["model"], "file"), (content["match"], "geometry"), *((t, "file") for t in tests)):
+    for table, key in (
+        (content["model"], "file"),
+        (content["match"], "geometry"),
+        *((t, "file") for t in tests),
+    ):
         if key in table:
             table[key] = _from(out, job.beside(table[key]))
     for test in tests:
@@ -47,7 +51,11 @@ def resolved_job(job: Job, out: Path) -> str:
         if "repeats" in test:
             test["repeats"] = [_from(out, job.beside(file)) for file in test["repeats"]]
     content["test"] = tests if len(tests) > 1 else tests[0]
-    defaults = {k: v for k, v in options_of(job.method.name).items() if isinstance(v, bool | int | float | str)}
+    defaults = {
+        k: v
+        for k, v in options_of(job.method.name).items()
+        if isinstance(v, bool | int | float | str)
+    }
     content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
     document = tomlkit.document()
     document.add(tomlkit.comment(f"{MARK} {__version__} from {_from(out, job.path)}"))

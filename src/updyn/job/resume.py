@@ -56,4 +56,7 @@ def _nothing(out: Path) -> str:
         status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
     except (OSError, ValueError, KeyError, TypeError):
         return f"nothing to resume: {str(out / JOURNAL)!r} does not exist"
-    return f"nothing to resume: the run in {str(out)!r} has ended ({status}) and needs no journal; leave out --resume"
+    return (
+        f"nothing to resume: the run in {str(out)!r} has ended ({status}) and needs no journal;"
+        " leave out --resume"
+    )

@@ -53,44 +53,49 @@ def run_job(
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem, beside it. What an earlier run wrote there is replaced, file by file,
-        only when this run has finished.
+        The folder; by default the job's stem, beside it. What an earlier run wrote there is
+        replaced, file by file, only when this run has finished.
     callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; returning True stops the run.
+        Called with a `Progress` after every step and between blocks of lines; returning True stops
+        the run.
     report : callable, optional
-        Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result does not depend on
-        how results are shown.
+        Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result
+        does not depend on how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
         Where the work is done, as for `updyn.update`.
     resume : bool
-        Go on with the run in `out` that was stopped or interrupted, or ended at the largest number of steps: to the
-        same answer as if it had not been.
+        Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
+        of steps: to the same answer as if it had not been.
 
     further : callable, optional
-        Called once all is written, with what ``[uncertainty]`` and what ``[plant]`` gave; None where they gave nothing.
+        Called once all is written, with what ``[uncertainty]`` and what ``[plant]`` gave; None
+        where they gave nothing.
 
     Returns
     -------
     UpdateResult or JointResult
-        The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and ``report.html`` in a folder of
-        its name. Also in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out; runs
-        again from there), what ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask for and, unless the job
-        says not to, what `report` makes: ``report.html``. While it runs, and until it has finished, ``run.journal`` is
-        there, too, which `resume` needs.
+        The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and
+        ``report.html`` in a folder of its name. Also in `out`: ``result.json``, ``run.nc``,
+        ``model.h5``, ``job.toml`` (all defaults written out; runs again from there), what
+        ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask for and, unless the job says
+        not to, what `report` makes: ``report.html``. While it runs, and until it has finished,
+        ``run.journal`` is there, too, which `resume` needs.
 
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used, or there is nothing to resume; nothing is written then.
+        If the job, a file or the output folder cannot be used, or there is nothing to resume;
+        nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
 
     Warns
     -----
     UpdynWarning
-        If the job asks for a report and `report` is not given, or for an uncertainty or a plant that cannot be had.
+        If the job asks for a report and `report` is not given, or for an uncertainty or a plant
+        that cannot be had.
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
@@ -172,7 +177,9 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
 
     job = prepared.job
     with method_errors(job):
-        return joint_identifiability(as_tests(prepared, held_out=False), selection or prepared.parameters)
+        return joint_identifiability(
+            as_tests(prepared, held_out=False), selection or prepared.parameters
+        )
 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
@@ -199,7 +206,11 @@ def _update(
     from updyn.updating.update import update, update_jointly
 
     job, method = ready.job, ready.job.method
-    options: dict[str, Any] = {"method": method.name, "callback": callback, "title": job.title or job.path.stem}
+    options: dict[str, Any] = {
+        "method": method.name,
+        "callback": callback,
+        "title": job.title or job.path.stem,
+    }
     options |= running | method.options | _modes(ready)
     for key in ("tier", "backend", "accuracy", "regularise"):
         if getattr(method, key) is not None:
@@ -228,7 +239,11 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     method = ready.job.method.name
     if "modes" not in options_of(method):
         part = next(test.job for test in ready.tests if test.modes is not None)
-        raise part.error(f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out", "test", "modes")
+        raise part.error(
+            f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out",
+            "test",
+            "modes",
+        )
     return {"modes": ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))}
 
 
@@ -253,7 +268,9 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
         write_model(one.model, own / "model.h5")
         write_result(one, own / "run.nc")
     if job.output.properties is not None and job.model.file is not None:
-        write_properties(one, job.beside(job.model.file), folder / job.output.properties, format=job.model.format)
+        write_properties(
+            one, job.beside(job.model.file), folder / job.output.properties, format=job.model.format
+        )
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 
@@ -285,7 +302,10 @@ def _report(
     if not job.output.report:
         return
     if report is None:
-        text = f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to get it"
+        text = (
+            f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
+            " get it"
+        )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
     more: tuple[object, ...] = () if found is None else (found,)

@@ -65,19 +65,29 @@ OUTPUTS = (
 def _tolerance(given: Any) -> Any:
     share = isinstance(given, str) and given.strip().endswith("%")
     if not share and (not is_number(given) or given <= 0):
-        raise ValueError("expected a distance in m above 0, or a share of the model's size, such as '0.5 %'")
+        raise ValueError(
+            "expected a distance in m above 0, or a share of the model's size, such as '0.5 %'"
+        )
     return given
 
 
 def _alignment(given: Any) -> Any:
     pairs = isinstance(given, Mapping) and all(re.fullmatch(r"-?[0-9]+", key) for key in given)
-    if pairs and given and all(isinstance(v, int) and not isinstance(v, bool) for v in given.values()):
+    if (
+        pairs
+        and given
+        and all(isinstance(v, int) and not isinstance(v, bool) for v in given.values())
+    ):
         return dict(given)
-    matrix = isinstance(given, list | tuple) and all(isinstance(row, list | tuple) and len(row) == 4 for row in given)
+    matrix = isinstance(given, list | tuple) and all(
+        isinstance(row, list | tuple) and len(row) == 4 for row in given
+    )
     if matrix and len(given) == 4 and all(is_number(x) for row in given for x in row):
         return [[float(x) for x in row] for row in given]
     if given != "fit":
-        raise ValueError("expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array")
+        raise ValueError(
+            "expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array"
+        )
     return given
 
 
@@ -102,7 +112,9 @@ class TestTable(Table):
     __test__ = False  # not a test, whatever its name suggests to pytest
 
     file: str
-    repeats: Texts | None = Field(default=None, min_length=1)  # further files of the same test, averaged
+    repeats: Texts | None = Field(
+        default=None, min_length=1
+    )  # further files of the same test, averaged
     modes: str | None = None  # a file of measured modes, for the method "modal"
     format: str | None = None
     quantity: str | None = None
@@ -115,7 +127,9 @@ class TestTable(Table):
     order: Texts | None = None
     averages: int | None = Field(default=None, ge=1)
     band: Pair | None = None
-    responses: Texts | None = Field(default=None, min_length=1)  # labels as the file has them; all where left out
+    responses: Texts | None = Field(
+        default=None, min_length=1
+    )  # labels as the file has them; all where left out
     references: Texts | None = Field(default=None, min_length=1)
     name: str = ""
     grounded: Texts | None = None  # the configuration: what is held, and what is added
@@ -154,7 +168,9 @@ class MatchTable(Table):
     alignment: Annotated[Any, BeforeValidator(_alignment)] = None
     angle: float | None = Field(default=None, ge=0, le=45)
     table: dict[str, str] = Field(default_factory=dict)
-    directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(default_factory=dict)
+    directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(
+        default_factory=dict
+    )
 
 
 class OutputTable(Table):
@@ -171,11 +187,15 @@ class Job(Table):
     model: ModelTable
     test: TestTable
     match: MatchTable = MatchTable()
-    parameter: Annotated[tuple[ParameterTable, ...], BeforeValidator(tables_of("parameter")), Strict(False)] = Field(
-        min_length=1
-    )
-    damping: Annotated[tuple[DampingTable, ...], BeforeValidator(tables_of("damping")), Strict(False)] = ()
-    calibration: Annotated[tuple[CalibrationTable, ...], BeforeValidator(tables_of("calibration")), Strict(False)] = ()
+    parameter: Annotated[
+        tuple[ParameterTable, ...], BeforeValidator(tables_of("parameter")), Strict(False)
+    ] = Field(min_length=1)
+    damping: Annotated[
+        tuple[DampingTable, ...], BeforeValidator(tables_of("damping")), Strict(False)
+    ] = ()
+    calibration: Annotated[
+        tuple[CalibrationTable, ...], BeforeValidator(tables_of("calibration")), Strict(False)
+    ] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
     uncertainty: UncertaintyTable | None = None
@@ -200,7 +220,9 @@ class Job(Table):
     @property
     def lines_to_fit(self) -> str | list[float] | None:
         """The lines of ``[method]``, as `updyn.update` takes them."""
-        return list(self.method.lines) if isinstance(self.method.lines, tuple) else self.method.lines
+        return (
+            list(self.method.lines) if isinstance(self.method.lines, tuple) else self.method.lines
+        )
 
     @property
     def noise(self) -> str | dict[str, float | str] | None:
@@ -276,7 +298,11 @@ class Job(Table):
             To be raised.
         """
         words = re.findall(r"\w+", message.removeprefix(str(path)))
-        inside = {p[len(place)]: p for p in self._lines if len(p) == len(place) + 1 and p[: len(place)] == place}
+        inside = {
+            p[len(place)]: p
+            for p in self._lines
+            if len(p) == len(place) + 1 and p[: len(place)] == place
+        }
         return self.error(message, *next((inside[w] for w in words if w in inside), place))
 
     def with_source(self, path: Path, lines: dict[Place, int]) -> Job:

@@ -14,7 +14,17 @@ __all__ = ["drive_record", "nonlinear_record", "servo_record"]
 
 _STEP = ("of", "size", "input", "input_unit", "output", "output_unit", "final", "rise_time", "overshoot",
          "settling_time", "peak", "peak_time")  # fmt: skip
-_WIND = ("input", "input_unit", "output", "output_unit", "rms", "peak", "mean", "rms_expected", "facts")
+_WIND = (
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "rms",
+    "peak",
+    "mean",
+    "rms_expected",
+    "facts",
+)
 
 
 def servo_record(servo: Servo) -> dict[str, Any]:
@@ -28,10 +38,11 @@ def servo_record(servo: Servo) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``stable``, of every loop and member of a family; ``controller``; the names of the ports; ``bandwidth`` in Hz;
-        ``poles`` of the closed loop (``re``, ``im`` in rad/s); ``velocity_loop`` and ``position_loop``: ``margins`` as
-        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``, ``disturbance_step``
-        and ``wind``: figures, without the series; ``notes``.
+        ``stable``, of every loop and member of a family; ``controller``; the names of the ports;
+        ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
+        ``velocity_loop`` and ``position_loop``: ``margins`` as
+        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
+        ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
     return {
         "stable": servo.stable,
@@ -62,7 +73,9 @@ def _loop(loop: Loop) -> dict[str, Any]:
     }
 
 
-def _figures(found: StepResponse | WindResponse | None, names: tuple[str, ...]) -> dict[str, Any] | None:
+def _figures(
+    found: StepResponse | WindResponse | None, names: tuple[str, ...]
+) -> dict[str, Any] | None:
     return None if found is None else {name: plain(getattr(found, name)) for name in names}
 
 
@@ -97,9 +110,10 @@ def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``kind``, ``where``, ``law`` (its numbers); ``linear_stable``; ``cycles``, one dict each with what
-        `updyn.control.nonlinear.balance.LimitCycle` holds but the describing function; ``simulation``, None where there
-        is none: ``verdict``, ``amplitude``, ``frequency`` and so on; ``begun``, ``disputed`` and ``note``.
+        ``kind``, ``where``, ``law`` (its numbers); ``linear_stable``; ``cycles``, one dict each
+        with what `updyn.control.nonlinear.balance.LimitCycle` holds but the describing function;
+        ``simulation``, None where there is none: ``verdict``, ``amplitude``, ``frequency`` and so
+        on; ``begun``, ``disputed`` and ``note``.
     """
     ended = found.simulation
     names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
@@ -110,7 +124,9 @@ def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
         "law": plain(asdict(found.law)),
         "linear_stable": bool(found.cycles.linear_stable),
         "cycles": [{name: plain(getattr(c, name)) for name in cycle} for c in found.cycles],
-        "simulation": None if ended is None else {name: plain(getattr(ended, name)) for name in names},
+        "simulation": (
+            None if ended is None else {name: plain(getattr(ended, name)) for name in names}
+        ),
         "begun": found.begun,
         "disputed": found.disputed,
         "note": found.note,

@@ -49,11 +49,15 @@ class NotchTable(Table):
         """
         from updyn.control.servo.controller import Notch
 
-        dampings = {k: v for k in ("zero_damping", "pole_damping") if (v := getattr(self, k)) is not None}
+        dampings = {
+            k: v for k in ("zero_damping", "pole_damping") if (v := getattr(self, k)) is not None
+        }
         if self.width is None and self.depth is None:
             return Notch(self.frequency, **dampings)
         if dampings or self.width is None:
-            raise OptionError(f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios")
+            raise OptionError(
+                f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios"
+            )
         return Notch.of_width(self.frequency, self.width, self.depth or 0.0)
 
 
@@ -70,7 +74,9 @@ class ControllerTable(Table):
     low_pass_damping: float | None = None
     feed_forward: float = 0.0
     dead_time: float = 0.0
-    notch: Annotated[tuple[NotchTable, ...], BeforeValidator(tables_of("servo.controller.notch")), Strict(False)] = ()
+    notch: Annotated[
+        tuple[NotchTable, ...], BeforeValidator(tables_of("servo.controller.notch")), Strict(False)
+    ] = ()
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -89,21 +95,27 @@ class ControllerTable(Table):
         from updyn.control.servo.controller import Controller
 
         if (self.kp is None) == (self.crossover is None):
-            raise OptionError("controller: expected kp, or crossover to size it by rule; one of the two")
+            raise OptionError(
+                "controller: expected kp, or crossover to size it by rule; one of the two"
+            )
         given = self.settings
         if self.kp is None:
             given |= {"kp": 1.0} | ({"kv": 1.0} if "kv" not in given else {})
         else:
             ruled = next((key for key in _RULE if getattr(self, key) is not None), None)
             if ruled is not None:
-                raise OptionError(f"controller: {ruled} sizes a gain by rule; give crossover in place of kp")
+                raise OptionError(
+                    f"controller: {ruled} sizes a gain by rule; give crossover in place of kp"
+                )
         for key in _RULE:
             value = getattr(self, key)
             if value is not None and value <= 0:
                 raise OptionError(f"controller: {key} is {value!r}; expected a number above 0")
         Controller(**given)
 
-    def controller(self, plant: Plant, torque: str, velocity: str, position: str | None) -> Controller:
+    def controller(
+        self, plant: Plant, torque: str, velocity: str, position: str | None
+    ) -> Controller:
         """Return the controller.
 
         Parameters
@@ -113,7 +125,8 @@ class ControllerTable(Table):
         torque, velocity : str
             Names of its input and output.
         position : str or None
-            Name of the output that the position loop reads; None: gains of a position loop are not sized by rule.
+            Name of the output that the position loop reads; None: gains of a position loop are not
+            sized by rule.
 
         Returns
         -------
@@ -135,7 +148,9 @@ class ControllerTable(Table):
             rule["kv_ratio"] = self.kv_ratio
         elif position is None:
             rule["kv_ratio"] = None
-        return Controller.tuned(plant, self.crossover, torque=torque, velocity=velocity, **rule, **self.settings)
+        return Controller.tuned(
+            plant, self.crossover, torque=torque, velocity=velocity, **rule, **self.settings
+        )
 
 
 class WindTable(Table):
@@ -187,7 +202,9 @@ class NonlinearTable(Table):
             If one is missing, or belongs to the other kind.
         """
         own = {"backlash": ("mesh", "gap"), "friction": ("level",)}[self.kind]
-        others = {"backlash": ("level", "breakaway"), "friction": ("mesh", "gap", "frequency")}[self.kind]
+        others = {"backlash": ("level", "breakaway"), "friction": ("mesh", "gap", "frequency")}[
+            self.kind
+        ]
         for key in own:
             if getattr(self, key) is None:
                 raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}")
@@ -212,4 +229,6 @@ class ServoTable(Table):
     duration: float | None = Field(default=None, gt=0)
     wind: WindTable | None = None
     controller: ControllerTable | None = None
-    nonlinear: Annotated[tuple[NonlinearTable, ...], BeforeValidator(tables_of("servo.nonlinear")), Strict(False)] = ()
+    nonlinear: Annotated[
+        tuple[NonlinearTable, ...], BeforeValidator(tables_of("servo.nonlinear")), Strict(False)
+    ] = ()

@@ -24,7 +24,11 @@ Texts = Annotated[tuple[str, ...], Strict(False)]
 
 def _groups(given: Any) -> Any:
     globs = [given] if isinstance(given, str) else given
-    if not isinstance(globs, list | tuple) or not globs or not all(isinstance(g, str) for g in globs):
+    if (
+        not isinstance(globs, list | tuple)
+        or not globs
+        or not all(isinstance(g, str) for g in globs)
+    ):
         raise ValueError("expected group names or globs, such as ['shaft', 'gear*']")
     return tuple(globs)
 
@@ -34,7 +38,9 @@ def _driven(given: Any) -> Any:
         return {name: float(power) for name, power in given.items()}
     if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
         return tuple(given)
-    raise ValueError('expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names')
+    raise ValueError(
+        'expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names'
+    )
 
 
 def tables_of(name: str) -> Callable[[Any], Any]:
@@ -71,7 +77,10 @@ class ParameterTable(Table):
     """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
-    quantity: Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"] | None = None
+    quantity: (
+        Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"]
+        | None
+    ) = None
     name: str | None = None
     drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
     nominal: float | None = Field(default=None, gt=0)
@@ -84,7 +93,10 @@ class ParameterTable(Table):
     def _one_kind(self) -> ParameterTable:
         plain, linked = (self.groups, self.quantity), (self.name, self.drives)
         if any(x is not None for x in plain) and any(x is not None for x in linked):
-            raise ValueError("groups and quantity are one way to choose, name and drives the other; give one pair")
+            raise ValueError(
+                "groups and quantity are one way to choose, name and drives the other; give one"
+                " pair"
+            )
         for pair, keys in ((plain, ("groups", "quantity")), (linked, ("name", "drives"))):
             for one, other, missing in ((pair[0], pair[1], keys[1]), (pair[1], pair[0], keys[0])):
                 if one is not None and other is None:
@@ -101,7 +113,9 @@ class DampingTable(Table):
     loss_factor: float | None = Field(default=None, ge=0)
     mass_damping: float | None = Field(default=None, ge=0)
     stiffness_damping: float | None = Field(default=None, ge=0)
-    loss_table: Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...] | None, Strict(False)] = None
+    loss_table: Annotated[
+        tuple[Annotated[tuple[float, ...], Strict(False)], ...] | None, Strict(False)
+    ] = None
 
     @property
     def stated(self) -> dict[str, Any]:

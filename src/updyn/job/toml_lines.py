@@ -1,7 +1,8 @@
 """On which line of a TOML text each key stands.
 
-`tomllib` reads TOML but forgets the lines. This scanner reads a text that `tomllib` has accepted, so it checks nothing
-and only keeps places: keys, dotted keys, tables, arrays of tables, inline tables and the items of arrays.
+`tomllib` reads TOML but forgets the lines. This scanner reads a text that `tomllib` has accepted,
+so it checks nothing and only keeps places: keys, dotted keys, tables, arrays of tables, inline
+tables and the items of arrays.
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ def toml_lines(text: str) -> dict[Place, int]:
     Returns
     -------
     dict of Place to int
-        Lines counted from 1. A table that is opened more than once, or by a dotted key, has its first line.
+        Lines counted from 1. A table that is opened more than once, or by a dotted key, has its
+        first line.
     """
     return _Scanner(text.replace("\r\n", "\n")).run()
 
@@ -184,7 +186,9 @@ class _Scanner:
         """Read a string of any of the four kinds and return what it says."""
         long = self.text.startswith(('"""', "'''"), self.at)
         basic = self.text[self.at] == '"'
-        pattern = (_LONG_BASIC if basic else _LONG_LITERAL) if long else (_BASIC if basic else _LITERAL)
+        pattern = (
+            (_LONG_BASIC if basic else _LONG_LITERAL) if long else (_BASIC if basic else _LITERAL)
+        )
         raw = self.skip(pattern)
         # A long string is never a key, so what it says is not needed.
         return "" if long else str(tomllib.loads(f"x={raw}")["x"])

@@ -21,8 +21,8 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
     Parameters
     ----------
     path : path
-        TOML or JSON (told by its suffix): names with values, such as ``"part 1.stiffness" = 0.8``, or a table for each
-        group, ``["part 1"]`` with ``stiffness = 0.8``.
+        TOML or JSON (told by its suffix): names with values, such as ``"part 1.stiffness" = 0.8``,
+        or a table for each group, ``["part 1"]`` with ``stiffness = 0.8``.
     parameters : ParameterSet
         The unknowns.
 
@@ -34,21 +34,28 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
     Raises
     ------
     FormatError
-        If the file is not there or cannot be read, names something that is no unknown, or holds no number for it.
+        If the file is not there or cannot be read, names something that is no unknown, or holds no
+        number for it.
     """
     path = Path(path)
     found: dict[str, float] = {}
     for name, value in _named(_content(path), ""):
         if name not in parameters.names:
-            raise FormatError(f"{name!r} is no unknown of the job; {suggest(name, parameters.names)}", path)
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            raise FormatError(
+                f"{name!r} is no unknown of the job; {suggest(name, parameters.names)}", path
+            )
+        number = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
         if not number:
             raise FormatError(f"{name!r}: expected a finite number, found {value!r}", path)
         if name in found:
             raise FormatError(f"{name!r} stands twice", path)
         found[name] = float(value)
     if not found:
-        raise FormatError('holds no true value; expected lines such as "part 1.stiffness" = 0.8', path)
+        raise FormatError(
+            'holds no true value; expected lines such as "part 1.stiffness" = 0.8', path
+        )
     return found
 
 

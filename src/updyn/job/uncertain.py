@@ -45,7 +45,8 @@ def check_uncertainty(job: Job, parameters: ParameterSet) -> None:
     if job.method.name not in methods:
         said = " or ".join(repr(m) for m in methods)
         raise job.error(
-            f"uncertainty: kind {wish.kind!r} is of a fit by {said}; [method] name is {job.method.name!r}",
+            f"uncertainty: kind {wish.kind!r} is of a fit by {said}; [method] name is"
+            f" {job.method.name!r}",
             "uncertainty",
             "kind",
         )

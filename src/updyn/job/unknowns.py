@@ -21,7 +21,14 @@ from updyn.updating.parameters import Parameter, ParameterSet
 
 __all__ = ["unknowns_of"]
 
-_QUANTITY_ORDER = ("mass", "stiffness", "loss_factor", "viscous", "mass_damping", "stiffness_damping")
+_QUANTITY_ORDER = (
+    "mass",
+    "stiffness",
+    "loss_factor",
+    "viscous",
+    "mass_damping",
+    "stiffness_damping",
+)
 
 
 def unknowns_of(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
@@ -54,8 +61,11 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
     loaded = with_all_masses(job, model)
     for number, table in enumerate(job.parameter):
         try:
-            # Masses that a test adds are known: they are unknowns of who names them, not of "all" and "*".
-            own = _fits(model, table.groups or (), []) and _fits(model, table.drives or (), GROUP_QUANTITIES)
+            # Masses that a test adds are known: they are unknowns of who names them, not of "all"
+            # and "*".
+            own = _fits(model, table.groups or (), []) and _fits(
+                model, table.drives or (), GROUP_QUANTITIES
+            )
             items = _choose(job, model if own else loaded, number)
         except JobError:
             raise
@@ -65,7 +75,9 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
             if p.name in chosen:
                 first = job.place("parameter", chosen[p.name][0])
                 raise job.error(
-                    f"{p.name} is already an unknown of the [[parameter]] on line {first}", "parameter", number
+                    f"{p.name} is already an unknown of the [[parameter]] on line {first}",
+                    "parameter",
+                    number,
                 )
             chosen[p.name] = (number, p)
     groups = list(loaded.groups)
@@ -100,7 +112,9 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
             if first.setdefault(p.name, number) != number:
                 line = job.place("calibration", first[p.name])
                 raise job.error(
-                    f"{p.name} is already an unknown of the [[calibration]] on line {line}", "calibration", number
+                    f"{p.name} is already an unknown of the [[calibration]] on line {line}",
+                    "calibration",
+                    number,
                 )
         items += found
     whole = ParameterSet(tuple(items))
@@ -112,7 +126,10 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
 def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> bool:
     """Whether each pattern fits a group of a model, or a quantity of one, ``"all"`` aside."""
     names = [f"{name}.{q}" for name in model.groups for q in quantities] or list(model.groups)
-    return all(pattern == "all" or any(fnmatch.fnmatchcase(name, pattern) for name in names) for pattern in patterns)
+    return all(
+        pattern == "all" or any(fnmatch.fnmatchcase(name, pattern) for name in names)
+        for pattern in patterns
+    )
 
 
 def _sensor_mass(job: Job, number: int, group: str) -> float | None:
@@ -127,8 +144,8 @@ def _sensor_mass(job: Job, number: int, group: str) -> float | None:
     }
     if len(given) > 1:
         raise job.error(
-            f"{group!r} weighs {' and '.join(f'{m:g}' for m in sorted(given))} kg in different tests; one unknown "
-            "cannot be both",
+            f"{group!r} weighs {' and '.join(f'{m:g}' for m in sorted(given))} kg in different"
+            " tests; one unknown cannot be both",
             "parameter",
             number,
         )
@@ -155,17 +172,27 @@ def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
     chosen: dict[str, Any] = {quantity: groups}
     with located(job, "parameter", number, "groups"):
         items: Sequence[Parameter] = parameters(model, **chosen)
-    if bounds is not None and table.start is None:  # may move the start of a loss factor onto a bound
+    if (
+        bounds is not None and table.start is None
+    ):  # may move the start of a loss factor onto a bound
         items = parameters(model, **chosen, bounds={quantity: bounds})
     elif table.start is not None:
         items = [
             replace(
-                p, start=table.start, lower=bounds[0] if bounds else p.lower, upper=bounds[1] if bounds else p.upper
+                p,
+                start=table.start,
+                lower=bounds[0] if bounds else p.lower,
+                upper=bounds[1] if bounds else p.upper,
             )
             for p in items
         ]
-    items = [replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items]
+    items = [
+        replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items
+    ]
     if quantity != "mass" or table.nominal is not None:
         return items
     masses = [_sensor_mass(job, number, p.group) for p in items]
-    return [p if m is None else replace(p, nominal=m, unit="kg") for p, m in zip(items, masses, strict=True)]
+    return [
+        p if m is None else replace(p, nominal=m, unit="kg")
+        for p, m in zip(items, masses, strict=True)
+    ]

@@ -12,7 +12,8 @@ __all__ = ["LARGEST_GROWTH", "RESIDUAL", "accuracy", "growth", "singular_message
 #: Backward error above which an answer is not accepted.
 RESIDUAL = 1e-8
 
-#: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix counts as singular.
+#: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
+#: counts as singular.
 LARGEST_GROWTH = 1e12
 
 #: Columns that are checked by one combination of them.
@@ -35,7 +36,8 @@ def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float, shape (..., n)
-        A DOF without an entry of its own cannot be compared; it gets 1e-8 of the largest, 1 if all are zero.
+        A DOF without an entry of its own cannot be compared; it gets 1e-8 of the largest, 1 if all
+        are zero.
     """
     scale = np.sqrt(np.abs(diagonal))
     largest = scale.max(axis=-1, keepdims=True, initial=0.0)
@@ -67,8 +69,9 @@ def accuracy(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Judge the answer of A X = B at the cost of about one column in 64.
 
-    The residual of a random combination of the columns is looked at (Freivalds, 1977), each weighted by its size so
-    that a small column counts as much as a large one. Only where it is suspicious is every column looked at.
+    The residual of a random combination of the columns is looked at (Freivalds, 1977), each
+    weighted by its size so that a small column counts as much as a large one. Only where it is
+    suspicious is every column looked at.
 
     Parameters
     ----------
@@ -94,12 +97,16 @@ def accuracy(
         x, b = X[:, part], B[:, part]
         solved, load = _sizes(x, scale), _sizes(b, 1.0 / scale)
         grown[part] = _grown(solved, load)
-        with np.errstate(invalid="ignore", over="ignore"):  # what is not a number stays so, and is found
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # what is not a number stays so, and is found
             bound = _combined(A, scale, x, b, solved + load)
             if not bound <= RESIDUAL:
                 absolute = abs(A) if absolute is None else absolute
                 residual = (np.abs(A @ x - b) / scale[:, None]).max(axis=0, initial=0.0)
-                size = ((absolute @ np.abs(x) + np.abs(b)) / scale[:, None]).max(axis=0, initial=0.0)
+                size = ((absolute @ np.abs(x) + np.abs(b)) / scale[:, None]).max(
+                    axis=0, initial=0.0
+                )
                 bound = residual / np.maximum(size, _TINY)
         errors[part] = bound
     return errors, grown
@@ -118,7 +125,12 @@ def _combined(
     # |A| |y| is at least the diagonal's part of it, which spares |A|.
     error = (np.abs(A @ y - c) / scale).max(initial=0.0)
     # One column's weight is at least a third of each other's.
-    return np.float64(3 * r * error / max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY)))
+    return np.float64(
+        3
+        * r
+        * error
+        / max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY))
+    )
 
 
 def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
@@ -152,5 +164,8 @@ def singular_message(freq: float, held: str = "") -> str:
     if freq == 0.0:
         why = "the structure is free to move there. Leave the line out or support the structure"
     else:
-        why = "a natural frequency without damping. Leave the line out or give the groups a loss factor"
+        why = (
+            "a natural frequency without damping. Leave the line out or give the groups a loss"
+            " factor"
+        )
     return f"the dynamic stiffness {held}is singular at {freq:g} Hz: {why}"

@@ -1,7 +1,7 @@
 """Sparse solves with symmetric matrices of one pattern, complex or real, by a backend that can be chosen, each checked.
 
-Adding a backend is one module with ``available()`` and a class that analyses a pattern and factorises matrices of it,
-and one line in `BACKENDS`.
+Adding a backend is one module with ``available()`` and a class that analyses a pattern and
+factorises matrices of it, and one line in `BACKENDS`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.linalg.check import LARGEST_GROWTH, RESIDUAL, accuracy, growth, singular_message, unit_scale
+from updyn.linalg.check import (
+    LARGEST_GROWTH,
+    RESIDUAL,
+    accuracy,
+    growth,
+    singular_message,
+    unit_scale,
+)
 
 __all__ = [
     "BACKENDS",
@@ -68,7 +75,9 @@ BACKENDS: dict[str, tuple[str, str]] = {
 
 _INSTALL = {
     "pardiso": "pip install 'updyn[mkl]' (x86_64)",
-    "mumps": "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'",
+    "mumps": (
+        "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'"
+    ),
 }
 
 
@@ -104,7 +113,8 @@ class SparseSolver:
     backend : str
         One of `BACKENDS`.
     real : bool
-        Matrices are real (and may be indefinite) instead of complex: 2.5 times faster, in half the memory.
+        Matrices are real (and may be indefinite) instead of complex: 2.5 times faster, in half the
+        memory.
 
     Attributes
     ----------
@@ -147,7 +157,8 @@ class SparseSolver:
         Raises
         ------
         SolverError
-            If A is singular to rounding, memory is short, or the residual |A X - B| of a column exceeds 1e-8 of
+            If A is singular to rounding, memory is short, or the residual |A X - B| of a column
+            exceeds 1e-8 of
             |A| |X| + |B| even after one step of refinement and with the other backends.
         """
         factorised = self.factorise(A, freq, held)
@@ -180,7 +191,9 @@ class SparseSolver:
             If A is not of the solver's kind.
         """
         if np.iscomplexobj(A) == self.real:
-            raise TypeError(f"a {'real' if self.real else 'complex'} solver was given a matrix of {A.dtype}")
+            raise TypeError(
+                f"a {'real' if self.real else 'complex'} solver was given a matrix of {A.dtype}"
+            )
         self._retire()
         self._forget_other_pattern(A)
         made = Factorised(self, A, freq, held)
@@ -248,7 +261,8 @@ class Factorised:
     def negative(self) -> int | None:
         """How many eigenvalues of a real A are negative (Sylvester's law of inertia); None where it is not known.
 
-        For A = K - omega^2 M with M positive definite: how many natural frequencies lie below omega.
+        For A = K - omega^2 M with M positive definite: how many natural frequencies lie below
+        omega.
         """
         return self._current().negative
 
@@ -329,6 +343,7 @@ class Factorised:
     def _current(self) -> Factors:
         if self._factors is None:
             raise RuntimeError(
-                "this factorisation has ended: its solver has factorised another matrix, or was released"
+                "this factorisation has ended: its solver has factorised another matrix, or was"
+                " released"
             )
         return self._factors

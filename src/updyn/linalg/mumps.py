@@ -59,18 +59,26 @@ class Mumps:
         column = np.repeat(np.arange(pattern.shape[0], dtype=np.int32), np.diff(pattern.indptr))
         self._upper = pattern.indices <= column
         values = np.ones(int(self._upper.sum()), dtype=np.float64 if real else np.complex128)
-        triangle = sp.coo_array((values, (pattern.indices[self._upper], column[self._upper])), shape=pattern.shape)
+        triangle = sp.coo_array(
+            (values, (pattern.indices[self._upper], column[self._upper])), shape=pattern.shape
+        )
         self._real = real
         self._context: Any = _package().Context()
         self._context.set_matrix(triangle, symmetric=True)
-        self._context.mumps_instance.icntl[6] = 0  # the analysis looks at the pattern only, not at values
+        self._context.mumps_instance.icntl[6] = (
+            0  # the analysis looks at the pattern only, not at values
+        )
         self._run(self._context.analyze, ordering="metis")
 
     @property
     def peak_bytes(self) -> int:
         """Memory of the library for this pattern, the factor included; estimated before the first `factor`."""
         done = self._context.factored
-        megabytes = self._context.factor_stats.memory if done else self._context.analysis_stats.est_mem_incore
+        megabytes = (
+            self._context.factor_stats.memory
+            if done
+            else self._context.analysis_stats.est_mem_incore
+        )
         return int(megabytes) * 10**6
 
     def factor(self, A: Any) -> _LDL:
@@ -95,7 +103,9 @@ class Mumps:
         """
         np.compress(self._upper, A.data, out=self._context.data)  # which the library reads
         self._run(self._context.factor, reuse_analysis=True)
-        return _LDL(self._context, int(self._context.mumps_instance.infog[12]) if self._real else None)
+        return _LDL(
+            self._context, int(self._context.mumps_instance.infog[12]) if self._real else None
+        )
 
     def release(self) -> None:
         """Give the library's memory back; the object is of no more use."""

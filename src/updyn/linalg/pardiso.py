@@ -1,7 +1,8 @@
 """MKL PARDISO for symmetric matrices, complex or real, through the ``mkl`` wheel (extra ``updyn[mkl]``).
 
-The symbolic analysis of a pattern is done once and serves every line and every iteration after it; only the upper
-triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameters as in the oneMKL PARDISO reference.
+The symbolic analysis of a pattern is done once and serves every line and every iteration after it;
+only the upper triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameters as
+in the oneMKL PARDISO reference.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ _BLOCK = 2**18
 @cache
 def library() -> Any:
     """Return MKL of the wheel that is installed beside this Python, or None."""
-    # Read when its threads are made. They would spin for 0.2 s after every call, on the cores that numpy's BLAS needs
-    # for the products that follow: four times as long (measured, two cores).
+    # Read when its threads are made. They would spin for 0.2 s after every call, on the cores that
+    # numpy's BLAS needs for the products that follow: four times as long (measured, two cores).
     os.environ.setdefault("KMP_BLOCKTIME", "0")
     for folder in (Path(sys.prefix, "lib"), Path(sys.prefix, "Library", "bin")):
         for name in _NAMES:
@@ -78,7 +79,8 @@ class Pardiso:
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
             raise RuntimeError("PARDISO needs a full diagonal in the pattern")
         self._kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
-        # A factor may well have more entries than 32 bits can count (one of 2,150,435,714 was solved with); A may not.
+        # A factor may well have more entries than 32 bits can count (one of 2,150,435,714 was
+        # solved with); A may not.
         integer = np.int32 if len(ja) < _MOST_ENTRIES else np.int64
         a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
         iparm = np.zeros(64, dtype=integer)
@@ -89,7 +91,9 @@ class Pardiso:
         iparm[20] = 1  # Bunch-Kaufman pivots
         iparm[34] = 1  # indices from zero
         handle = np.zeros(64, dtype=np.int64)
-        self._session = _Session(self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer, copy=False))
+        self._session = _Session(
+            self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer, copy=False)
+        )
         # The library's memory goes with this object; at the interpreter's end with the process.
         self._end = finalize(self, self._session.call, _RELEASE)
         self._end.atexit = False
@@ -161,7 +165,9 @@ class _Session:
     ia: NDArray[Any]
     ja: NDArray[Any]
 
-    def call(self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None) -> None:
+    def call(
+        self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None
+    ) -> None:
         wide = self.iparm.dtype == np.int64
         integer: Any = ctypes.c_int64 if wide else ctypes.c_int32
         run = library().pardiso_64 if wide else library().pardiso
@@ -188,7 +194,9 @@ class _Session:
         return 1024 * max(analysis, kept + factor)
 
 
-def _upper_triangle(indptr: NDArray[Any], indices: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def _upper_triangle(
+    indptr: NDArray[Any], indices: NDArray[Any]
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return which entries of a CSC pattern belong to the upper triangle in CSR, and where its rows begin.
 
     CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
@@ -201,5 +209,7 @@ def _upper_triangle(indptr: NDArray[Any], indices: NDArray[Any]) -> tuple[NDArra
         part = slice(indptr[first], indptr[last])
         column = np.repeat(np.arange(first, last), np.diff(indptr[first : last + 1]))
         kept[part] = indices[part] >= column
-        begin[first + 1 : last + 1] = np.bincount(column[kept[part]] - first, minlength=last - first)
+        begin[first + 1 : last + 1] = np.bincount(
+            column[kept[part]] - first, minlength=last - first
+        )
     return kept, np.cumsum(begin)

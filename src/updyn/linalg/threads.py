@@ -17,8 +17,9 @@ R = TypeVar("R")
 def alone(function: Callable[P, R]) -> Callable[P, R]:
     """Let OpenBLAS, the library of numpy and scipy, work in one thread while a function runs.
 
-    For many small factorisations and products. Its threads wait for each other at every one of them; where a core is
-    busy with something else, that takes 5 to 50 times as long (measured: 300 equations, two cores). MKL is not touched.
+    For many small factorisations and products. Its threads wait for each other at every one of
+    them; where a core is busy with something else, that takes 5 to 50 times as long (measured: 300
+    equations, two cores). MKL is not touched.
 
     Parameters
     ----------
@@ -39,16 +40,17 @@ def _openblas() -> Any:
     import scipy.linalg  # noqa: F401  (brings an OpenBLAS of its own, which has to be there to be found)
     from threadpoolctl import ThreadpoolController
 
-    # Found once: looking for libraries takes milliseconds. MKL is told directly; limited here too, it may hang.
+    # Found once: looking for libraries takes milliseconds. MKL is told directly; limited here too,
+    # it may hang.
     return ThreadpoolController().select(internal_api="openblas")
 
 
 def limit(n: int) -> None:
     """Limit the threads of PARDISO (of MKL) in this process; nothing happens where MKL is not installed.
 
-    Meant for worker processes, one thread each, and to be called before the first factorisation: PARDISO plans its
-    analysis for the threads there are. Neither numpy's own BLAS nor another backend is touched, and MKL is told
-    directly: limiting it by threadpoolctl as well may hang.
+    Meant for worker processes, one thread each, and to be called before the first factorisation:
+    PARDISO plans its analysis for the threads there are. Neither numpy's own BLAS nor another
+    backend is touched, and MKL is told directly: limiting it by threadpoolctl as well may hang.
 
     Parameters
     ----------

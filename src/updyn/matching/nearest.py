@@ -67,7 +67,9 @@ class _Candidates:
             rows = np.flatnonzero(np.logical_and.reduce([own[part] for part in need]))
             if not len(rows):
                 what = " and ".join(("translations", "rotations")[part] for part in sorted(need))
-                raise MatchError(f"no node of the model with a position has {what}, which the sensors measure")
+                raise MatchError(
+                    f"no node of the model with a position has {what}, which the sensors measure"
+                )
             self._trees[need] = rows, KDTree(geometry.xyz[rows])
 
     def nearest(self, points: Points, n: int) -> tuple[NDArray[np.intp], Points]:
@@ -96,7 +98,12 @@ class _Placing:
     """What is asked of one call."""
 
     def __init__(
-        self, model: Model, geometry: Geometry, test: Geometry, needs: Mapping[int, frozenset[int]], alignment: Any
+        self,
+        model: Model,
+        geometry: Geometry,
+        test: Geometry,
+        needs: Mapping[int, frozenset[int]],
+        alignment: Any,
     ) -> None:
         self.nodes = list(needs)
         self.test, self.model_geometry, self.alignment = test, geometry, alignment
@@ -111,7 +118,9 @@ class _Placing:
         if self.alignment is None:
             found = Alignment("not moved", np.eye(3), np.zeros(3), factor, unit)
         elif isinstance(self.alignment, str):
-            found = fit_to_nearest(x, self._nearest_points, self.candidates.centre, factor, unit, self.tolerance)
+            found = fit_to_nearest(
+                x, self._nearest_points, self.candidates.centre, factor, unit, self.tolerance
+            )
         elif isinstance(self.alignment, Mapping):
             found, *_ = fit_to_pairs(self.alignment, self.test, self.model_geometry, factor, unit)
         else:
@@ -144,7 +153,8 @@ def place(
     test : Geometry
         Of the test.
     needs : mapping of int to frozenset of int
-        Nodes of the test to place; each needs a node of the model with translations (0), rotations (1) or both.
+        Nodes of the test to place; each needs a node of the model with translations (0), rotations
+        (1) or both.
     tolerance : float, str or None
         Largest distance in m, or a share of the model's size such as "1 %".
     unit : str or None
@@ -166,14 +176,19 @@ def place(
         If a node is not within the tolerance of one, or of two alike; or the unit has to be stated.
     """
     if model.geometry is None:
-        raise MatchError("the model has no geometry, so that its nodes have no positions; match by label", ("by",))
+        raise MatchError(
+            "the model has no geometry, so that its nodes have no positions; match by label",
+            ("by",),
+        )
     _check_unit(unit)
     lost = [n for n in needs if n not in set(test.nodes.tolist())]
     if lost:
-        known = ", ".join(str(n) for n in test.nodes[:SHOWN].tolist()) + (", ..." if len(test.nodes) > SHOWN else "")
+        known = ", ".join(str(n) for n in test.nodes[:SHOWN].tolist()) + (
+            ", ..." if len(test.nodes) > SHOWN else ""
+        )
         raise MatchError(
-            f"{len(lost)} nodes of the measurement have no position in the geometry of the test (it has {known}); "
-            f"give each its node in table: {', '.join(str(n) for n in lost[:SHOWN])}"
+            f"{len(lost)} nodes of the measurement have no position in the geometry of the test (it"
+            f" has {known}); give each its node in table: {', '.join(str(n) for n in lost[:SHOWN])}"
             + (", ..." if len(lost) > SHOWN else ""),
             ("geometry",),
         )
@@ -186,7 +201,10 @@ def place(
         check_pairs(alignment, test, model.geometry, factor, task.tolerance)
     if not task.fits(tried):
         raise MatchError(_far(task, tried), ("tolerance",))
-    notes = [f"Tolerance {task.tolerance:.3g} m" + ("" if tolerance is not None else " (1 % of the model's size)")]
+    notes = [
+        f"Tolerance {task.tolerance:.3g} m"
+        + ("" if tolerance is not None else " (1 % of the model's size)")
+    ]
     _check_slide(task, tried)
     return _placed(task, tried), tried.alignment, notes
 
@@ -198,12 +216,19 @@ def read_tolerance(given: float | str | None, size: float) -> float:
     number: Any = given
     share = isinstance(given, str) and given.strip().endswith("%")
     try:
-        number = float(given.strip().removesuffix("%")) if share and isinstance(given, str) else given
+        number = (
+            float(given.strip().removesuffix("%")) if share and isinstance(given, str) else given
+        )
     except ValueError:
         number = None
-    if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not 0 < number < np.inf:
+    if (
+        isinstance(number, bool)
+        or not isinstance(number, int | float | np.number)
+        or not 0 < number < np.inf
+    ):
         raise MatchError(
-            f"tolerance {given!r}: expected a distance in m, or a share of the model's size such as '1 %'",
+            f"tolerance {given!r}: expected a distance in m, or a share of the model's size such as"
+            " '1 %'",
             ("tolerance",),
         )
     return float(number) * size / 100.0 if share else float(number)
@@ -224,7 +249,9 @@ def _check_size(task: _Placing, tried: _Try, unit: str | None, factor: float) ->
         (f"look like {name}", name, f) for name, f in UNITS.items() if name != (unit or "m")
     ]
     others += [
-        (f"are in m where those of the model look like {n}", None, 1.0 / f) for n, f in UNITS.items() if n != "m"
+        (f"are in m where those of the model look like {n}", None, 1.0 / f)
+        for n, f in UNITS.items()
+        if n != "m"
     ]
     found = []
     for words, name, other in others:
@@ -240,16 +267,20 @@ def _check_size(task: _Placing, tried: _Try, unit: str | None, factor: float) ->
     many = "node lies" if len(task.nodes) == 1 else f"{len(task.nodes)} nodes lie"
     stated = "as they stand" if unit is None else f"in {unit}"
     outside = int((tried.distance > task.tolerance).sum())
-    bad = f"{outside} do not" if outside else f"they span {span:.3g} m of a model of {task.candidates.size:.3g} m"
+    bad = (
+        f"{outside} do not"
+        if outside
+        else f"they span {span:.3g} m of a model of {task.candidates.size:.3g} m"
+    )
     advice = (
         f"if so, state it: unit = {name!r}"
         if name is not None
         else "models are in SI: read or scale it in m, or confirm the positions with unit = 'm'"
     )
     raise MatchError(
-        f"the positions of the test {words}: then {'its' if len(task.nodes) == 1 else 'all'} {many} within "
-        f"{task.tolerance:.3g} m of the model (largest distance {again.distance.max():.3g} m), {stated} {bad}. "
-        f"Nothing is converted unless it is stated; {advice}",
+        f"the positions of the test {words}: then {'its' if len(task.nodes) == 1 else 'all'} {many}"
+        f" within {task.tolerance:.3g} m of the model (largest distance {again.distance.max():.3g}"
+        f" m), {stated} {bad}. Nothing is converted unless it is stated; {advice}",
         ("unit",),
     )
 
@@ -264,10 +295,14 @@ def _far(task: _Placing, tried: _Try) -> str:
             for r, d in zip(rows[i], far[i], strict=True)
             if np.isfinite(d)
         ]
-        texts.append(f"node {task.nodes[i]} at {vector_text(tried.points[i])} m: nearest {', '.join(near)}")
+        texts.append(
+            f"node {task.nodes[i]} at {vector_text(tried.points[i])} m: nearest {', '.join(near)}"
+        )
     return (
-        f"{len(lost)} of {len(task.nodes)} nodes of the test are not within {task.tolerance:.3g} m of a node of the "
-        f"model ({tried.alignment}):{listed(texts)}\nGive a tolerance, an alignment, or their nodes in table "
+        f"{len(lost)} of {len(task.nodes)} nodes of the test are not within {task.tolerance:.3g} m"
+        " of a node of the "
+        f"model ({tried.alignment}):{listed(texts)}\nGive a tolerance, an alignment, or their nodes"
+        " in table "
         f'("{task.nodes[lost[0]]}" = "...")'
     )
 
@@ -278,11 +313,14 @@ def _check_slide(task: _Placing, tried: _Try) -> None:
         return
     moved = np.linalg.norm(tried.points - tried.alignment.factor * task.raw, axis=1)
     used = task.model_geometry.xyz[task.candidates.used]
-    spacing = float(np.median(KDTree(used).query(tried.points, k=[2])[0])) if len(used) > 1 else np.inf
+    spacing = (
+        float(np.median(KDTree(used).query(tried.points, k=[2])[0])) if len(used) > 1 else np.inf
+    )
     if moved.max() > spacing / 2.0:
         warnings.warn(
-            f"the fit to the nearest nodes moved the sensors by up to {moved.max():.3g} m, where nodes of the model "
-            f"are about {spacing:.3g} m apart: it may have found the wrong ones; confirm it with three pairs of nodes",
+            f"the fit to the nearest nodes moved the sensors by up to {moved.max():.3g} m, where"
+            f" nodes of the model are about {spacing:.3g} m apart: it may have found the wrong"
+            " ones; confirm it with three pairs of nodes",
             UpdynWarning,
             stacklevel=4,
         )
@@ -299,7 +337,8 @@ def _placed(task: _Placing, tried: _Try) -> dict[int, Placed]:
             for i in tied
         ]
         raise MatchError(
-            f"{len(tied)} nodes of the test are equally near to two nodes of the model; say which in table "
+            f"{len(tied)} nodes of the test are equally near to two nodes of the model; say which"
+            " in table "
             f'("{task.nodes[tied[0]]}" = "..."):{listed(texts)}',
             ("by",),
         )

@@ -48,14 +48,16 @@ def rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
     Kabsch (1976), Horn (1987), by `scipy.spatial.transform.Rotation.align_vectors`.
     """
     if len(x) < 3:
-        raise MatchError(f"an alignment needs three points that are not in a line, found {len(x)}", _PLACE)
+        raise MatchError(
+            f"an alignment needs three points that are not in a line, found {len(x)}", _PLACE
+        )
     x0, y0 = x.mean(axis=0), y.mean(axis=0)
     for points, what in ((x - x0, "of the test"), (y - y0, "of the model")):
         size = np.linalg.svd(points, compute_uv=False)
         if size[1] <= _IN_LINE * size[0]:
             raise MatchError(
-                f"the points {what} lie in a line (or all at one place): the turn about it is open; add a point off "
-                "it, give the alignment as a matrix, or leave it out",
+                f"the points {what} lie in a line (or all at one place): the turn about it is open;"
+                " add a point off it, give the alignment as a matrix, or leave it out",
                 _PLACE,
             )
     R = Rotation.align_vectors(y - y0, x - x0)[0].as_matrix()
@@ -77,22 +79,27 @@ def given_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
         raise MatchError(f"alignment: not a matrix of numbers ({error})", _PLACE) from error
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any():
         raise MatchError(
-            "alignment: expected a 4 x 4 matrix of finite numbers whose last row is 0 0 0 1 and whose last column is "
-            f"the shift in m, found shape {matrix.shape}",
+            "alignment: expected a 4 x 4 matrix of finite numbers whose last row is 0 0 0 1 and"
+            f" whose last column is the shift in m, found shape {matrix.shape}",
             _PLACE,
         )
     R = matrix[:3, :3]
     size = float(np.cbrt(abs(np.linalg.det(R))))
     if size == 0 or np.abs(R @ R.T / size**2 - np.eye(3)).max() > 1e-6:
         raise MatchError(
-            "alignment: the upper left 3 x 3 of the matrix is not a turn: its rows are not at right angles", _PLACE
+            "alignment: the upper left 3 x 3 of the matrix is not a turn: its rows are not at right"
+            " angles",
+            _PLACE,
         )
     if abs(size - 1.0) > 1e-6:
         raise MatchError(
-            f"alignment: the matrix stretches by {size:.6g}; state the unit of the test instead", ("unit",)
+            f"alignment: the matrix stretches by {size:.6g}; state the unit of the test instead",
+            ("unit",),
         )
     if np.linalg.det(R) < 0:
-        raise MatchError("alignment: the matrix is a reflection; a rigid body cannot be moved like that", _PLACE)
+        raise MatchError(
+            "alignment: the matrix is a reflection; a rigid body cannot be moved like that", _PLACE
+        )
     return Alignment("aligned by the matrix given", R, matrix[:3, 3].copy(), factor, unit)
 
 
@@ -107,7 +114,8 @@ def fit_to_pairs(
     distances : ndarray of float, shape (len(pairs),)
         That are left, in m.
     stretch : float
-        Size of the model's points over that of the test's, 1 where the unit is right (Horn 1987, eq. for the scale).
+        Size of the model's points over that of the test's, 1 where the unit is right (Horn 1987,
+        eq. for the scale).
 
     Raises
     ------
@@ -124,13 +132,16 @@ def fit_to_pairs(
     return out, np.linalg.norm(x @ R.T + shift - y, axis=1), spread[1] / spread[0]
 
 
-def check_pairs(pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, tolerance: float) -> None:
+def check_pairs(
+    pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, tolerance: float
+) -> None:
     """Complain about pairs that do not lie on each other.
 
     Raises
     ------
     MatchError
-        If one is farther off than `tolerance` in m; the message says each distance, and what may be the matter.
+        If one is farther off than `tolerance` in m; the message says each distance, and what may be
+        the matter.
     """
     _, distances, stretch = fit_to_pairs(pairs, test, model, factor, None)
     if distances.max() <= tolerance:
@@ -143,17 +154,24 @@ def check_pairs(pairs: Mapping[int, int], test: Geometry, model: Geometry, facto
         hint = f"; those of the model are {stretch:.4g} times as far apart as those of the test"
     rows = [f"{a} on {b}: {d:.3g} m" for (a, b), d in zip(pairs.items(), distances, strict=True)]
     raise MatchError(
-        f"alignment: the pairs do not lie on each other within {tolerance:.3g} m{hint}:{listed(rows)}", _PLACE
+        f"alignment: the pairs do not lie on each other within {tolerance:.3g}"
+        f" m{hint}:{listed(rows)}",
+        _PLACE,
     )
 
 
 def fit_to_nearest(
-    x: Points, nearest: Callable[[Points], Points], centre: Points, factor: float, unit: str | None, tolerance: float
+    x: Points,
+    nearest: Callable[[Points], Points],
+    centre: Points,
+    factor: float,
+    unit: str | None,
+    tolerance: float,
 ) -> Alignment:
     """Fit points on the nearest of the model, again and again until the nearest stay the same (Besl & McKay 1992).
 
-    It starts where the points stand; if they do not come within the tolerance, once more with the centres of both on
-    each other. It finds the nearest fit, not the best of all.
+    It starts where the points stand; if they do not come within the tolerance, once more with the
+    centres of both on each other. It finds the nearest fit, not the best of all.
 
     Parameters
     ----------
@@ -187,14 +205,18 @@ def fit_to_nearest(
         R, shift = _settled(x, nearest, start)
         distances = np.linalg.norm(x @ R.T + shift - nearest(x @ R.T + shift), axis=1)
         rms = float(np.sqrt(np.mean(distances**2)))
-        out = Alignment(f"fitted to the nearest nodes, started {words}", R, shift, factor, unit, rms)
+        out = Alignment(
+            f"fitted to the nearest nodes, started {words}", R, shift, factor, unit, rms
+        )
         if distances.max() <= tolerance:
             return out
         tries.append(out)
     return min(tries, key=lambda a: a.residual or 0.0)
 
 
-def _settled(x: Points, nearest: Callable[[Points], Points], start: Points) -> tuple[Points, Points]:
+def _settled(
+    x: Points, nearest: Callable[[Points], Points], start: Points
+) -> tuple[Points, Points]:
     """Return turn and shift where the nearest points stay the same; where they fall into a line it goes no further."""
     R, shift, before = np.eye(3), start, None
     for _ in range(_MOST_ROUNDS):

@@ -41,8 +41,9 @@ def match(
 ) -> Matching:
     """Match sensors and forces to the model, and name the measurement as the model names its DOFs.
 
-    A sensor that points along no DOF of its node is made one: the DOFs of that node are turned, exactly, in a copy of
-    the model. Nothing is interpolated between nodes, and no unit, alignment or direction is assumed without a word.
+    A sensor that points along no DOF of its node is made one: the DOFs of that node are turned,
+    exactly, in a copy of the model. Nothing is interpolated between nodes, and no unit, alignment
+    or direction is assumed without a word.
 
     Parameters
     ----------
@@ -51,30 +52,33 @@ def match(
     frf : FRF
         The measurement, with the labels of the test.
     geometry : Geometry, optional
-        Where the nodes of the test stand, and which way their directions point; None: as `frf.geometry` says. Where
-        both know the directions of a node, those of `frf.geometry` hold: its labels are meant in them.
+        Where the nodes of the test stand, and which way their directions point; None: as
+        `frf.geometry` says. Where both know the directions of a node, those of `frf.geometry` hold:
+        its labels are meant in them.
     by : {"label", "coordinates"}
-        By label, test and model call the same DOF the same. By coordinates, each sensor belongs to the nearest node of
-        the model that has translations, or rotations, as it measures them.
+        By label, test and model call the same DOF the same. By coordinates, each sensor belongs to
+        the nearest node of the model that has translations, or rotations, as it measures them.
     tolerance : float or str, optional
-        Largest distance in m, or a share of the diagonal of the box around the model, such as "0.5 %". By default 1 %.
+        Largest distance in m, or a share of the diagonal of the box around the model, such as "0.5
+        %". By default 1 %.
     unit : {"m", "cm", "mm", "in", "ft"}, optional
-        Of the positions of the test. By default they are taken to be in m, and it is an error if they fit only in
-        another unit; a stated unit is not doubted.
+        Of the positions of the test. By default they are taken to be in m, and it is an error if
+        they fit only in another unit; a stated unit is not doubted.
     alignment : "fit", mapping of int to int, or array_like of float, shape (4, 4), optional
-        How to bring the positions of the test onto the model. "fit": turned and shifted until the distances to the
-        nearest nodes are smallest, starting where they stand; for small corrections. A mapping: nodes of the test, and
-        nodes of the model on which they lie; three or more, not in a line. A matrix: the turn, and in the last column
-        the shift in m. By default the two systems are one.
+        How to bring the positions of the test onto the model. "fit": turned and shifted until the
+        distances to the nearest nodes are smallest, starting where they stand; for small
+        corrections. A mapping: nodes of the test, and nodes of the model on which they lie; three
+        or more, not in a line. A matrix: the turn, and in the last column the shift in m. By
+        default the two systems are one.
     angle : float, optional
-        Degrees within which a direction is taken to be along a DOF; above 0.1 with a warning that says which. By
-        default 0.1, and 1 where the alignment was fitted.
+        Degrees within which a direction is taken to be along a DOF; above 0.1 with a warning that
+        says which. By default 0.1, and 1 where the alignment was fitted.
     table : mapping of str to str, optional
-        Label in the test = label in the model, whatever `by` says; signs multiply: ``{"3:Z": "17:-Z"}``. A node alone,
-        ``{"3": "17"}``, stands for all sensors at it.
+        Label in the test = label in the model, whatever `by` says; signs multiply: ``{"3:Z":
+        "17:-Z"}``. A node alone, ``{"3": "17"}``, stands for all sensors at it.
     directions : mapping of str to array_like of float, shape (3,), optional
-        By label in the test, where a sensor or force points, in the axes of the test; any length. For rotations the
-        axis of rotation. It replaces what the label and the geometry say.
+        By label in the test, where a sensor or force points, in the axes of the test; any length.
+        For rotations the axis of rotation. It replaces what the label and the geometry say.
 
     Returns
     -------
@@ -84,20 +88,25 @@ def match(
     Raises
     ------
     MatchError
-        If a sensor is not matched (the nearest candidates are listed), two are one DOF, positions fit in another unit
-        only, or directions at a node cannot all be DOFs.
+        If a sensor is not matched (the nearest candidates are listed), two are one DOF, positions
+        fit in another unit only, or directions at a node cannot all be DOFs.
     OptionError
         If an option is not known or does not belong to this way of matching.
 
     Warns
     -----
     UpdynWarning
-        If sensors are taken along DOFs that they are up to `angle` off, or a fit to nearest nodes went far.
+        If sensors are taken along DOFs that they are up to `angle` off, or a fit to nearest nodes
+        went far.
     """
     _check_options(by, tolerance, unit, alignment, angle)
     sensors = sensors_of(frf)
     told = Told(
-        sensors, read_table(table or {}, sensors), read_directions(directions or {}, sensors), frf.geometry, geometry
+        sensors,
+        read_table(table or {}, sensors),
+        read_directions(directions or {}, sensors),
+        frf.geometry,
+        geometry,
     )
     aligned: Alignment | None = None
     notes: list[str] = []
@@ -108,7 +117,13 @@ def match(
     notes += told.doubts(model, by)
     rotation = np.eye(3) if aligned is None else aligned.rotation
     aims = [told.aim(s, roles, placed, rotation, by, model) for s, roles in sensors.items()]
-    near = angle if angle is not None else EXACT if aligned is None or aligned.residual is None else _FITTED
+    near = (
+        angle
+        if angle is not None
+        else EXACT
+        if aligned is None or aligned.residual is None
+        else _FITTED
+    )
     changed, seats, more = seat(model, aims, near)
     _warn_of_angles(aims, seats)
     named = _named(frf, aims, seats, bool(table))
@@ -125,9 +140,15 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
     if by == "label":
         for name, value in (("tolerance", tolerance), ("unit", unit), ("alignment", alignment)):
             if value is not None:
-                raise MatchError(f"{name} belongs to by = 'coordinates'; by label no positions are compared", (name,))
+                raise MatchError(
+                    f"{name} belongs to by = 'coordinates'; by label no positions are compared",
+                    (name,),
+                )
     if isinstance(alignment, str) and alignment != "fit":
-        raise MatchError(f"alignment {alignment!r}: expected 'fit', pairs of nodes, or a 4 x 4 matrix", ("alignment",))
+        raise MatchError(
+            f"alignment {alignment!r}: expected 'fit', pairs of nodes, or a 4 x 4 matrix",
+            ("alignment",),
+        )
     number = isinstance(angle, int | float | np.number) and not isinstance(angle, bool)
     if angle is not None and not (number and 0 <= angle <= 45):
         raise MatchError(f"angle {angle!r}: expected degrees between 0 and 45", ("angle",))
@@ -135,12 +156,16 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
 
 # -- what comes out ----------------------------------------------------------------------------------------
 def _warn_of_angles(aims: Sequence[Aim], seats: Sequence[Seat]) -> None:
-    off = [(s.angle, a, s) for a, s in zip(aims, seats, strict=True) if not s.turned and s.angle > EXACT]
+    off = [
+        (s.angle, a, s)
+        for a, s in zip(aims, seats, strict=True)
+        if not s.turned and s.angle > EXACT
+    ]
     if off:
         worst, aim, found = max(off, key=lambda t: t[0])
         warnings.warn(
-            f"{len(off)} sensors and forces are taken along DOFs that they are not quite along; the largest angle is "
-            f"{worst:.3g} degrees, of {aim.sensor} with {found.dof}",
+            f"{len(off)} sensors and forces are taken along DOFs that they are not quite along; the"
+            f" largest angle is {worst:.3g} degrees, of {aim.sensor} with {found.dof}",
             UpdynWarning,
             stacklevel=3,
         )
@@ -155,8 +180,8 @@ def _named(frf: FRF, aims: Sequence[Aim], seats: Sequence[Seat], by_table: bool)
             dof = new[positive(old)]
             if (other := taken.setdefault(positive(dof), old)) is not old:
                 raise MatchError(
-                    f"DOF {positive(dof)} stands twice: {what} {other} and {old} would be the same; leave one out, or "
-                    "give it another place or direction",
+                    f"DOF {positive(dof)} stands twice: {what} {other} and {old} would be the same;"
+                    " leave one out, or give it another place or direction",
                     ("table",) if by_table else (),
                 )
         sets[what] = DofSet([new[positive(d)] if d.sign > 0 else -new[positive(d)] for d in dofs])
@@ -164,7 +189,11 @@ def _named(frf: FRF, aims: Sequence[Aim], seats: Sequence[Seat], by_table: bool)
 
 
 def _row(aim: Aim, found: Seat, at: Placed) -> SensorMatch:
-    v = None if aim.vector is None else (float(aim.vector[0]), float(aim.vector[1]), float(aim.vector[2]))
+    v = (
+        None
+        if aim.vector is None
+        else (float(aim.vector[0]), float(aim.vector[1]), float(aim.vector[2]))
+    )
     return SensorMatch(
         str(aim.sensor),
         aim.role,
@@ -180,14 +209,20 @@ def _row(aim: Aim, found: Seat, at: Placed) -> SensorMatch:
 def _record(source: str, by: str, rows: Sequence[SensorMatch]) -> str:
     """Return where the data came from, with what became of the labels of the test: results and reports keep it."""
     changed = [
-        f"{r.sensor} = {r.dof}" + (" (turned)" if r.turned else "") for r in rows if r.turned or r.sensor != r.dof
+        f"{r.sensor} = {r.dof}" + (" (turned)" if r.turned else "")
+        for r in rows
+        if r.turned or r.sensor != r.dof
     ]
     if not changed:
         return source
-    return "; ".join([*([source] if source else []), f"matched by {by}, test = model: {', '.join(changed)}"])
+    return "; ".join(
+        [*([source] if source else []), f"matched by {by}, test = model: {', '.join(changed)}"]
+    )
 
 
-def _drawn(told: Told, aims: Sequence[Aim], model: Model, aligned: Alignment | None, moved: bool) -> Geometry | None:
+def _drawn(
+    told: Told, aims: Sequence[Aim], model: Model, aligned: Alignment | None, moved: bool
+) -> Geometry | None:
     """Return where the measured nodes stand in the model, numbered as there, with the lines between them."""
     test = told.geometry
     nodes = {a.sensor.node: a.dof.node for a in reversed(aims)}
@@ -205,5 +240,7 @@ def _drawn(told: Told, aims: Sequence[Aim], model: Model, aligned: Alignment | N
     else:
         return None
     pairs = [] if test is None else [(nodes.get(a), nodes.get(b)) for a, b in test.lines.tolist()]
-    lines = list(dict.fromkeys((a, b) for a, b in pairs if a is not None and b is not None and a != b))
+    lines = list(
+        dict.fromkeys((a, b) for a, b in pairs if a is not None and b is not None and a != b)
+    )
     return Geometry(new, xyz, lines, axes)

@@ -12,7 +12,16 @@ from updyn.errors import DofError
 from updyn.frf import FRF
 from updyn.model import Model
 
-__all__ = ["EXACT", "SHOWN", "Alignment", "MatchError", "Matching", "SensorMatch", "listed", "vector_text"]
+__all__ = [
+    "EXACT",
+    "SHOWN",
+    "Alignment",
+    "MatchError",
+    "Matching",
+    "SensorMatch",
+    "listed",
+    "vector_text",
+]
 
 #: Degrees within which a direction counts as along a DOF, and two directions as one.
 EXACT = 0.1
@@ -55,7 +64,8 @@ class Alignment:
     unit : str or None
         Its name, as stated; None: nothing was stated and m is taken.
     residual : float or None
-        Root mean square distance in m of the points that were fitted on each other; None where nothing was fitted.
+        Root mean square distance in m of the points that were fitted on each other; None where
+        nothing was fitted.
     """
 
     how: str
@@ -164,15 +174,22 @@ class Matching:
         return same and self.by == "label" and not self.notes
 
     def __str__(self) -> str:
-        lines = [f"Matched by {self.by}: {len(self.table)} sensors and forces are DOFs of the model"]
+        lines = [
+            f"Matched by {self.by}: {len(self.table)} sensors and forces are DOFs of the model"
+        ]
         if self.alignment is not None:
             lines.append(f"{self.alignment}")
         far = np.array([m.distance for m in self.table])
         if np.isfinite(far).any():
             known = far[np.isfinite(far)]
-            stand = "" if self.alignment is not None else ", as the positions of the two geometries stand"
+            stand = (
+                ""
+                if self.alignment is not None
+                else ", as the positions of the two geometries stand"
+            )
             lines.append(
-                f"Distances: rms {_metres(np.sqrt(np.mean(known**2)))} m, largest {_metres(known.max())} m{stand}"
+                f"Distances: rms {_metres(np.sqrt(np.mean(known**2)))} m, largest"
+                f" {_metres(known.max())} m{stand}"
             )
         lines += self.notes
         rows = [
@@ -184,7 +201,11 @@ class Matching:
                 f"{m.angle:.3g}",
                 "; ".join(
                     [
-                        *([f"turned along {vector_text(m.direction)}"] if m.turned and m.direction else []),
+                        *(
+                            [f"turned along {vector_text(m.direction)}"]
+                            if m.turned and m.direction
+                            else []
+                        ),
                         *([m.note] if m.note else []),
                     ]
                 ),
@@ -199,7 +220,8 @@ def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
     width = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     return [
         "  ".join(
-            cell.rjust(w) if i in (3, 4) else cell.ljust(w) for i, (cell, w) in enumerate(zip(r, width, strict=True))
+            cell.rjust(w) if i in (3, 4) else cell.ljust(w)
+            for i, (cell, w) in enumerate(zip(r, width, strict=True))
         ).rstrip()
         for r in rows
     ]

@@ -1,11 +1,11 @@
 """Sensors that point anywhere: the DOFs of their node are turned until each sensor is one of them.
 
-At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of length 1, independent) get the DOFs
-q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A force f along a_k does the work
-f q_k, so that it is a force on q_k alone: this holds whether or not the directions are at right angles. All groups
-follow as T^T K T with T = B at that node, one elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of
-Finite Element Analysis, 4th ed. 2002, chapter 8). It is exact: nothing is interpolated, and the model stays a sum of
-its groups.
+At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of length 1, independent)
+get the DOFs q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A
+force f along a_k does the work f q_k, so that it is a force on q_k alone: this holds whether or not
+the directions are at right angles. All groups follow as T^T K T with T = B at that node, one
+elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element Analysis, 4th
+ed. 2002, chapter 8). It is exact: nothing is interpolated, and the model stays a sum of its groups.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Aim:
     dof : Dof
         Node in the model, with the direction and the sense that the label says.
     vector : ndarray of float, shape (3,), or None
-        Direction in the global system of the model, of length 1; None: that of `dof`, as the model has it.
+        Direction in the global system of the model, of length 1; None: that of `dof`, as the model
+        has it.
     """
 
     sensor: Dof
@@ -87,7 +88,9 @@ class _Local:
         return bool(np.count_nonzero(self.vector) > 1)
 
 
-def seat(model: Model, aims: Sequence[Aim], angle: float = EXACT) -> tuple[Model, list[Seat], list[str]]:
+def seat(
+    model: Model, aims: Sequence[Aim], angle: float = EXACT
+) -> tuple[Model, list[Seat], list[str]]:
     """Give each sensor a DOF, turning the DOFs of nodes with oblique ones.
 
     Parameters
@@ -102,8 +105,8 @@ def seat(model: Model, aims: Sequence[Aim], angle: float = EXACT) -> tuple[Model
     Returns
     -------
     model : Model
-        With turned DOFs where that was needed, else the same object. Labels stay; `Geometry.axes` tells of turned
-        nodes whose directions are at right angles, the title of the others.
+        With turned DOFs where that was needed, else the same object. Labels stay; `Geometry.axes`
+        tells of turned nodes whose directions are at right angles, the title of the others.
     seats : list of Seat
         As `aims`.
     notes : list of str
@@ -133,7 +136,9 @@ def seat(model: Model, aims: Sequence[Aim], angle: float = EXACT) -> tuple[Model
     at: dict[int, list[_Local]] = {}
     for found in locals_:
         at.setdefault(found.aim.dof.node, []).append(found)
-    bases = {n: _basis(n, group, have[n]) for n, group in at.items() if any(f.oblique for f in group)}
+    bases = {
+        n: _basis(n, group, have[n]) for n, group in at.items() if any(f.oblique for f in group)
+    }
     seats = [_seat(f, bases.get(f.aim.dof.node)) for f in locals_]
     if not bases:
         return model, seats, []
@@ -159,7 +164,9 @@ def _present(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
     return {n: tuple(sorted(a)) for n, a in out.items()}
 
 
-def _local(model: Model, aim: Aim, frame: NDArray[np.float64], have: tuple[int, ...], angle: float) -> _Local | str:
+def _local(
+    model: Model, aim: Aim, frame: NDArray[np.float64], have: tuple[int, ...], angle: float
+) -> _Local | str:
     """Return the sensor in the directions of its node, or why it cannot be there."""
     axis = DIRECTIONS.index(aim.dof.direction)
     part = 3 * (axis // 3)
@@ -180,9 +187,9 @@ def _local(model: Model, aim: Aim, frame: NDArray[np.float64], have: tuple[int, 
     if missing > np.sin(np.radians(EXACT)):
         names = ", ".join(f"{aim.dof.node}:{DIRECTIONS[a]}" for a in have)
         return (
-            f"{aim.role} {aim.sensor} along {vector_text(aim.vector)} is {off:.3g} degrees off "
-            f"{aim.dof.node}:{DIRECTIONS[part + k]}, and a part of {missing:.3g} is along what node {aim.dof.node} of "
-            f"the model lacks; it has {names}"
+            f"{aim.role} {aim.sensor} along {vector_text(aim.vector)} is {off:.3g} degrees off"
+            f" {aim.dof.node}:{DIRECTIONS[part + k]}, and a part of {missing:.3g} is along what"
+            f" node {aim.dof.node} of the model lacks; it has {names}"
             + (f"; with angle = {np.ceil(off):g} it is taken along that" if off <= _NEARLY else "")
         )
     c = np.where(here, c, 0.0)
@@ -212,13 +219,20 @@ class _Basis:
 
 def _basis(node: int, found: Sequence[_Local], have: tuple[int, ...]) -> _Basis:
     here = {part: np.array([part + k in have for k in range(3)]) for part in (0, 3)}
-    parts = {part: _distinct(node, [f for f in found if f.part == part], here[part]) for part in (0, 3)}
+    parts = {
+        part: _distinct(node, [f for f in found if f.part == part], here[part]) for part in (0, 3)
+    }
     both = _merged([*parts[0], *parts[3]])
     together = np.array([f.vector for f in both])
     if len(both) <= 3 and np.abs(together @ together.T - np.eye(len(both))).max() < _RIGHT_ANGLES:
         A = _completed(both, np.ones(3, dtype=np.bool_))
-        # A direction that the node lacks must not mix with those it has: a planar model stays planar.
-        if all(not A[np.ix_(h, ~h)].any() and not A[np.ix_(~h, h)].any() for h in here.values() if h.any()):
+        # A direction that the node lacks must not mix with those it has: a planar model stays
+        # planar.
+        if all(
+            not A[np.ix_(h, ~h)].any() and not A[np.ix_(~h, h)].any()
+            for h in here.values()
+            if h.any()
+        ):
             return _Basis({0: A, 3: A}, one=True)
     rows = {
         part: _completed(group, here[part]) if any(f.oblique for f in group) else np.eye(3)
@@ -251,22 +265,24 @@ def _distinct(node: int, found: Sequence[_Local], here: NDArray[np.bool_]) -> li
         for other in kept[:i]:
             if (apart := _between(one.vector, other.vector)) < _APART:
                 raise MatchError(
-                    f"{one.aim.sensor} and {other.aim.sensor} at node {node} of the model point {apart:.2g} degrees "
-                    f"apart: too much alike for two DOFs, and more than the {EXACT:g} degrees within which they are "
-                    "one; give both the same direction, or leave one out",
+                    f"{one.aim.sensor} and {other.aim.sensor} at node {node} of the model point"
+                    f" {apart:.2g} degrees apart: too much alike for two DOFs, and more than the"
+                    f" {EXACT:g} degrees within which they are one; give both the same direction,"
+                    " or leave one out",
                     ("directions",),
                 )
     if len(kept) > here.sum():
         raise MatchError(
-            f"sensors and forces at node {node} of the model point in {len(kept)} directions, of which it has "
-            f"{int(here.sum())}; keep as many, or give the others another node:{named}",
+            f"sensors and forces at node {node} of the model point in {len(kept)} directions, of"
+            f" which it has {int(here.sum())}; keep as many, or give the others another"
+            f" node:{named}",
             ("directions",),
         )
     smallest = np.linalg.svd(np.array([f.vector for f in kept]), compute_uv=False)[-1]
     if smallest < _INDEPENDENT:
         raise MatchError(
-            f"sensors and forces at node {node} of the model point in {len(kept)} directions of one plane: the last is "
-            f"a sum of the others; leave one out:{named}",
+            f"sensors and forces at node {node} of the model point in {len(kept)} directions of one"
+            f" plane: the last is a sum of the others; leave one out:{named}",
             ("directions",),
         )
     return kept
@@ -292,7 +308,9 @@ def _completed(kept: Sequence[_Local], here: NDArray[np.bool_]) -> NDArray[np.fl
     return out
 
 
-def _likeness(vectors: Sequence[NDArray[np.float64]], names: Sequence[int], order: Sequence[int]) -> float:
+def _likeness(
+    vectors: Sequence[NDArray[np.float64]], names: Sequence[int], order: Sequence[int]
+) -> float:
     """Return how well directions are called: along the axis of their name, and where that is a tie as the sensor is."""
     close = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
     return round(close, 9) + 1e-6 * sum(a == b for a, b in zip(names, order, strict=False))
@@ -301,9 +319,13 @@ def _likeness(vectors: Sequence[NDArray[np.float64]], names: Sequence[int], orde
 def _seat(found: _Local, basis: _Basis | None) -> Seat:
     rows = np.eye(3) if basis is None else basis.rows[found.part]
     row = int(np.argmin([_between(r, found.vector) for r in rows]))
-    dof = Dof(found.aim.dof.node, DIRECTIONS[found.part + row], -1 if rows[row] @ found.vector < 0 else 1)
+    dof = Dof(
+        found.aim.dof.node, DIRECTIONS[found.part + row], -1 if rows[row] @ found.vector < 0 else 1
+    )
     turned = not np.array_equal(rows[row], np.eye(3)[row])
-    angle = float(np.degrees(np.arctan2(np.linalg.norm(np.delete(rows[row], row)), abs(rows[row][row]))))
+    angle = float(
+        np.degrees(np.arctan2(np.linalg.norm(np.delete(rows[row], row)), abs(rows[row][row])))
+    )
     return Seat(dof, angle if turned else found.angle, turned)
 
 
@@ -331,7 +353,10 @@ def _turned(
     touched[rows] = True
     rest = np.flatnonzero(~touched)
     T = sp.csr_array(
-        (np.r_[values, np.ones(len(rest))], (np.r_[rows, rest].astype(np.intp), np.r_[columns, rest].astype(np.intp))),
+        (
+            np.r_[values, np.ones(len(rest))],
+            (np.r_[rows, rest].astype(np.intp), np.r_[columns, rest].astype(np.intp)),
+        ),
         shape=(n, n),
     )
     T.eliminate_zeros()
@@ -352,13 +377,17 @@ def _moved(group: Group, T: Matrix, touched: NDArray[np.bool_]) -> Group:
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
     matrices = [moved(A) for A in (group.stiffness, group.mass, group.viscous)]
-    if all(a is b for a, b in zip(matrices, (group.stiffness, group.mass, group.viscous), strict=True)):
+    if all(
+        a is b for a, b in zip(matrices, (group.stiffness, group.mass, group.viscous), strict=True)
+    ):
         return group
     return group.with_matrices(*matrices)
 
 
 def _told(
-    geometry: Geometry | None, bases: Mapping[int, _Basis], frames: Mapping[int, NDArray[np.float64]]
+    geometry: Geometry | None,
+    bases: Mapping[int, _Basis],
+    frames: Mapping[int, NDArray[np.float64]],
 ) -> tuple[Geometry | None, list[int]]:
     """Return the geometry with the new directions, and the nodes whose directions it cannot hold."""
     known = set() if geometry is None else set(geometry.nodes.tolist())
@@ -366,7 +395,11 @@ def _told(
     untold = [n for n in bases if n not in tell]
     if geometry is None or not tell:
         return geometry, untold
-    axes = np.tile(np.eye(3), (len(geometry.nodes), 1, 1)) if geometry.axes is None else geometry.axes.copy()
+    axes = (
+        np.tile(np.eye(3), (len(geometry.nodes), 1, 1))
+        if geometry.axes is None
+        else geometry.axes.copy()
+    )
     for row in np.flatnonzero(np.isin(geometry.nodes, list(tell))):
         axes[row] = tell[int(geometry.nodes[row])]
     return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes), untold

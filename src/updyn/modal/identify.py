@@ -1,17 +1,19 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
-1. The FRFs, as accelerances so that peaks of equal damping are equally high, are fitted by rational functions with
-   common poles (`updyn.modal.rational`), twice, on every second line, with more and more poles. As many poles are taken
-   as foretell best the lines that were left out; noise is not foretold.
-2. A mode is a pole within the band that takes energy and that both halves have found, to within half its half-power
-   bandwidth. Poles so close that they cannot be told apart, of one and the same shape, are what the test made of one
-   mode (it moves a little from hit to hit): they become one. What adds less than a tenth to the FRFs at its own
-   frequency is left out.
-3. Shapes follow from the residues (Ewins, Modal Testing, 2nd ed. 2000, section 4.5): the residue of a mode is its shape
-   at the responses times its shape at the references; a drive point gives the scale. Two modes of one frequency show as
-   a residue of rank two.
+1. The FRFs, as accelerances so that peaks of equal damping are equally high, are fitted by rational
+   functions with common poles (`updyn.modal.rational`), twice, on every second line, with more and
+   more poles. As many poles are taken as foretell best the lines that were left out; noise is not
+   foretold.
+2. A mode is a pole within the band that takes energy and that both halves have found, to within
+   half its half-power bandwidth. Poles so close that they cannot be told apart, of one and the same
+   shape, are what the test made of one mode (it moves a little from hit to hit): they become one.
+   What adds less than a tenth to the FRFs at its own frequency is left out.
+3. Shapes follow from the residues (Ewins, Modal Testing, 2nd ed. 2000, section 4.5): the residue of
+   a mode is its shape at the responses times its shape at the references; a drive point gives the
+   scale. Two modes of one frequency show as a residue of rank two.
 
-No library did it: those looked at ask the user to pick poles from a diagram, or may not be used under this licence.
+No library did it: those looked at ask the user to pick poles from a diagram, or may not be used
+under this licence.
 """
 
 from __future__ import annotations
@@ -38,11 +40,12 @@ DAMPING = ("structural", "viscous")
 
 #: Poles are looked for on at most so many lines, half of them at a time, and combined functions.
 _LINES, _FUNCTIONS = 1200, 12
-#: Growing ends when so many poles more have not foretold better by this share; then the fewest that are as good count.
+#: Growing ends when so many poles more have not foretold better by this share; then the fewest that
+#: are as good count.
 _PATIENCE, _BETTER, _AS_GOOD = 4, 0.02, 1.05
 _EXACT = 1e-10
-#: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than that share of the
-#: bandwidth whose shapes have this MAC are one.
+#: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than
+#: that share of the bandwidth whose shapes have this MAC are one.
 _AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
 #: Loss factors above this are no modes, nor is what adds less than this share at its own frequency.
 _HEAVY, _SEEN = 0.5, 0.1
@@ -68,12 +71,18 @@ class _Lines:
 
     def frequency(self, poles: _Complex) -> _Real:
         """Return natural frequencies in Hz; nan of poles that do not oscillate."""
-        squared = np.abs(poles) ** 2 if self.basis.mirrored else np.where(poles.real > 0, poles.real, np.nan)
+        squared = (
+            np.abs(poles) ** 2
+            if self.basis.mirrored
+            else np.where(poles.real > 0, poles.real, np.nan)
+        )
         return np.asarray(np.sqrt(squared) * self.unit / (2.0 * np.pi))
 
     def loss(self, poles: _Complex) -> _Real:
         """Return loss factors."""
-        return np.asarray(-2.0 * poles.real / np.abs(poles) if self.basis.mirrored else poles.imag / poles.real)
+        return np.asarray(
+            -2.0 * poles.real / np.abs(poles) if self.basis.mirrored else poles.imag / poles.real
+        )
 
     def width(self, poles: _Complex) -> _Real:
         """Return how far from a pole its half-power points lie, in the unit of x."""
@@ -82,7 +91,8 @@ class _Lines:
     def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
         """Return phi phi^T of receptance, shape (k, n_i, n_j), from residues of accelerance, shape (k, n_i n_j)."""
         shape = (len(poles), *self.level.shape)
-        # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p) has p A.
+        # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
+        # has p A.
         factor = 2j * poles.imag / poles**2 if self.basis.mirrored else 1.0 / poles
         return np.asarray((residues * factor[:, None]).reshape(shape) * self.level)
 
@@ -100,21 +110,23 @@ def identify_modes(
     Parameters
     ----------
     frf : FRF
-        The measurement. Modes that lie closer than a few lines, or have no sensor where they move, cannot be found.
+        The measurement. Modes that lie closer than a few lines, or have no sensor where they move,
+        cannot be found.
     band : (float, float), optional
         In Hz; modes outside of it are fitted but not returned. None: all lines.
     damping : {"structural", "viscous"}
-        The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in i omega. For light
-        damping the difference is of the order of its square.
+        The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in
+        i omega. For light damping the difference is of the order of its square.
     max_poles : int
-        Largest number of poles of the rational fit, those included that stand for what lies outside the band.
+        Largest number of poles of the rational fit, those included that stand for what lies outside
+        the band.
 
     Returns
     -------
     ModeSet
-        At the responses, and at references that are not among them. Scaled to unit modal mass where a drive point was
-        measured; ``quality`` is the share of the FRFs within the half-power band (at least three lines) that the fit
-        explains.
+        At the responses, and at references that are not among them. Scaled to unit modal mass where
+        a drive point was measured; ``quality`` is the share of the FRFs within the half-power band
+        (at least three lines) that the fit explains.
 
     Raises
     ------
@@ -125,7 +137,8 @@ def identify_modes(
 
     Notes
     -----
-    Deterministic. Loss factors are those of the form chosen; twice the damping ratio where it is viscous.
+    Deterministic. Loss factors are those of the form chosen; twice the damping ratio where it is
+    viscous.
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
@@ -135,10 +148,17 @@ def identify_modes(
     lines = _prepared(frf, mirrored=damping == "viscous")
     most = min(max_poles, len(lines.x) // 4)
     if most < 1:
-        raise DataError(f"modes: {len(frf.freq)} lines are too few to identify a mode; expected at least 4, better 30")
+        raise DataError(
+            f"modes: {len(frf.freq)} lines are too few to identify a mode; expected at least 4,"
+            " better 30"
+        )
     poles, found = _poles(lines, most)
     fitted = fit(lines.basis, lines.x, lines.Y, poles)
-    stable = [c for c in _candidates(lines, fitted, frf.freq) if any(_agreed(lines, p, found) for p in poles[c])]
+    stable = [
+        c
+        for c in _candidates(lines, fitted, frf.freq)
+        if any(_agreed(lines, p, found) for p in poles[c])
+    ]
     if not stable:
         raise _none(frf)
     kept = np.array([_one(lines, fitted, c) for c in stable])
@@ -149,7 +169,8 @@ def identify_modes(
 
 def _none(frf: FRF) -> DataError:
     return DataError(
-        f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz in which both halves of the lines agree"
+        f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz in which both halves"
+        " of the lines agree"
     )
 
 
@@ -181,11 +202,15 @@ def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
     missed: list[float] = []
     fits: list[tuple[Fitted, Fitted]] = []
     for pair in zip(*(growing(lines.basis, x[h], Y[h], begin, most) for h in halves), strict=False):
-        wrong = [float(np.sum(np.abs(f.at(x[h]) - Y[h]) ** 2)) for f, h in zip(pair, halves[::-1], strict=True)]
+        wrong = [
+            float(np.sum(np.abs(f.at(x[h]) - Y[h]) ** 2))
+            for f, h in zip(pair, halves[::-1], strict=True)
+        ]
         missed.append(float(np.sqrt(sum(wrong) / total)))
         fits.append((pair[0], pair[1]))
         if missed[-1] < _EXACT or (
-            len(missed) > _PATIENCE and min(missed[-_PATIENCE:]) > (1.0 - _BETTER) * min(missed[:-_PATIENCE])
+            len(missed) > _PATIENCE
+            and min(missed[-_PATIENCE:]) > (1.0 - _BETTER) * min(missed[:-_PATIENCE])
         ):
             break
     best = int(np.flatnonzero(np.array(missed) <= _AS_GOOD * min(missed) + _EXACT)[0])
@@ -246,11 +271,14 @@ def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
     poles = fitted.poles[cluster]
     if len(poles) == 1:
         return np.complex128(poles[0])
-    # Turned so that frequency is real: without its mirror image a pole is any function of a real variable.
+    # Turned so that frequency is real: without its mirror image a pole is any function of a real
+    # variable.
     turn = -1j if lines.basis.mirrored else 1.0
     turned = poles * turn
     x = turned.real.mean() + np.linspace(-3.0, 3.0, 61) * float(lines.width(poles).mean()) + 0j
-    U, s, _ = np.linalg.svd((1.0 / (x[:, None] - turned)) @ fitted.residues[cluster], full_matrices=False)
+    U, s, _ = np.linalg.svd(
+        (1.0 / (x[:, None] - turned)) @ fitted.residues[cluster], full_matrices=False
+    )
     (last,) = growing(Basis(0, mirrored=False), x, U * s, turned.mean(keepdims=True), 1)
     return np.complex128(last.poles[0] / turn)
 
@@ -274,10 +302,14 @@ def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
     if not columns:
         raise _none(frf)
     frequencies, shapes, losses, qualities = zip(*columns, strict=True)
-    return ModeSet(frequencies, np.array(shapes).T, sides.dofs, losses, sides.scaled, qualities, frf.source)
+    return ModeSet(
+        frequencies, np.array(shapes).T, sides.dofs, losses, sides.scaled, qualities, frf.source
+    )
 
 
 def _near(freq: _Real, at: float, half_width: float) -> NDArray[np.bool_]:
     """Return the lines within the half-power band, or the three that are nearest."""
     distance = np.abs(freq - at)
-    return np.asarray(distance <= max(half_width, float(np.sort(distance)[min(2, len(distance) - 1)])))
+    return np.asarray(
+        distance <= max(half_width, float(np.sort(distance)[min(2, len(distance) - 1)]))
+    )

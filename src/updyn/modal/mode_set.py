@@ -27,8 +27,8 @@ class ModeSet:
     frequency : array_like of float, shape (n,)
         Natural frequencies in Hz, at least 0; sorted here, all else with them.
     shapes : array_like of complex, shape (N, n)
-        Mode shapes as columns. Where `scaled`, to unit modal mass (phi^T M phi = 1, transpose, not conjugate), in
-        1/sqrt(kg) for translations; elsewhere of any scale.
+        Mode shapes as columns. Where `scaled`, to unit modal mass (phi^T M phi = 1, transpose, not
+        conjugate), in 1/sqrt(kg) for translations; elsewhere of any scale.
     dofs : iterable of str or Dof
         Signed labels of the N rows.
     loss_factor : array_like of float, shape (n,), optional
@@ -36,16 +36,16 @@ class ModeSet:
     scaled : bool or array_like of bool, shape (n,)
         Which shapes have unit modal mass.
     quality : array_like of float, shape (n,), optional
-        Share, 0 to 1, of the measured FRFs that the modes explain within the half-power band about each. None: not
-        known (nan).
+        Share, 0 to 1, of the measured FRFs that the modes explain within the half-power band about
+        each. None: not known (nan).
     source : str
         Where the modes came from, for the record.
 
     Raises
     ------
     DataError
-        If there is no mode, shapes of arrays disagree, a number is not finite, a frequency is negative, or a shape is
-        zero.
+        If there is no mode, shapes of arrays disagree, a number is not finite, a frequency is
+        negative, or a shape is zero.
     DofError
         If a label cannot be read or stands twice.
     """
@@ -72,21 +72,33 @@ class ModeSet:
         labels = DofSet(dofs)
         f = _array("frequency", frequency, np.float64)
         if f.ndim != 1 or f.size == 0:
-            raise DataError(f"modes: expected at least one frequency in a row, found an array of shape {f.shape}")
+            raise DataError(
+                "modes: expected at least one frequency in a row, found an array of shape"
+                f" {f.shape}"
+            )
         n = len(f)
         if not (np.isfinite(f).all() and (f >= 0).all()):
-            raise DataError(f"modes: frequency {f[~(np.isfinite(f) & (f >= 0))][0]:g} Hz; expected finite, at least 0")
+            raise DataError(
+                f"modes: frequency {f[~(np.isfinite(f) & (f >= 0))][0]:g} Hz; expected finite, at"
+                " least 0"
+            )
         phi = _array("shapes", shapes, np.complex128)
         if phi.shape != (len(labels), n):
-            raise DataError(f"modes: expected shapes of (DOFs, modes) = {(len(labels), n)}, found {phi.shape}")
+            raise DataError(
+                f"modes: expected shapes of (DOFs, modes) = {(len(labels), n)}, found {phi.shape}"
+            )
         bad = ~np.isfinite(phi).all(axis=0) | ~phi.any(axis=0)
         if bad.any():
-            raise DataError(f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite")
+            raise DataError(
+                f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite"
+            )
         order = np.argsort(f, kind="stable")
         arrays: dict[str, NDArray[Any]] = {
             "frequency": f[order],
             "shapes": phi[:, order],
-            "loss_factor": _row("loss_factor", np.nan if loss_factor is None else loss_factor, n)[order],
+            "loss_factor": _row("loss_factor", np.nan if loss_factor is None else loss_factor, n)[
+                order
+            ],
             "scaled": _row("scaled", scaled, n).astype(np.bool_)[order],
             "quality": _row("quality", np.nan if quality is None else quality, n)[order],
         }
@@ -105,10 +117,20 @@ class ModeSet:
     def __repr__(self) -> str:
         shown = ", ".join(f"{f:.6g}" for f in self.frequency[:6])
         more = ", ..." if len(self) > 6 else ""
-        return f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {shown}{more} Hz; {self.digest})"
+        return (
+            f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {shown}{more} Hz; {self.digest})"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        parts = (self.frequency, self.shapes, self.dofs, self.loss_factor, self.scaled, self.quality, self.source)
+        parts = (
+            self.frequency,
+            self.shapes,
+            self.dofs,
+            self.loss_factor,
+            self.scaled,
+            self.quality,
+            self.source,
+        )
         return ModeSet, parts
 
     @property
@@ -120,8 +142,9 @@ class ModeSet:
     def phase_collinearity(self) -> _Real:
         """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor, 0 for any phases.
 
-        Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with its eigenvalues a
-        and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852, without the mean removed).
+        Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with
+        its eigenvalues a and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852,
+        without the mean removed).
         """
         xx, yy = (np.sum(p**2, axis=0) for p in (self.shapes.real, self.shapes.imag))
         xy = np.sum(self.shapes.real * self.shapes.imag, axis=0)
@@ -138,7 +161,9 @@ class ModeSet:
         largest = real[np.argmax(np.abs(real), axis=0), np.arange(len(self))]
         return np.asarray(real * np.where(largest < 0, -1.0, 1.0))
 
-    def select(self, modes: Sequence[int] | None = None, *, band: tuple[float, float] | None = None) -> ModeSet:
+    def select(
+        self, modes: Sequence[int] | None = None, *, band: tuple[float, float] | None = None
+    ) -> ModeSet:
         """Return some of the modes.
 
         Parameters
@@ -158,21 +183,29 @@ class ModeSet:
         DataError
             If no mode is left, or one is not there.
         """
-        keep = np.arange(len(self)) if modes is None else np.asarray(modes, dtype=np.intp).reshape(-1)
+        keep = (
+            np.arange(len(self)) if modes is None else np.asarray(modes, dtype=np.intp).reshape(-1)
+        )
         if keep.size and (keep.min() < 0 or keep.max() >= len(self)):
-            raise DataError(f"modes: expected numbers from 0 to {len(self) - 1}, found {keep.tolist()}")
+            raise DataError(
+                f"modes: expected numbers from 0 to {len(self) - 1}, found {keep.tolist()}"
+            )
         if band is not None:
             keep = keep[(self.frequency[keep] >= band[0]) & (self.frequency[keep] <= band[1])]
         if not keep.size:
             raise DataError(f"modes: none is left of {self!r}")
         parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])
-        return ModeSet(self.frequency[keep], self.shapes[:, keep], self.dofs, *parts, source=self.source)
+        return ModeSet(
+            self.frequency[keep], self.shapes[:, keep], self.dofs, *parts, source=self.source
+        )
 
 
 def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
     try:
         array = np.asarray(given)
-        if array.dtype.kind not in "biufc" or (array.dtype.kind == "c" and dtype is not np.complex128):
+        if array.dtype.kind not in "biufc" or (
+            array.dtype.kind == "c" and dtype is not np.complex128
+        ):
             raise DataError(f"modes: {name}: expected numbers, found {array.dtype}")
         return array.astype(dtype)
     except ValueError as error:
@@ -182,5 +215,7 @@ def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
 def _row(name: str, given: ArrayLike, n: int) -> NDArray[np.float64]:
     array = _array(name, given, np.float64)
     if array.shape not in ((), (n,)):
-        raise DataError(f"modes: {name}: expected {n}, one for each mode, found an array of shape {array.shape}")
+        raise DataError(
+            f"modes: {name}: expected {n}, one for each mode, found an array of shape {array.shape}"
+        )
     return np.broadcast_to(array, (n,)).copy()

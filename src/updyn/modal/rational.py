@@ -1,9 +1,10 @@
 """Poles that all functions of a measurement share: rational fits by vector fitting, poles added one by one.
 
-B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery 14 (1999) 1052-1061 (vector fitting: poles are moved to the zeros
-of a common denominator, in partial fractions); B. Gustavsen, ibid. 21 (2006) 1587-1592 (its level left free);
-D. Deschrijver et al., IEEE Microw. Wirel. Compon. Lett. 18 (2008) 383-385 (functions one after the other);
-S. Grivet-Talocia & M. Bandinu, IEEE Trans. Electromagn. Compat. 48 (2006) 104-120 (poles added where the fit is worst).
+B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery 14 (1999) 1052-1061 (vector fitting: poles are
+moved to the zeros of a common denominator, in partial fractions); B. Gustavsen, ibid. 21 (2006)
+1587-1592 (its level left free); D. Deschrijver et al., IEEE Microw. Wirel. Compon. Lett. 18 (2008)
+383-385 (functions one after the other); S. Grivet-Talocia & M. Bandinu, IEEE Trans. Electromagn.
+Compat. 48 (2006) 104-120 (poles added where the fit is worst).
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class Basis:
     degree : int
         Largest power of x.
     mirrored : bool
-        Whether the functions are conjugate at conjugate x (x = i omega; poles come in conjugate pairs, one of which
-        stands for both, and all weights are real), or any function of a real x.
+        Whether the functions are conjugate at conjugate x (x = i omega; poles come in conjugate
+        pairs, one of which stands for both, and all weights are real), or any function of a real x.
     """
 
     degree: int
@@ -49,7 +50,8 @@ class Basis:
     def fractions(self, x: _Complex, poles: _Complex) -> _Complex:
         """Return the fractions at x, shape (n_f, m).
 
-        Of a mirrored pole they are two, sum and i times difference with its image, unless the pole is its own image.
+        Of a mirrored pole they are two, sum and i times difference with its image, unless the pole
+        is its own image.
         """
         own = 1.0 / (x[:, None] - poles)
         if not self.mirrored:
@@ -106,7 +108,9 @@ class Fitted:
         return np.asarray(_columns(self.basis, x, self.poles) @ self.weights)
 
 
-def growing(basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int) -> Iterator[Fitted]:
+def growing(
+    basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+) -> Iterator[Fitted]:
     """Yield fits with more and more poles.
 
     Parameters
@@ -182,7 +186,9 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     for y in Y.T:
         block = basis.parts(y[:, None] * sigma)
         block -= Q @ (Q.conj().T @ block)
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, np.linalg.qr(block, mode="r")]), mode="r"))
+        triangle = np.asarray(
+            np.linalg.qr(np.vstack([triangle, np.linalg.qr(block, mode="r")]), mode="r")
+        )
     level = np.linalg.qr(basis.parts(sigma), mode="r")
     scaled = scipy.linalg.solve_triangular(level, triangle.conj().T, trans="C").conj().T
     c = scipy.linalg.solve_triangular(level, np.linalg.svd(scaled)[2][-1].conj())
@@ -190,7 +196,8 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     if basis.mirrored:
         pair = poles.imag != 0
         poles, residues = (np.append(a, a[pair].conj()) for a in (poles, residues))
-    # The zeros are eigenvalues of diag(a) - 1 c^T / c_0, as a pencil that a vanishing c_0 does not harm.
+    # The zeros are eigenvalues of diag(a) - 1 c^T / c_0, as a pencil that a vanishing c_0 does not
+    # harm.
     n = len(poles)
     A, B = np.zeros((2, n + 1, n + 1), dtype=np.complex128)
     A[:n, :n], A[:n, n], A[n, :n], A[n, n] = np.diag(poles), 1.0, residues, c[-1]

@@ -15,7 +15,8 @@ __all__ = ["Sides"]
 
 _Complex = NDArray[np.complex128]
 
-#: A singular value of a residue above this share of the first is a further mode at the same frequency.
+#: A singular value of a residue above this share of the first is a further mode at the same
+#: frequency.
 _SECOND = 0.3
 
 
@@ -32,7 +33,8 @@ class Sides:
     more : ndarray of int
         References that are not among the responses.
     at_references : bool
-        Without a drive point, whether the references say more than the responses, as when the hammer roves.
+        Without a drive point, whether the references say more than the responses, as when the
+        hammer roves.
     dofs : list of Dof
         Of the shapes.
     """
@@ -58,7 +60,9 @@ class Sides:
         match = frf.responses.match(frf.references[columns], "reference")
         responses, references = list(frf.responses), list(frf.references)
         roving = not len(columns) and len(references) > len(responses)
-        dofs = references if roving else responses + [references[int(j)] for j in more if len(columns)]
+        dofs = (
+            references if roving else responses + [references[int(j)] for j in more if len(columns)]
+        )
         return cls(match.index, columns, match.sign, more, roving, dofs)
 
     @property
@@ -76,8 +80,9 @@ class Sides:
 
         Notes
         -----
-        With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points they are equal, so
-        that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5, for one mode: phi_j = r_jj^(1/2)).
+        With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
+        they are equal, so that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5,
+        for one mode: phi_j = r_jj^(1/2)).
         """
         U, s, Vh = np.linalg.svd(product, full_matrices=False)
         largest = max(1, min(len(s), len(self.rows) or len(s)))

@@ -1,13 +1,15 @@
 """Undamped modes of a compiled model and their exact derivatives by the unknowns.
 
-Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6 (1968) 2426-2429,
-eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector derivatives", AIAA J. 14 (1976) 1201-1205:
-from the mode itself and one factorisation, no sum over modes. Wanted at a few DOFs, all derivatives follow from as many
-solutions with that factorisation (its matrix is symmetric), however many unknowns there are.
+Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6
+(1968) 2426-2429, eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector
+derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, no sum over
+modes. Wanted at a few DOFs, all derivatives follow from as many solutions with that factorisation
+(its matrix is symmetric), however many unknowns there are.
 
-Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is one (R. L. Dailey,
-"Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491: eigenvectors of their matrix of first
-derivatives; here of those by all unknowns at once). Bending in two planes is such a case: `separated` finds the basis.
+Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is
+one (R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
+eigenvectors of their matrix of first derivatives; here of those by all unknowns at once). Bending
+in two planes is such a case: `separated` finds the basis.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ __all__ = ["RealModes", "separated", "slopes"]
 
 _Real = NDArray[np.float64]
 
-#: A strain energy below this share of the sum of its absolute terms is what rounding leaves of none.
+#: A strain energy below this share of the sum of its absolute terms is what rounding leaves of
+#: none.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _ACCURATE = 1e-6
 #: Eigenvalues closer than this share are one, and changes smaller than that share of one are none.
@@ -155,7 +158,8 @@ def slopes(
     phi, value, group = modes.shapes[:, which], float(modes.value[which]), modes.alike(which)
     wanted, basis = np.zeros(0, dtype=np.intp) if rows is None else rows, modes.shapes[:, group]
     mass_basis = modes.M @ basis
-    # Columns: unit loads at the wanted DOFs, and M times the basis, whose solutions give its shares in the derivative.
+    # Columns: unit loads at the wanted DOFs, and M times the basis, whose solutions give its shares
+    # in the derivative.
     Z = np.zeros((len(phi), len(wanted) + len(group)))
     if len(wanted):
         pivots = _pivots(modes, basis)
@@ -175,9 +179,9 @@ def slopes(
     d_value, others = by_value[:, me], np.delete(by_value, me, axis=1)
     if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
         raise SolverError(
-            f"{len(group)} modes of the model coincide at {np.sqrt(value) / (2.0 * np.pi):.6g} Hz, and the unknowns "
-            "couple them: they have no derivatives one by one. Break the symmetry in the start of the unknowns, or use "
-            "a method that fits the FRFs"
+            f"{len(group)} modes of the model coincide at {np.sqrt(value) / (2.0 * np.pi):.6g} Hz,"
+            " and the unknowns couple them: they have no derivatives one by one. Break the"
+            " symmetry in the start of the unknowns, or use a method that fits the FRFs"
         )
     # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
     v = -loaded + d_value[:, None] * (mass_basis[:, me] @ Z)
@@ -222,12 +226,17 @@ def separated(
         group = modes.alike(first)
         if len(group) > 1:
             shapes = shapes.copy() if shapes is modes.shapes else shapes
-            turned = shapes[:, group] @ _axes(system, unknowns, values, shapes[:, group], float(modes.value[first]))
+            turned = shapes[:, group] @ _axes(
+                system, unknowns, values, shapes[:, group], float(modes.value[first])
+            )
             mixed = _couplings(system, unknowns, values, turned, float(modes.value[first]))
             level = np.sum(mixed, axis=0).diagonal()
             start = 0
             for stop in range(1, len(group) + 1):
-                if stop == len(group) or abs(level[stop] - level[start]) > _UNCOUPLED * modes.value[first]:
+                if (
+                    stop == len(group)
+                    or abs(level[stop] - level[start]) > _UNCOUPLED * modes.value[first]
+                ):
                     part = turned[:, start:stop]
                     turned[:, start:stop] = part @ _towards(seen(part), measured)
                     start = stop
@@ -245,10 +254,17 @@ def _forces(
         term = system.terms[at]
         if term.quantity in ("stiffness", "mass"):
             share = power * state.factor[at] / values[owner]
-            yield int(owner), term.own, share * (term.local @ shapes[term.own]), term.quantity == "mass"
+            yield (
+                int(owner),
+                term.own,
+                share * (term.local @ shapes[term.own]),
+                term.quantity == "mass",
+            )
 
 
-def _couplings(system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float) -> _Real:
+def _couplings(
+    system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
+) -> _Real:
     """Return Phi^T (K' - lambda M') Phi by each unknown in its logarithm, weighted to be told apart, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
     for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
@@ -258,7 +274,9 @@ def _couplings(system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _
     return out
 
 
-def _axes(system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float) -> _Real:
+def _axes(
+    system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
+) -> _Real:
     """Return the turn, shape (m, m), after which the sum of all couplings is diagonal."""
     whole = _couplings(system, unknowns, values, basis, value).sum(axis=0)
     return np.asarray(np.linalg.eigh((whole + whole.T) / 2)[1])
@@ -268,7 +286,9 @@ def _towards(seen: _Real, measured: _Real) -> _Real:
     """Return the turn, shape (m, m), after which the first shapes are those nearest to measured ones."""
     share = np.linalg.lstsq(seen, measured, rcond=None)[0]
     near = np.linalg.norm(seen @ share, axis=0)
-    order = [int(i) for i in np.argsort(-near, kind="stable")[: len(share)] if near[i] ** 2 > _WITHIN]
+    order = [
+        int(i) for i in np.argsort(-near, kind="stable")[: len(share)] if near[i] ** 2 > _WITHIN
+    ]
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
@@ -283,7 +303,9 @@ def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
 def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
     """Return the DOFs that move most, one a mode; rotations and translations by their share of the strain energy."""
     weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
-    return np.asarray(scipy.linalg.qr(weighted, mode="r", pivoting=True)[1][: basis.shape[1]], dtype=np.intp)
+    return np.asarray(
+        scipy.linalg.qr(weighted, mode="r", pivoting=True)[1][: basis.shape[1]], dtype=np.intp
+    )
 
 
 def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real) -> _Real:
@@ -292,7 +314,9 @@ def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Re
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # translations and rotations weigh alike
     scale[pivots] = 0.0
     one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
-    A = sp.csc_array(sp.diags_array(scale) @ (modes.K - value * modes.M) @ sp.diags_array(scale) + one)
+    A = sp.csc_array(
+        sp.diags_array(scale) @ (modes.K - value * modes.M) @ sp.diags_array(scale) + one
+    )
     B = scale[:, None] * loads
     try:
         with warnings.catch_warnings():

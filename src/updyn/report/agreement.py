@@ -35,10 +35,13 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
     """Heat map of FRAC, responses down, references across, on the scale 0 to 1."""
     if frac is None:
         return None
-    rows = [r + (" ◆" if held else "") for r, held in zip(data.responses, data.held_out, strict=True)]
+    rows = [
+        r + (" ◆" if held else "") for r, held in zip(data.responses, data.held_out, strict=True)
+    ]
     hover = [
         [
-            f"response {label(r)}{' (held out)' if held else ''}<br>reference {label(c)}<br>FRAC {v:.4f}"
+            f"response {label(r)}{' (held out)' if held else ''}<br>reference {label(c)}<br>FRAC"
+            f" {v:.4f}"
             for c, v in zip(data.references, line, strict=True)
         ]
         for r, held, line in zip(data.responses, data.held_out, frac, strict=True)
@@ -79,7 +82,10 @@ def csac_lines(data: ReportData) -> Figure | None:
         return None
     traces: list[dict[str, Any]] = []
     x = numbers(data.freq)
-    for name, csac, dash in (("before", data.csac_before, "dot"), ("after", data.csac_after, "solid")):
+    for name, csac, dash in (
+        ("before", data.csac_before, "dot"),
+        ("after", data.csac_after, "solid"),
+    ):
         if csac is None:
             continue
         traces.append(
@@ -120,11 +126,17 @@ def level_differences(data: ReportData) -> Figure | None:
                 "name": name,
                 "x": numbers(0.5 * (edges[1:] + edges[:-1])),
                 "y": numbers(100.0 * counts / max(level.size, 1)),
-                "line": {"color": f"@{name}", "shape": "hvh", "dash": "dot" if name == "before" else "solid"},
+                "line": {
+                    "color": f"@{name}",
+                    "shape": "hvh",
+                    "dash": "dot" if name == "before" else "solid",
+                },
                 "fill": "tozeroy" if name == "after" else "none",
                 "fillcolor": "@after-faint",
-                "hovertemplate": f"{name}: %{{y:.2f}} %% of the values at %{{x:.2f}} dB<extra></extra>".replace(
-                    "%%", "%"
+                "hovertemplate": (
+                    f"{name}: %{{y:.2f}} %% of the values at %{{x:.2f}} dB<extra></extra>".replace(
+                        "%%", "%"
+                    )
                 ),
             }
         )
@@ -134,7 +146,10 @@ def level_differences(data: ReportData) -> Figure | None:
         "data": traces,
         "height": 300,
         "layout": {
-            "xaxis": {"title": {"text": "computed over measured level (dB)"}, "range": _histogram_range(traces)},
+            "xaxis": {
+                "title": {"text": "computed over measured level (dB)"},
+                "range": _histogram_range(traces),
+            },
             "yaxis": {"title": {"text": "share of values (%)"}, "rangemode": "tozero"},
             "showlegend": True,
         },
@@ -153,14 +168,18 @@ def _histogram_range(traces: list[dict[str, Any]]) -> list[float]:
     return [-reach, reach]
 
 
-def level_difference(measured: NDArray[np.complex128], computed: NDArray[np.complex128]) -> NDArray[np.float64]:
+def level_difference(
+    measured: NDArray[np.complex128], computed: NDArray[np.complex128]
+) -> NDArray[np.float64]:
     """Return 20 log10 |computed / measured| in dB as a flat array, without values where either is zero."""
     a, b = np.abs(computed).ravel(), np.abs(measured).ravel()
     there = (a > 0) & (b > 0)
     return np.asarray(20.0 * np.log10(a[there] / b[there]))
 
 
-def relative_residual(measured: NDArray[np.complex128], computed: NDArray[np.complex128]) -> NDArray[np.float64]:
+def relative_residual(
+    measured: NDArray[np.complex128], computed: NDArray[np.complex128]
+) -> NDArray[np.float64]:
     """Return rms |computed - measured| over rms |measured| of each channel, shape (n_responses, n_references)."""
     misfit = np.sqrt(np.mean(np.abs(computed - measured) ** 2, axis=0))
     size = np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
@@ -176,7 +195,10 @@ def residual_by_channel(data: ReportData) -> Figure | None:
     ]
     traces: list[dict[str, Any]] = []
     shown: list[float] = []
-    for name, computed, symbol in (("before", data.before, "circle-open"), ("after", data.after, "circle")):
+    for name, computed, symbol in (
+        ("before", data.before, "circle-open"),
+        ("after", data.after, "circle"),
+    ):
         if computed is None:
             continue
         residual = relative_residual(data.measured[data.compared], computed[data.compared]).ravel()
@@ -189,7 +211,11 @@ def residual_by_channel(data: ReportData) -> Figure | None:
                 "x": list(range(len(names))),
                 "y": numbers(100.0 * residual),
                 "text": labels(names),
-                "marker": {"color": f"@{name}", "symbol": symbol, "size": 9 if len(names) <= 60 else 5},
+                "marker": {
+                    "color": f"@{name}",
+                    "symbol": symbol,
+                    "size": 9 if len(names) <= 60 else 5,
+                },
                 "hovertemplate": f"%{{text}}: %{{y:.3g}} % {name}<extra></extra>",
             }
         )
@@ -207,7 +233,11 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         "height": 340 if few else 300,
         "layout": {
             "xaxis": axis,
-            "yaxis": {"title": {"text": "rms residual (% of rms level)"}, "type": "log", "dtick": log_step(shown)},
+            "yaxis": {
+                "title": {"text": "rms residual (% of rms level)"},
+                "type": "log",
+                "dtick": log_step(shown),
+            },
             "showlegend": True,
         },
     }

@@ -88,7 +88,9 @@ def callouts(
     return "".join(out)
 
 
-def _arrow(place: NDArray[np.float64], direction: str, axes: NDArray[np.float64], length: float, kind: str) -> str:
+def _arrow(
+    place: NDArray[np.float64], direction: str, axes: NDArray[np.float64], length: float, kind: str
+) -> str:
     number = DIRECTIONS.index(direction.lstrip("-"))
     vector = axes[number % 3][:2] * (-1.0 if direction.startswith("-") else 1.0)
     seen = float(np.hypot(*vector))
@@ -104,13 +106,18 @@ def _arrow(place: NDArray[np.float64], direction: str, axes: NDArray[np.float64]
     for back in (0.0, 7.0)[: 2 if number >= 3 else 1]:
         point = tip - back * along
         left, right = point - 9.0 * along + wide * across, point - 9.0 * along - wide * across
-        line = f"M{left[0]:.1f} {left[1]:.1f}L{point[0]:.1f} {point[1]:.1f}L{right[0]:.1f} {right[1]:.1f}"
+        line = (
+            f"M{left[0]:.1f} {left[1]:.1f}L{point[0]:.1f} {point[1]:.1f}L{right[0]:.1f}"
+            f" {right[1]:.1f}"
+        )
         heads.append(f'<path class="{kind} head" d="{line}{"Z" if kind == "force" else ""}"/>')
     shaft = f'<path class="{kind}" d="M{tail[0]:.1f} {tail[1]:.1f}L{tip[0]:.1f} {tip[1]:.1f}"/>'
     return shaft + "".join(heads)
 
 
-def _labels(items: Sequence[Callout], at: NDArray[np.float64], size: tuple[float, float], side: float) -> str:
+def _labels(
+    items: Sequence[Callout], at: NDArray[np.float64], size: tuple[float, float], side: float
+) -> str:
     """Return labels in two columns, each beside the half of the picture that it belongs to."""
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
@@ -119,7 +126,9 @@ def _labels(items: Sequence[Callout], at: NDArray[np.float64], size: tuple[float
     out = []
     for column, chosen in (("end", by_x[:half]), ("start", by_x[half:])):
         ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
-        heights = spread(at[ordered, 1], _LINE, _LINE, size[1] - (5 * _LINE if column == "end" else _LINE))
+        heights = spread(
+            at[ordered, 1], _LINE, _LINE, size[1] - (5 * _LINE if column == "end" else _LINE)
+        )
         x = side if column == "end" else size[0] - side
         away = -4.0 if column == "end" else 4.0
         for i, y in zip(ordered.tolist(), heights.tolist(), strict=True):

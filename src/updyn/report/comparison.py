@@ -25,9 +25,10 @@ _WORDS = frozenset(("method", "status"))
 def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     """Write a comparison of methods as one HTML page that needs nothing else: no network, no other file.
 
-    The page shows the table of the methods, the FRF of the channel in which the start is furthest off, measured,
-    before, and after by each method, bars of error, misfit, time and work, why methods do not apply, and how the
-    fewest lines were sought. The models' FRFs are computed for it.
+    The page shows the table of the methods, the FRF of the channel in which the start is furthest
+    off, measured, before, and after by each method, bars of error, misfit, time and work, why
+    methods do not apply, and how the fewest lines were sought. The models' FRFs are computed for
+    it.
 
     Parameters
     ----------
@@ -56,14 +57,21 @@ def render(comparison: Comparison) -> str:
         ("limits", "Limits and sources", _limits(comparison)),
     ]
     there = [(anchor, name, text) for anchor, name, text in sections if text]
-    return page_text(_head(comparison), there, comparison.title or "Comparison of methods", __version__, figures)
+    return page_text(
+        _head(comparison), there, comparison.title or "Comparison of methods", __version__, figures
+    )
 
 
 # -- head --------------------------------------------------------------------------------------------------
 def _head(comparison: Comparison) -> str:
     first = comparison.tests[0].frf
-    tests = f", {len(comparison.tests)} tests" if len(comparison.tests) > 1 else f"; {w.extent(first)}"
-    about = f"{w.counted(len(comparison), 'method')}, {w.counted(len(comparison.parameters), 'unknown')}{tests}"
+    tests = (
+        f", {len(comparison.tests)} tests" if len(comparison.tests) > 1 else f"; {w.extent(first)}"
+    )
+    about = (
+        f"{w.counted(len(comparison), 'method')},"
+        f" {w.counted(len(comparison.parameters), 'unknown')}{tests}"
+    )
     run = [row for row in comparison if row.applies]
     stopped = ""
     if comparison.stopped:
@@ -101,11 +109,20 @@ def _tiles(comparison: Comparison, run: Sequence[Row]) -> str:
     tiles: list[tuple[str, str, str]] = []
     start = comparison.before.get("db_error_median", math.nan)
     tiles.append(("Misfit before", _decibels(start), "median level difference of the start"))
-    misfits = {row.method: (row.fitted.get("after") or {}).get("db_error_median", math.nan) for row in answered}
+    misfits = {
+        row.method: (row.fitted.get("after") or {}).get("db_error_median", math.nan)
+        for row in answered
+    }
     tiles += _best("Least misfit after", misfits, _decibels)
     if comparison.truth:
-        tiles += _best("Least error", {row.method: row.error_max for row in answered}, lambda v: w.number(v, 2))
-    enough = {row.method: float(row.fewest.count) for row in run if row.fewest is not None and row.fewest.count}
+        tiles += _best(
+            "Least error", {row.method: row.error_max for row in answered}, lambda v: w.number(v, 2)
+        )
+    enough = {
+        row.method: float(row.fewest.count)
+        for row in run
+        if row.fewest is not None and row.fewest.count
+    }
     tiles += _best("Fewest lines", enough, lambda v: f"{v:.0f}")
     found = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
@@ -138,15 +155,19 @@ def _listed(names: Sequence[str]) -> str:
 def _methods(comparison: Comparison) -> str:
     shown = [column for column in columns(comparison) if column[0] != "limits"]
     kinds = ["text" if key in _WORDS else "" for key, _, _ in shown]
-    rows = [m.row(cells(row, shown), kinds, "" if row.status == "converged" else "open") for row in comparison]
+    rows = [
+        m.row(cells(row, shown), kinds, "" if row.status == "converged" else "open")
+        for row in comparison
+    ]
     how = (
-        "All methods were given the same model, data, lines and unknowns. Misfit: median level difference between "
-        "model and data of the fit; FRAC: median over channels, 1 is the same shape. Rank: combinations of its "
-        "unknowns that a method finds the data to determine. Steps, and lines solved, count the work of the fit, its "
-        "search for a start included."
+        "All methods were given the same model, data, lines and unknowns. Misfit: median level"
+        " difference between model and data of the fit; FRAC: median over channels, 1 is the same"
+        " shape. Rank: combinations of its unknowns that a method finds the data to determine."
+        " Steps, and lines solved, count the work of the fit, its search for a start included."
     )
     truth = (
-        "Error: estimate / truth − 1, for loss factors estimate − truth; unknowns left at their start count with it."
+        "Error: estimate / truth − 1, for loss factors estimate − truth; unknowns left at their"
+        " start count with it."
         if comparison.truth
         else ""
     )
@@ -165,22 +186,39 @@ def _frfs(comparison: Comparison, curves: Curves | None, figures: Mapping[str, F
         return ""
     channel = f"Response at {curves.response}, force at {curves.reference}"
     channel += f", {curves.test}" if curves.test else ""
-    why = f"{channel}: the channel in which the start is furthest off, {_decibels(curves.misfit)} in the median."
-    parts = ["<section id='frfs'><h2>FRFs before and after</h2>", m.paragraph(why), m.note(*curves.notes)]
+    why = (
+        f"{channel}: the channel in which the start is furthest off, {_decibels(curves.misfit)} in"
+        " the median."
+    )
+    parts = [
+        "<section id='frfs'><h2>FRFs before and after</h2>",
+        m.paragraph(why),
+        m.note(*curves.notes),
+    ]
     if "pair" in figures:
-        missing = [row.method for row in comparison if row.method in PAIR and row.method not in curves.after]
+        missing = [
+            row.method
+            for row in comparison
+            if row.method in PAIR and row.method not in curves.after
+        ]
         caption = (
-            "The condensed equation error of Bao, Wang & Cheng (equation-error) and the method with independently "
-            "reduced matrices that they compare it with (reduced-frf)."
+            "The condensed equation error of Bao, Wang & Cheng (equation-error) and the method with"
+            " independently reduced matrices that they compare it with (reduced-frf)."
         )
-        caption += "".join(f" {name} gave no answer: {comparison[name].message}" for name in missing)
-        place = m.figure("pair", "FRF measured, before and after by two methods", caption, height=440)
+        caption += "".join(
+            f" {name} gave no answer: {comparison[name].message}" for name in missing
+        )
+        place = m.figure(
+            "pair", "FRF measured, before and after by two methods", caption, height=440
+        )
         parts.append(f"<h3>The paper's comparison</h3>{place}")
     places = []
     for number, name in enumerate(curves.after):
         misfit = (comparison[name].fitted.get("after") or {}).get("db_error_median", math.nan)
         caption = f"{comparison[name].status}; misfit over all channels {_decibels(misfit)}"
-        place = m.figure(panel_name(number), f"FRF measured, before and after by {name}", caption, height=290)
+        place = m.figure(
+            panel_name(number), f"FRF measured, before and after by {name}", caption, height=290
+        )
         places.append(f"<div><h3>{m.esc(name)}</h3>{place}</div>")
     if places:
         parts.append(f'<h3>Method by method</h3><div class="pair wide">{"".join(places)}</div>')
@@ -204,7 +242,10 @@ def _bars(comparison: Comparison, figures: Mapping[str, Figure]) -> str:
     ]
     if not places:
         return ""
-    return f"<section id='bars'><h2>Error, time and work</h2><div class='pair wide'>{''.join(places)}</div></section>"
+    return (
+        "<section id='bars'><h2>Error, time and work</h2><div class='pair"
+        f" wide'>{''.join(places)}</div></section>"
+    )
 
 
 def _lines(comparison: Comparison) -> str:
@@ -218,17 +259,31 @@ def _lines(comparison: Comparison) -> str:
         tried = dict(row.fewest.tried)
         said = [w.number(comparison.tolerance * tried[n], 2) if n in tried else "" for n in numbers]
         found = "none" if row.fewest.count is None else str(row.fewest.count)
-        rows.append(m.row([row.method, str(len(row.updated)), found, *said], kind="" if row.fewest.count else "open"))
-    notes = [f"{row.method}: {row.fewest.note}" for row in sought if row.fewest is not None and row.fewest.note]
+        rows.append(
+            m.row(
+                [row.method, str(len(row.updated)), found, *said],
+                kind="" if row.fewest.count else "open",
+            )
+        )
+    notes = [
+        f"{row.method}: {row.fewest.note}"
+        for row in sought
+        if row.fewest is not None and row.fewest.note
+    ]
     caption = (
         "How far the fit was off with so many lines, as what counts as recovered is; ∞: no answer."
         if comparison.truth
-        else "How far the fit was from the method's own answer, in units in which the tolerance stands for recovered."
+        else (
+            "How far the fit was from the method's own answer, in units in which the tolerance"
+            " stands for recovered."
+        )
     )
     return (
         "<section id='lines'><h2>Fewest lines</h2>"
         + m.paragraph(comparison.rule)
-        + m.table(["method", "unknowns", "fewest", *(f"{n}" for n in numbers)], rows, caption=caption)
+        + m.table(
+            ["method", "unknowns", "fewest", *(f"{n}" for n in numbers)], rows, caption=caption
+        )
         + "".join(m.paragraph(text, "muted") for text in notes)
         + "</section>"
     )
@@ -237,8 +292,16 @@ def _lines(comparison: Comparison) -> str:
 def _limits(comparison: Comparison) -> str:
     rows = []
     for row in comparison:
-        said = row.message if not row.applies else f"left at their start: {', '.join(row.left)}" if row.left else ""
-        rows.append(m.row([row.method, limits(row), row.reference, said], ("", "text", "text", "note-cell")))
+        said = (
+            row.message
+            if not row.applies
+            else f"left at their start: {', '.join(row.left)}"
+            if row.left
+            else ""
+        )
+        rows.append(
+            m.row([row.method, limits(row), row.reference, said], ("", "text", "text", "note-cell"))
+        )
     head = ["method", "cannot update", "reference", "here"]
     return (
         "<section id='limits'><h2>Limits and sources</h2>"

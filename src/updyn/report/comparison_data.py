@@ -93,11 +93,17 @@ def gather_curves(comparison: Comparison) -> Curves | None:
         result = _of_test(row, test)
         if result is None or row.status == "failed":
             continue
-        values = computed(result.model, channel, freq, f"model of {row.method}", notes, result.options)
+        values = computed(
+            result.model, channel, freq, f"model of {row.method}", notes, result.options
+        )
         if values is not None:
             after[row.method] = values[:, 0, 0]
     first = _first(comparison, test)
-    used = np.ones(len(channel.freq), dtype=np.bool_) if first is None else np.isin(channel.freq, first.lines)
+    used = (
+        np.ones(len(channel.freq), dtype=np.bool_)
+        if first is None
+        else np.isin(channel.freq, first.lines)
+    )
     return Curves(
         test.name,
         channel.responses.labels[0],
@@ -138,7 +144,9 @@ def is_geometric(lines: NDArray[np.float64]) -> bool:
     """Whether lines are spaced more evenly in the logarithm of frequency, over more than a decade."""
     if len(lines) < 3 or lines[-1] < 10.0 * lines[0]:
         return False
-    spread = [float(np.std(step) / np.mean(step)) for step in (np.diff(lines), np.diff(np.log(lines)))]
+    spread = [
+        float(np.std(step) / np.mean(step)) for step in (np.diff(lines), np.diff(np.log(lines)))
+    ]
     return spread[1] < spread[0]
 
 

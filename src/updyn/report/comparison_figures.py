@@ -35,9 +35,13 @@ def comparison_figures(comparison: Comparison, curves: Curves | None) -> dict[st
     run = [row for row in comparison if row.applies]
     answered = [row for row in run if row.status != "failed"]
     if comparison.truth:
-        made["error"] = _bars(answered, lambda r: r.error_max, "largest error of an unknown", comparison.tolerance)
+        made["error"] = _bars(
+            answered, lambda r: r.error_max, "largest error of an unknown", comparison.tolerance
+        )
     made["misfit"] = _bars(
-        answered, lambda r: (r.fitted.get("after") or {}).get("db_error_median", math.nan), "median misfit (dB)"
+        answered,
+        lambda r: (r.fitted.get("after") or {}).get("db_error_median", math.nan),
+        "median misfit (dB)",
     )
     made["seconds"] = _bars(run, lambda r: r.seconds, "seconds")
     made["work"] = _bars(run, lambda r: float(r.lines_solved), "lines solved")
@@ -86,7 +90,9 @@ def _measured(curves: Curves) -> list[dict[str, Any]]:
     ]
 
 
-def _curve(curves: Curves, values: NDArray[np.complex128], name: str, colour: str, dash: str) -> dict[str, Any]:
+def _curve(
+    curves: Curves, values: NDArray[np.complex128], name: str, colour: str, dash: str
+) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -107,7 +113,9 @@ def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
     x: dict[str, Any] = {"title": {"text": "frequency (Hz)"}}
     if is_geometric(curves.lines):
         x |= {"type": "log", "dtick": log_step(curves.lines)}
-    both = np.concatenate([_size(curves.measured), _size(curves.before), *map(_size, curves.after.values())])
+    both = np.concatenate(
+        [_size(curves.measured), _size(curves.before), *map(_size, curves.after.values())]
+    )
     measured = f"|H| ({unit(curves.quantity, curves.response, curves.reference)})"
     return {
         "data": traces,
@@ -139,7 +147,9 @@ def _range(values: NDArray[np.float64]) -> list[float]:
 
 
 # -- bars ----------------------------------------------------------------------------------------------------
-def _bars(rows: Sequence[Row], value: Callable[[Row], float], title: str, mark: float | None = None) -> Figure | None:
+def _bars(
+    rows: Sequence[Row], value: Callable[[Row], float], title: str, mark: float | None = None
+) -> Figure | None:
     """One bar a method on a log axis; a line at `mark`."""
     known = [(row.method, value(row)) for row in rows]
     known = [(name, v) for name, v in known if math.isfinite(v)]

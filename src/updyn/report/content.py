@@ -46,7 +46,11 @@ class Content:
 def asset(name: str) -> str:
     """Return the text of a file of the package, safe inside the element that it goes into."""
     text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
-    return text.replace("</script", "<\\/script").replace("</style", "<\\/style").replace("<!--", "<\\!--")
+    return (
+        text.replace("</script", "<\\/script")
+        .replace("</style", "<\\/style")
+        .replace("<!--", "<\\!--")
+    )
 
 
 def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
@@ -60,7 +64,9 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
         ("after", data.frac_after, data.after),
     ):
         if not out[when] and frac is not None and values is not None and fitted.any():
-            level = level_difference(data.measured[data.compared][:, fitted], values[data.compared][:, fitted])
+            level = level_difference(
+                data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
+            )
             out[when] = {"frac_median": float(np.median(frac[fitted]))}
             if level.size:
                 out[when]["db_error_median"] = float(np.median(np.abs(level)))

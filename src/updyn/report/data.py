@@ -16,9 +16,18 @@ from updyn.model import Model
 from updyn.updating.channels import gains_of
 from updyn.updating.result import UpdateResult
 
-__all__ = ["EVALUATION_BUDGET", "ReportData", "computed", "data_checksum", "gather", "keep_lines", "model_checksum"]
+__all__ = [
+    "EVALUATION_BUDGET",
+    "ReportData",
+    "computed",
+    "data_checksum",
+    "gather",
+    "keep_lines",
+    "model_checksum",
+]
 
-#: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few minutes.
+#: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few
+#: minutes.
 EVALUATION_BUDGET = 2_000_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
@@ -51,7 +60,8 @@ class ReportData:
     frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
         Frequency response assurance criterion of each channel over the lines `compared`.
     csac_before, csac_after : ndarray of float, shape (n_f,), or None
-        Cross signature assurance criterion at each line; None too where there is one channel only (it is 1 then).
+        Cross signature assurance criterion at each line; None too where there is one channel only
+        (it is 1 then).
     notes : tuple of str
         What was left out or thinned, in sentences for the reader.
     """
@@ -90,8 +100,9 @@ def gather(result: UpdateResult) -> ReportData:
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
         notes.append(
-            f"The models were computed at {chosen.size} of the {keep.size} measured lines (the highest peaks "
-            "of the mean level are among them); figures of agreement drawn here are over these."
+            f"The models were computed at {chosen.size} of the {keep.size} measured lines (the"
+            " highest peaks of the mean level are among them); figures of agreement drawn here are"
+            " over these."
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
@@ -99,7 +110,9 @@ def gather(result: UpdateResult) -> ReportData:
     after = computed(result.model, frf, freq, "updated model", notes, result.options)
     gains = gains_of(result)
     if gains is not None:
-        notes.append("The updated model is shown as the sensors read it: times their calibration factors.")
+        notes.append(
+            "The updated model is shown as the sensors read it: times their calibration factors."
+        )
         after = None if after is None else after * gains
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
@@ -140,7 +153,12 @@ def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDA
 
 
 def computed(
-    model: Model, frf: FRF, freq: NDArray[np.float64], what: str, notes: list[str], options: Mapping[str, Any]
+    model: Model,
+    frf: FRF,
+    freq: NDArray[np.float64],
+    what: str,
+    notes: list[str],
+    options: Mapping[str, Any],
 ) -> NDArray[np.complex128] | None:
     """Return what a model answers at some lines of the data; None, with a note, where it cannot be computed."""
     from updyn.dynamics.response import response
@@ -148,8 +166,13 @@ def computed(
     if freq.size == 0:
         return None
     try:
-        # As the update solved it: a large model once more line by line would take longer than the update.
-        how = {k: options[k] for k in ("tier", "accuracy") if options.get("tier") == "reduced" and k in options}
+        # As the update solved it: a large model once more line by line would take longer than the
+        # update.
+        how = {
+            k: options[k]
+            for k in ("tier", "accuracy")
+            if options.get("tier") == "reduced" and k in options
+        }
         return response(model, freq, frf.responses, frf.references, frf.quantity, **how).values
     except UpdynError as error:  # a failed fit is reported too: with what there is
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
@@ -157,7 +180,9 @@ def computed(
 
 
 def _frac(
-    measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None, compared: NDArray[np.bool_]
+    measured: NDArray[np.complex128],
+    computed: NDArray[np.complex128] | None,
+    compared: NDArray[np.bool_],
 ) -> NDArray[np.float64] | None:
     if computed is None:
         return None
@@ -166,7 +191,9 @@ def _frac(
     return np.asarray(frac(measured, computed[compared]), dtype=np.float64)
 
 
-def _csac(measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None) -> NDArray[np.float64] | None:
+def _csac(
+    measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None
+) -> NDArray[np.float64] | None:
     if computed is None or measured[:1].size < 2:
         return None
     from updyn.correlation import csac
@@ -174,7 +201,9 @@ def _csac(measured: NDArray[np.complex128], computed: NDArray[np.complex128] | N
     return np.asarray(csac(measured, computed), dtype=np.float64)
 
 
-def keep_lines(values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int) -> NDArray[np.intp]:
+def keep_lines(
+    values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int
+) -> NDArray[np.intp]:
     """Choose which lines stay when there are too many: peaks first, then lines of the fit, then evenly.
 
     Parameters
@@ -236,6 +265,10 @@ def model_checksum(model: Model) -> str:
             matrix = getattr(group, what)
             digest.update(f"\n{what}".encode())
             if matrix is not None:
-                for array, dtype in ((matrix.indptr, "<i8"), (matrix.indices, "<i8"), (matrix.data, "<f8")):
+                for array, dtype in (
+                    (matrix.indptr, "<i8"),
+                    (matrix.indices, "<i8"),
+                    (matrix.data, "<f8"),
+                ):
                     digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
     return digest.hexdigest()

@@ -1,8 +1,8 @@
 """The figures of the report, as data for plotly: what is drawn, not how the page looks.
 
-Each function returns a figure ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON, or None
-where there is nothing to draw. A colour is given by its part in the story (``"@before"``); the style sheet says which
-it is on light and dark ground.
+Each function returns a figure ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready
+for JSON, or None where there is nothing to draw. A colour is given by its part in the story
+(``"@before"``); the style sheet says which it is on light and dark ground.
 """
 
 from __future__ import annotations
@@ -19,13 +19,20 @@ from updyn.report.data import ReportData, keep_lines
 from updyn.report.plots import Figure, label, numbers
 from updyn.report.residual import misfit_map
 from updyn.report.sections_held import trade_off
-from updyn.report.unknowns import correlation_map, cost_path, estimates, singular_values, value_paths
+from updyn.report.unknowns import (
+    correlation_map,
+    cost_path,
+    estimates,
+    singular_values,
+    value_paths,
+)
 from updyn.report.words import figure_name, unit
 from updyn.updating.result import UpdateResult
 
 __all__ = ["DRAWING_BUDGET", "all_figures", "overlay"]
 
-#: Bytes of FRFs that the page carries at most, before base64: about two thirds of the size of the largest page.
+#: Bytes of FRFs that the page carries at most, before base64: about two thirds of the size of the
+#: largest page.
 DRAWING_BUDGET = 16_000_000
 
 
@@ -46,7 +53,10 @@ def all_figures(result: UpdateResult, data: ReportData) -> dict[str, Figure]:
         "trade-off": trade_off(result),
         "cost": cost_path(result),
         "factor-paths": value_paths(result, factors),
-        **{f"{figure_name(kind)}-paths": value_paths(result, chosen) for kind, chosen in values.items()},
+        **{
+            f"{figure_name(kind)}-paths": value_paths(result, chosen)
+            for kind, chosen in values.items()
+        },
         "calibration-paths": value_paths(result, sensors),
         "level-differences": level_differences(data),
         "residual-by-channel": residual_by_channel(data),
@@ -55,7 +65,9 @@ def all_figures(result: UpdateResult, data: ReportData) -> dict[str, Figure]:
     return {name: figure for name, figure in made.items() if figure is not None}
 
 
-def overlay(result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
+def overlay(
+    result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
+) -> tuple[dict[str, Any], str]:
     """Return what the FRF overlay draws, and a note where lines were thinned to keep the page small.
 
     Parameters
@@ -70,8 +82,9 @@ def overlay(result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
     Returns
     -------
     dict
-        ``freq`` (Hz) and ``measured``, ``before``, ``after``, ``coherence`` as base64 of little-endian float32,
-        channel by channel (response, then reference), real and imaginary parts in turn; labels, units and bands.
+        ``freq`` (Hz) and ``measured``, ``before``, ``after``, ``coherence`` as base64 of
+        little-endian float32, channel by channel (response, then reference), real and imaginary
+        parts in turn; labels, units and bands.
     str
         The note, or an empty text.
     """
@@ -83,8 +96,8 @@ def overlay(result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
     note = ""
     if keep.size < len(data.freq):
         note = (
-            f"To keep this page small, {keep.size} of {len(data.freq)} lines are drawn in the overlay; the highest "
-            "peaks are among them."
+            f"To keep this page small, {keep.size} of {len(data.freq)} lines are drawn in the"
+            " overlay; the highest peaks are among them."
         )
     used = data.used[keep]
     payload: dict[str, Any] = {
@@ -92,7 +105,11 @@ def overlay(result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
         "measured": _channels(data.measured, keep),
         "before": _channels(data.before, keep),
         "after": _channels(data.after, keep),
-        "coherence": None if data.coherence is None else _packed(data.coherence[keep].transpose(1, 2, 0), "<f4"),
+        "coherence": (
+            None
+            if data.coherence is None
+            else _packed(data.coherence[keep].transpose(1, 2, 0), "<f4")
+        ),
         "responses": [label(r) for r in data.responses],
         "references": [label(r) for r in data.references],
         "fracBefore": None if data.frac_before is None else numbers(data.frac_before, packed=False),
@@ -101,9 +118,13 @@ def overlay(result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
         "quantity": data.quantity,
         "units": [[unit(data.quantity, r, c) for c in data.references] for r in data.responses],
         "used": np.flatnonzero(used).tolist(),
-        "fitBand": [float(result.lines.min()), float(result.lines.max())] if len(result.lines) else None,
+        "fitBand": (
+            [float(result.lines.min()), float(result.lines.max())] if len(result.lines) else None
+        ),
         "everyLineUsed": _every_line(data),
-        "validationBand": None if result.validation_band is None else list(map(float, result.validation_band)),
+        "validationBand": (
+            None if result.validation_band is None else list(map(float, result.validation_band))
+        ),
     }
     return payload, note
 

@@ -13,9 +13,10 @@ __all__ = ["groups_of_lines", "nodes_of_groups"]
 def groups_of_lines(model: Model) -> NDArray[np.intp]:
     """Return the group of each line of the model's geometry.
 
-    A line has no group of its own in the model. Its group is the one whose stiffness matrix has the largest entries
-    (their norm) between the degrees of freedom of its two nodes. Where one of the nodes has none, because it is held or
-    follows others, it is the group with the largest entries at the other; where both have none, there is no telling.
+    A line has no group of its own in the model. Its group is the one whose stiffness matrix has the
+    largest entries (their norm) between the degrees of freedom of its two nodes. Where one of the
+    nodes has none, because it is held or follows others, it is the group with the largest entries
+    at the other; where both have none, there is no telling.
 
     Parameters
     ----------
@@ -32,7 +33,9 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
     at = _places(model)
     n = len(model.geometry.nodes)
     order = np.argsort(model.geometry.nodes)
-    ends = np.sort(order[np.searchsorted(model.geometry.nodes[order], lines)], axis=1).reshape(-1, 2)
+    ends = np.sort(order[np.searchsorted(model.geometry.nodes[order], lines)], axis=1).reshape(
+        -1, 2
+    )
     wanted, place = np.unique(ends[:, 0] * n + ends[:, 1], return_inverse=True)
     has = np.zeros(n, dtype=np.bool_)
     has[at[at >= 0]] = True
@@ -61,7 +64,9 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
     return out
 
 
-def nodes_of_groups(model: Model, groups: NDArray[np.intp], most: int) -> dict[int, NDArray[np.intp]]:
+def nodes_of_groups(
+    model: Model, groups: NDArray[np.intp], most: int
+) -> dict[int, NDArray[np.intp]]:
     """Return the nodes of groups that are not drawn as lines: lumped masses, springs to the ground.
 
     Parameters
@@ -82,7 +87,11 @@ def nodes_of_groups(model: Model, groups: NDArray[np.intp], most: int) -> dict[i
     out = {}
     every = list(model.groups.values())
     for number in groups.tolist():
-        used = [A.indices[A.data != 0.0] for A in (every[number].stiffness, every[number].mass) if A is not None]
+        used = [
+            A.indices[A.data != 0.0]
+            for A in (every[number].stiffness, every[number].mass)
+            if A is not None
+        ]
         if not used:
             used = [every[number].viscous.indices] if every[number].viscous is not None else []
         nodes = np.unique(at[np.concatenate([np.empty(0, dtype=np.intp), *used])])

@@ -43,7 +43,8 @@ def note(*sentences: str) -> str:
 def figure(name: str, alternative: str, caption: str, *, height: int) -> str:
     """Return the place of a figure: `alternative` says what it shows to who cannot see it; `caption` is escaped."""
     return (
-        f'<figure><div class="plot" data-figure="{esc(name)}" role="img" aria-label="{esc(alternative)}" '
+        f'<figure><div class="plot" data-figure="{esc(name)}" role="img"'
+        f' aria-label="{esc(alternative)}" '
         f'style="min-height:{int(height)}px"></div><figcaption>{esc(caption)}</figcaption></figure>'
     )
 
@@ -70,13 +71,17 @@ def row(cells: Sequence[str], kinds: Sequence[str] = (), kind: str = "", link: s
     return f"<tr{_class(kind)}>{''.join(out)}</tr>"
 
 
-def table(head: Sequence[str], rows: Iterable[str], *, caption: str = "", kinds: Sequence[str] = ()) -> str:
+def table(
+    head: Sequence[str], rows: Iterable[str], *, caption: str = "", kinds: Sequence[str] = ()
+) -> str:
     """Return a table in a box that scrolls sideways; `rows` are HTML, made by `row`."""
     heads = "".join(
         f'<th scope="col"{_class("text" if i < len(kinds) and kinds[i] in ("text", "note-cell") else "")}>{esc(h)}</th>'
         for i, h in enumerate(head)
     )
-    said = f"<figcaption>{esc(caption)}</figcaption>" if caption else ""  # beside, not inside: it must not scroll
+    said = (
+        f"<figcaption>{esc(caption)}</figcaption>" if caption else ""
+    )  # beside, not inside: it must not scroll
     return (
         f'<figure class="table">{said}<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div></figure>"

@@ -62,22 +62,29 @@ def nonlinear_part(number: int, found: Nonlinear, figures: Mapping[str, Figure])
         caption = "Limit cycles by harmonic balance; the third harmonic is taken for 0"
         parts.append(m.table(head, rows, caption=caption, kinds=kinds))
     if found.simulation is not None:
-        caption = f"In time, {found.begun}: the end of {w.number(float(found.simulation.time[-1]), 3)} s."
+        caption = (
+            f"In time, {found.begun}: the end of {w.number(float(found.simulation.time[-1]), 3)} s."
+        )
         height = figures[_name(number)]["height"]
-        parts.append(m.figure(_name(number), f"The loop with {found.kind} in time", caption, height=height))
+        parts.append(
+            m.figure(_name(number), f"The loop with {found.kind} in time", caption, height=height)
+        )
     return "".join(parts)
 
 
 def _verdict(found: Nonlinear) -> str:
     count = len(found.cycles)
-    said = f"Harmonic balance predicts {w.counted(count, 'limit cycle') if count else 'no limit cycle'}."
+    said = (
+        "Harmonic balance predicts"
+        f" {w.counted(count, 'limit cycle') if count else 'no limit cycle'}."
+    )
     ended = found.simulation
     if ended is None:
         return said
     if ended.verdict == "limit cycle":
         return (
-            f"{said} In time the loop ends in one of {w.number(ended.amplitude, 4)} {ended.unit} (first harmonic) at "
-            f"{w.number(ended.frequency, 4)} Hz."
+            f"{said} In time the loop ends in one of {w.number(ended.amplitude, 4)} {ended.unit}"
+            f" (first harmonic) at {w.number(ended.frequency, 4)} Hz."
         )
     words = {
         "decays": "the oscillation decays",
@@ -99,11 +106,22 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
     marks = (-found.law.half, found.law.half) if isinstance(found.law, Backlash) else ()
     panels = [
         Panel(
-            f"{reads} ({ended.unit})", [_line(time, ended.reading[inside], reads, ended.unit, "@after")], {}, 1.2, marks
+            f"{reads} ({ended.unit})",
+            [_line(time, ended.reading[inside], reads, ended.unit, "@after")],
+            {},
+            1.2,
+            marks,
         ),
-        Panel(f"torque ({torque})", [_line(time, ended.torque[inside], "torque", torque, "@third")], {}, 0.8),
+        Panel(
+            f"torque ({torque})",
+            [_line(time, ended.torque[inside], "torque", torque, "@third")],
+            {},
+            0.8,
+        ),
     ]
-    return stacked(panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 380)
+    return stacked(
+        panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 380
+    )
 
 
 def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, Any]:

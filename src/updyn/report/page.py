@@ -27,14 +27,14 @@ __all__ = ["POLICY", "page_text", "write_report"]
 
 #: What the page may load: nothing but itself.
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
-    "base-uri 'none'; form-action 'none'"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
+    " font-src data:; base-uri 'none'; form-action 'none'"
 )
 
 
 _NO_SCRIPT = (
-    "The figures of this page are drawn by its own scripts, which are switched off here; all tables can be read "
-    "without them."
+    "The figures of this page are drawn by its own scripts, which are switched off here; all tables"
+    " can be read without them."
 )
 
 
@@ -46,20 +46,23 @@ def write_report(
 ) -> Path:
     """Write an update as one HTML page that needs nothing else: no network, no other file.
 
-    The page shows the verdict, measured FRFs over those of the model before and after, the agreement channel by
-    channel, a picture of the structure where the model has a geometry, the unknowns with their uncertainty, what the
-    data determine, the way of the fit, the validation, the residual, and how the result was made. The models' FRFs are
-    computed for it at the lines of the data.
+    The page shows the verdict, measured FRFs over those of the model before and after, the
+    agreement channel by channel, a picture of the structure where the model has a geometry, the
+    unknowns with their uncertainty, what the data determine, the way of the fit, the validation,
+    the residual, and how the result was made. The models' FRFs are computed for it at the lines of
+    the data.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        What `updyn.update` gave, whatever its status. For several tests the page shows what they have in common, and
-        links to the page of each, ``NAME/report.html`` beside it, which is written from its own result.
+        What `updyn.update` gave, whatever its status. For several tests the page shows what they
+        have in common, and links to the page of each, ``NAME/report.html`` beside it, which is
+        written from its own result.
     path : str or path-like
         Where to write; an existing file is replaced only once the new page is complete.
     uncertainty : Draws or Profiles, optional
-        From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its own.
+        From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its
+        own.
     plant : Planted, optional
         What ``[plant]`` of a job gave, to be shown in sections of its own.
 
@@ -78,7 +81,9 @@ def write_report(
     return m.write_page(render_joint(result, uncertainty, plant), path)
 
 
-def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None) -> str:
+def render(
+    result: UpdateResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None
+) -> str:
     """Return the page as text."""
     data = gather(result)
     scores = agreement_figures(result, data)
@@ -87,8 +92,12 @@ def render(result: UpdateResult, uncertainty: Draws | Profiles | None = None, pl
     figures |= _uncertain(result, uncertainty)
     content = Content(result, data, figures, thinned, uncertainty)
     sections = [(anchor, name, section(content)) for anchor, name, section in SECTIONS]
-    there, figures = _with_plant([(anchor, name, text) for anchor, name, text in sections if text], figures, plant)
-    return page_text(head(result, scores), there, result.title, result.versions.get("updyn", ""), figures, frfs)
+    there, figures = _with_plant(
+        [(anchor, name, text) for anchor, name, text in sections if text], figures, plant
+    )
+    return page_text(
+        head(result, scores), there, result.title, result.versions.get("updyn", ""), figures, frfs
+    )
 
 
 def _with_plant(
@@ -98,11 +107,15 @@ def _with_plant(
     if plant is None:
         return sections, figures
     more, drawn = plant_parts(plant)
-    at = next((i for i, (anchor, _, _) in enumerate(sections) if anchor == "provenance"), len(sections))
+    at = next(
+        (i for i, (anchor, _, _) in enumerate(sections) if anchor == "provenance"), len(sections)
+    )
     return [*sections[:at], *more, *sections[at:]], {**figures, **drawn}
 
 
-def _uncertain(result: UpdateResult | JointResult, found: Draws | Profiles | None) -> dict[str, Figure]:
+def _uncertain(
+    result: UpdateResult | JointResult, found: Draws | Profiles | None
+) -> dict[str, Figure]:
     """Return the figures of the uncertainty."""
     if found is None:
         return {}
@@ -112,20 +125,34 @@ def _uncertain(result: UpdateResult | JointResult, found: Draws | Profiles | Non
     return out if band is None else out | {"uncertainty-band": band[0] | {"channel": band[1]}}
 
 
-def render_joint(result: JointResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None) -> str:
+def render_joint(
+    result: JointResult, uncertainty: Draws | Profiles | None = None, plant: Planted | None = None
+) -> str:
     """Return the page of what several tests have in common."""
     first = replace(result.first, title=result.title)
     data = gather(first)
     figures = all_figures(first, data)
     figures |= _uncertain(result, uncertainty)
     content = Content(first, data, figures, "", uncertainty)
-    made = [(anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON]
+    made = [
+        (anchor, name, section(content)) for anchor, name, section in SECTIONS if anchor in COMMON
+    ]
     common = [(anchor, name, text) for anchor, name, text in made if text]
-    shown = {name: figure for name, figure in figures.items() if any(f'"{name}"' in text for _, _, text in common)}
+    shown = {
+        name: figure
+        for name, figure in figures.items()
+        if any(f'"{name}"' in text for _, _, text in common)
+    }
     picture = structure_of(list(result.results.values()))
-    sections = [("tests", "Tests", tests(result)), *([("structure", "Structure", picture)] if picture else []), *common]
+    sections = [
+        ("tests", "Tests", tests(result)),
+        *([("structure", "Structure", picture)] if picture else []),
+        *common,
+    ]
     sections, shown = _with_plant(sections, shown, plant)
-    return page_text(joint_head(result), sections, first.title, first.versions.get("updyn", ""), shown)
+    return page_text(
+        joint_head(result), sections, first.title, first.versions.get("updyn", ""), shown
+    )
 
 
 def page_text(
@@ -151,7 +178,9 @@ def page_text(
     frfs : object
         What the FRF overlay draws; None where there is none.
     """
-    contents = "".join(f'<li><a href="#{anchor}">{m.esc(name)}</a></li>' for anchor, name, _ in sections)
+    contents = "".join(
+        f'<li><a href="#{anchor}">{m.esc(name)}</a></li>' for anchor, name, _ in sections
+    )
     body = "".join(text for _, _, text in sections)
     version = m.esc(version)
     drawn = "" if frfs is None else m.embedded_json("updyn-frf", frfs)

@@ -8,7 +8,16 @@ from updyn.control.plant import Plant
 from updyn.control.weight import UncertaintyWeight
 from updyn.job.planted import Planted
 from updyn.report.plots import Figure
-from updyn.report.stacked import Panel, band_traces, curve, level_line, log_frequency, log_range, phases, stacked
+from updyn.report.stacked import (
+    Panel,
+    band_traces,
+    curve,
+    level_line,
+    log_frequency,
+    log_range,
+    phases,
+    stacked,
+)
 
 __all__ = ["bode_name", "channels", "degree_axis", "plant_figures", "unit_of", "weight_name"]
 
@@ -105,4 +114,6 @@ def _weight(found: UncertaintyWeight) -> Figure:
         curve(found.freq, cover, "weight |W|", "@after"),
     ]
     axis = log_range(np.concatenate([radius, cover]), 6.0)
-    return stacked([Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320)
+    return stacked(
+        [Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320
+    )

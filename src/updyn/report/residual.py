@@ -43,7 +43,10 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
     ticks = [0.5, 1.0, 2.0, 5.0, _TOP]
     trace = {
         "type": "heatmap",
-        "z": [[None if np.isnan(v) else float(np.log10(np.clip(v, 0.3, _TOP))) for v in row] for row in misfit],
+        "z": [
+            [None if np.isnan(v) else float(np.log10(np.clip(v, 0.3, _TOP))) for v in row]
+            for row in misfit
+        ],
         "x": edges.tolist(),
         "y": list(range(len(names))),
         "zmin": float(np.log10(0.3)),
@@ -54,7 +57,11 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
         "hovertext": [[_hover(found, i, j, k) for k in range(len(found.bands))] for i, j in at],
         "hoverinfo": "text",
         "colorbar": {
-            **colour_bar("misfit / noise" if found.absolute else "misfit / typical", np.log10(ticks).tolist(), height),
+            **colour_bar(
+                "misfit / noise" if found.absolute else "misfit / typical",
+                np.log10(ticks).tolist(),
+                height,
+            ),
             "ticktext": [*(f"{t:g}" for t in ticks[:-1]), f"≥ {_TOP:g}"],
         },
     }
@@ -63,8 +70,14 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
         "data": [trace, *marks],
         "height": height + (30 if marks else 0),
         "layout": {
-            "xaxis": {"title": {"text": "frequency (Hz)"}, "range": [float(edges[0]), float(edges[-1])]},
-            "yaxis": {**categories(names, "response / reference"), "range": [len(names) - 0.5, -0.5]},
+            "xaxis": {
+                "title": {"text": "frequency (Hz)"},
+                "range": [float(edges[0]), float(edges[-1])],
+            },
+            "yaxis": {
+                **categories(names, "response / reference"),
+                "range": [len(names) - 0.5, -0.5],
+            },
             "showlegend": bool(marks),
         },
     }
@@ -85,20 +98,26 @@ def _hover(found: Adequacy, i: int, j: int, k: int) -> str:
         return "no data"
     low, high = (w.number(float(v)) for v in found.bands[k])
     return (
-        f"response {label(found.responses[i])}<br>reference {label(found.references[j])}<br>{low} to {high} Hz<br>"
-        f"misfit {w.number(float(misfit), 3)} times the {'noise' if found.absolute else 'typical misfit'}<br>"
-        f"alike over {w.number(float(found.alike[i, j, k]), 2)} lines<br>"
-        f"p: size {w.number(float(found.chi_square_p[i, j, k]), 2)}, "
-        f"likeness {w.number(float(found.whiteness_p[i, j, k]), 2)}"
+        f"response {label(found.responses[i])}<br>reference {label(found.references[j])}<br>{low}"
+        f" to {high} Hz<br>misfit {w.number(float(misfit), 3)} times the"
+        f" {'noise' if found.absolute else 'typical misfit'}<br>alike over"
+        f" {w.number(float(found.alike[i, j, k]), 2)} lines<br>p: size"
+        f" {w.number(float(found.chi_square_p[i, j, k]), 2)}, likeness"
+        f" {w.number(float(found.whiteness_p[i, j, k]), 2)}"
     )
 
 
-def _marks(found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]) -> list[dict[str, Any]]:
+def _marks(
+    found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]
+) -> list[dict[str, Any]]:
     middle = 0.5 * (edges[1:] + edges[:-1])
     alike = found.whiteness_p[tuple(at.T)] <= found.level
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~alike
     out = []
-    for name, where, symbol in (("alike from line to line", alike, "diamond"), ("too large", large, "circle")):
+    for name, where, symbol in (
+        ("alike from line to line", alike, "diamond"),
+        ("too large", large, "circle"),
+    ):
         rows, columns = np.nonzero(where)
         if not rows.size:
             continue
@@ -109,7 +128,12 @@ def _marks(found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]) ->
                 "name": name,
                 "x": middle[columns].tolist(),
                 "y": rows.tolist(),
-                "marker": {"symbol": symbol, "size": 7, "color": "#fff", "line": {"color": "#111", "width": 1.2}},
+                "marker": {
+                    "symbol": symbol,
+                    "size": 7,
+                    "color": "#fff",
+                    "line": {"color": "#111", "width": 1.2},
+                },
                 "hoverinfo": "skip",
             }
         )

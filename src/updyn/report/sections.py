@@ -23,13 +23,17 @@ __all__ = ["SECTIONS", "agreement", "head", "overlay"]
 def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]], data: str = "") -> str:
     """Return title, verdict in two sentences, cause and remedy, key figures; `data` says what was measured."""
     said = w.verdict(result, figures)
-    about = f"{w.counted(len(result.parameters), 'unknown')}, method {result.method}; {data or w.extent(result.frf)}"
+    about = (
+        f"{w.counted(len(result.parameters), 'unknown')}, method {result.method};"
+        f" {data or w.extent(result.frf)}"
+    )
     remedy = f"What to do next: {result.remedy}" if result.remedy else ""
     # The first sentence of a fit that is well repeats the verdict.
     cause = result.message if result.remedy or not result.ok else result.message.partition(". ")[2]
     return (
         f"<header><h1>{m.esc(result.title or 'Model update')}</h1>{m.paragraph(about, 'byline')}"
-        f'<section id="verdict" aria-label="Verdict"><p><span class="badge {said.kind}">{m.esc(said.badge)}</span></p>'
+        '<section id="verdict" aria-label="Verdict"><p><span class="badge'
+        f' {said.kind}">{m.esc(said.badge)}</span></p>'
         f'<p class="lead">{m.esc(said.status)} {m.esc(said.agreement)}</p>'
         f"{m.note(cause, remedy)}{_tiles(result, figures)}</section></header>"
     )
@@ -71,11 +75,13 @@ def _from_to(before: float | None, after: float, say: Callable[[float], str]) ->
 def overlay(c: Content) -> str:
     """Return the FRF overlay with its channel picker."""
     responses = "".join(
-        f'<option value="{i}" data-label="{m.esc(r)}">{m.esc(r)}{" (held out)" if held else ""}</option>'
+        f'<option value="{i}"'
+        f' data-label="{m.esc(r)}">{m.esc(r)}{" (held out)" if held else ""}</option>'
         for i, (r, held) in enumerate(zip(c.data.responses, c.data.held_out, strict=True))
     )
     references = "".join(
-        f'<option value="{j}" data-label="{m.esc(r)}">{m.esc(r)}</option>' for j, r in enumerate(c.data.references)
+        f'<option value="{j}" data-label="{m.esc(r)}">{m.esc(r)}</option>'
+        for j, r in enumerate(c.data.references)
     )
     return Template(asset("overlay.html")).substitute(
         responses=responses,
@@ -90,7 +96,10 @@ def _bands(c: Content) -> str:
     said = ""
     if len(c.result.lines):
         low, high = w.number(float(c.result.lines.min())), w.number(float(c.result.lines.max()))
-        said = f"{m.swatch('fit')}band used in the fit, {low} to {high} Hz, {len(c.result.lines)} lines"
+        said = (
+            f"{m.swatch('fit')}band used in the fit, {low} to {high} Hz, {len(c.result.lines)}"
+            " lines"
+        )
     if c.result.validation_band is not None:
         low, high = (w.number(v) for v in c.result.validation_band)
         said += f" {m.swatch('held')}band held out, {low} to {high} Hz"
@@ -102,14 +111,16 @@ def agreement(c: Content) -> str:
     parts = [
         "<section id='agreement'><h2>Agreement channel by channel</h2>",
         m.paragraph(
-            "FRAC (frequency response assurance criterion) compares the shape of a measured and a computed FRF over "
-            "frequency: 1 where they are proportional, 0 where they have nothing in common. It does not see a wrong "
-            "level; the level difference in dB does."
+            "FRAC (frequency response assurance criterion) compares the shape of a measured and a"
+            " computed FRF over frequency: 1 where they are proportional, 0 where they have nothing"
+            " in common. It does not see a wrong level; the level difference in dB does."
         ),
     ]
     span = c.data.freq[c.data.compared]
     over = (
-        f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz" if len(span) else ""
+        f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz"
+        if len(span)
+        else ""
     )
     held = " ◆ marks responses held out of the fit." if any(c.data.held_out) else ""
     maps = []
@@ -124,21 +135,32 @@ def agreement(c: Content) -> str:
             )
             maps.append(f"<div><h3>FRAC {when}</h3>{plot}</div>")
     parts.append(
-        f'<div class="pair">{"".join(maps)}</div>' if maps else m.paragraph("There is no FRAC to show.", "muted")
+        f'<div class="pair">{"".join(maps)}</div>'
+        if maps
+        else m.paragraph("There is no FRAC to show.", "muted")
     )
     parts.append(_agreement_table(c.result))
     if "csac" in c.figures:
         caption = (
-            "CSAC (cross signature assurance criterion) compares, line by line, the deflection over all channels: "
-            "dips show the frequencies at which the model moves in a different shape."
+            "CSAC (cross signature assurance criterion) compares, line by line, the deflection over"
+            " all channels: dips show the frequencies at which the model moves in a different"
+            " shape."
         )
         parts.append("<h3>CSAC over frequency</h3>")
         parts.append(
-            m.figure("csac", "CSAC over frequency before and after", caption, height=c.figures["csac"]["height"])
+            m.figure(
+                "csac",
+                "CSAC over frequency before and after",
+                caption,
+                height=c.figures["csac"]["height"],
+            )
         )
     elif len(c.data.responses) * len(c.data.references) == 1:
         parts.append(
-            m.paragraph("CSAC compares shapes over several channels; with one channel it is always 1.", "muted")
+            m.paragraph(
+                "CSAC compares shapes over several channels; with one channel it is always 1.",
+                "muted",
+            )
         )
     return "".join(parts) + "</section>"
 
@@ -146,8 +168,12 @@ def agreement(c: Content) -> str:
 def _agreement_table(result: UpdateResult) -> str:
     before, after = (dict(result.correlation.get(k) or {}) for k in ("before", "after"))
     names = list(dict.fromkeys([*before, *after]))
-    rows = [m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))]) for n in names]
-    return m.table(["figure", "before", "after"], rows, caption="Figures of the fit") if rows else ""
+    rows = [
+        m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))]) for n in names
+    ]
+    return (
+        m.table(["figure", "before", "after"], rows, caption="Figures of the fit") if rows else ""
+    )
 
 
 #: Sections after the head, in order: anchor, name in the list of contents, function.

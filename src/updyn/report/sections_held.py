@@ -41,11 +41,21 @@ def _selection(record: Mapping[str, Any]) -> str:
             m.row([name, ", ".join(members), w.number(float(record["cosines"][name]), 5)])
             for name, members in record["merged"].items()
         ]
-        caption = "Unknowns whose effects on the data are alike were joined. Cosine: the least between two of them."
-        parts.append(m.table(["unknown", "stands for", "cosine"], rows, caption=caption, kinds=("", "text", "")))
+        caption = (
+            "Unknowns whose effects on the data are alike were joined. Cosine: the least between"
+            " two of them."
+        )
+        parts.append(
+            m.table(
+                ["unknown", "stands for", "cosine"], rows, caption=caption, kinds=("", "text", "")
+            )
+        )
     if record["left out"]:
         rows = [m.row([name, why]) for name, why in record["left out"].items()]
-        caption = "These stay at their start, which the standard deviations of the others take for certain."
+        caption = (
+            "These stay at their start, which the standard deviations of the others take for"
+            " certain."
+        )
         parts.append(m.table(["left out", "because"], rows, caption=caption, kinds=("", "text")))
     parts += [m.paragraph(f"{remark[0].upper()}{remark[1:]}.") for remark in record["remarks"]]
     return "".join(parts)
@@ -54,24 +64,29 @@ def _selection(record: Mapping[str, Any]) -> str:
 def _pull(c: Content, record: Mapping[str, Any]) -> str:
     if record["how"] == "tsvd":
         said = (
-            f"Truncated singular values: {record['kept']} of {record['of']} directions were fitted. Along the others "
-            "the unknowns stay at their start, which the standard deviations take for certain."
+            f"Truncated singular values: {record['kept']} of {record['of']} directions were fitted."
+            " Along the others the unknowns stay at their start, which the standard deviations"
+            " take for certain."
         )
     else:
         said = (
-            f"All unknowns without a prior of their own are pulled to their start as by one of standard deviation "
-            f"{w.number(float(record['prior_std']), 3)} (strength {w.number(float(record['strength']), 3)}, "
-            f"{_HOW[record['how']]}). The fit spends {w.number(float(record['effective unknowns']), 3)} effective "
-            "unknowns. Standard deviations count the pull as prior knowledge; the bias is not in them."
+            "All unknowns without a prior of their own are pulled to their start as by one of"
+            f" standard deviation {w.number(float(record['prior_std']), 3)} (strength"
+            f" {w.number(float(record['strength']), 3)}, {_HOW[record['how']]}). The fit spends"
+            f" {w.number(float(record['effective unknowns']), 3)} effective unknowns. Standard"
+            " deviations count the pull as prior knowledge; the bias is not in them."
         )
     parts = ["<h3>Regularisation</h3>", m.paragraph(said)]
     if "trade-off" in c.figures:
         caption = (
-            "Misfit in standard deviations of the noise against the distance of the unknowns from their start, for all "
-            "strengths (or numbers of directions), on the problem linearised where the fit ended; the choice is marked."
+            "Misfit in standard deviations of the noise against the distance of the unknowns from"
+            " their start, for all strengths (or numbers of directions), on the problem linearised"
+            " where the fit ended; the choice is marked."
         )
         height = c.figures["trade-off"]["height"]
-        parts.append(m.figure("trade-off", "Distance from the start over misfit", caption, height=height))
+        parts.append(
+            m.figure("trade-off", "Distance from the start over misfit", caption, height=height)
+        )
     return "".join(parts)
 
 
@@ -80,7 +95,11 @@ def trade_off(result: UpdateResult) -> Figure | None:
     record = result.options.get("regularisation")
     if not record:
         return None
-    axis, said = ("numbers", "%{text} directions") if record["how"] == "tsvd" else ("strengths", "strength %{text}")
+    axis, said = (
+        ("numbers", "%{text} directions")
+        if record["how"] == "tsvd"
+        else ("strengths", "strength %{text}")
+    )
     shown = [i for i, d in enumerate(record["distance"]) if d > 0.0]
     curve = {
         "type": "scatter",

@@ -29,7 +29,11 @@ _CONVERSIONS = {
 
 def plant_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
     """Return words, Bode diagrams, and tables of errors, poles and conversions."""
-    parts = ['<section id="plant"><h2>Plant</h2>', m.paragraph(_about(planted), "lead"), m.note(*_notes(planted))]
+    parts = [
+        '<section id="plant"><h2>Plant</h2>',
+        m.paragraph(_about(planted), "lead"),
+        m.note(*_notes(planted)),
+    ]
     plant = planted.plant
     if plant is not None:
         parts.append(plant_tiles(planted, plant))
@@ -58,9 +62,9 @@ def _about(planted: Planted) -> str:
         return f"No plant holds the tolerance of {share(planted.tolerance)} from {band}."
     of = "the updated model" if planted.updated else "the model as it stands, which is NOT updated"
     return (
-        f"A real state-space model of {of}: {w.counted(len(plant.inputs), 'input')}, "
-        f"{w.counted(len(plant.outputs), 'output')}, {w.counted(plant.n_states, 'state')}. From {band} it is off by at "
-        f"most {share(plant.error)} of a channel's peak."
+        f"A real state-space model of {of}: {w.counted(len(plant.inputs), 'input')},"
+        f" {w.counted(len(plant.outputs), 'output')}, {w.counted(plant.n_states, 'state')}. From"
+        f" {band} it is off by at most {share(plant.error)} of a channel's peak."
     )
 
 
@@ -83,7 +87,9 @@ def plant_tiles(planted: Planted, plant: Plant) -> str:
         states = w.counted(planted.sampled.n_states, "state")
         tiles.append(("Sampled", f"{w.number(1e3 * planted.sampled.dt, 4)} ms", f"{states}{late}"))
     if planted.family is not None:
-        tiles.append(("Family", str(len(planted.family)), "plants from the uncertainty of the update"))
+        tiles.append(
+            ("Family", str(len(planted.family)), "plants from the uncertainty of the update")
+        )
     made = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
         for name, value, hint in tiles
@@ -94,10 +100,14 @@ def plant_tiles(planted: Planted, plant: Plant) -> str:
 def _ports(plant: Plant) -> str:
     def weights(port: object) -> str:
         found = getattr(port, "weights", {})
-        return " + ".join(f"{w.number(v, 4)} · {k}" if v != 1.0 else k for k, v in found.items()).replace("+ −", "− ")
+        return " + ".join(
+            f"{w.number(v, 4)} · {k}" if v != 1.0 else k for k, v in found.items()
+        ).replace("+ −", "− ")
 
     kinds = ("text", "text", "text", "text")
-    rows = [m.row([p.name, "input", p.force_unit, weights(p)], kinds) for p in plant.input_ports] + [
+    rows = [
+        m.row([p.name, "input", p.force_unit, weights(p)], kinds) for p in plant.input_ports
+    ] + [
         m.row([p.name, f"output, {q}", unit.replace("s2", "s²"), weights(p)], kinds)
         for p, q, unit in zip(plant.output_ports, plant.quantities, plant.output_units, strict=True)
     ]
@@ -107,18 +117,25 @@ def _ports(plant: Plant) -> str:
 def _diagrams(planted: Planted, plant: Plant, figures: Mapping[str, Figure]) -> list[str]:
     drawn = channels(planted)
     total = len(plant.inputs) * len(plant.outputs)
-    more = f" The {len(drawn)} of {total} channels with the largest errors are drawn." if len(drawn) < total else ""
+    more = (
+        f" The {len(drawn)} of {total} channels with the largest errors are drawn."
+        if len(drawn) < total
+        else ""
+    )
     model = "updated model with its" if planted.updated else "model with its"
     caption = (
-        f"Grey: the {model} structural damping, one factorisation a line; blue: the plant, from its matrices. Below: "
-        f"their difference as a share of the channel's peak.{more}"
+        f"Grey: the {model} structural damping, one factorisation a line; blue: the plant, from its"
+        f" matrices. Below: their difference as a share of the channel's peak.{more}"
     )
     places = []
     for i, j in drawn:
         name = bode_name(i, j)
         heading = f"{plant.outputs[i]} over {plant.inputs[j]}"
         place = m.figure(
-            name, f"Bode diagram of {heading} in {unit_of(plant, i, j)}", "", height=figures[name]["height"]
+            name,
+            f"Bode diagram of {heading} in {unit_of(plant, i, j)}",
+            "",
+            height=figures[name]["height"],
         )
         places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
     return [m.paragraph(caption), f'<div class="pair wide">{"".join(places)}</div>']
@@ -129,9 +146,16 @@ def _channel_table(planted: Planted, plant: Plant) -> str:
     if errors.size == 1:
         return ""
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])[:_CHANNELS]
-    rows = [m.row([f"{plant.outputs[i]} over {plant.inputs[j]}", share(float(errors[i, j]))]) for i, j in order]
+    rows = [
+        m.row([f"{plant.outputs[i]} over {plant.inputs[j]}", share(float(errors[i, j]))])
+        for i, j in order
+    ]
     rest = f"; the {_CHANNELS} largest of {errors.size}" if errors.size > _CHANNELS else ""
-    return m.table(["channel", "error / peak"], rows, caption=f"Largest error of each channel in the band{rest}")
+    return m.table(
+        ["channel", "error / peak"],
+        rows,
+        caption=f"Largest error of each channel in the band{rest}",
+    )
 
 
 def _pole_table(plant: Plant) -> str:
@@ -170,10 +194,17 @@ def _conversions(planted: Planted) -> str:
         cells += [found.note] if noted else []
         rows.append(m.row(cells, kinds, "" if good else "open"))
     caption = (
-        "Structural damping turned into poles in several ways, all modes kept, each against the model itself; marked: "
-        "not within the tolerance."
+        "Structural damping turned into poles in several ways, all modes kept, each against the"
+        " model itself; marked: not within the tolerance."
     )
-    head = ["conversion", "", "error / peak", "height of resonances", "", *(["note"] if noted else [])]
+    head = [
+        "conversion",
+        "",
+        "error / peak",
+        "height of resonances",
+        "",
+        *(["note"] if noted else []),
+    ]
     return f"<h3>Conversions of the damping</h3>{m.table(head, rows, caption=caption, kinds=kinds)}"
 
 
@@ -184,16 +215,24 @@ def _weights(planted: Planted, figures: Mapping[str, Figure]) -> str:
     kinds = ("", "", "", "", "", "note-cell")
     for (i, j), found in planted.weights.items():
         name, heading = weight_name(i, j), f"{plant.outputs[i]} over {plant.inputs[j]}"
-        place = m.figure(name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"])
+        place = m.figure(
+            name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"]
+        )
         places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
         ((weight,),) = found.weights
         over = f"{w.number(weight.largest, 3)}, mean {w.number(weight.mean, 3)}"
         farthest = [share(weight.peak), f"{w.number(weight.peak_at, 4)} Hz"]
         rows.append(m.row([heading, *farthest, str(weight.order), over, weight.note], kinds))
     said = (
-        "How far the plants of the family are from the nominal one, relative to it, and a stable minimum-phase weight "
-        "of low order that covers them, for a robust design. Zeros, poles and gains are in control.json."
+        "How far the plants of the family are from the nominal one, relative to it, and a stable"
+        " minimum-phase weight of low order that covers them, for a robust design. Zeros, poles and"
+        " gains are in control.json."
     )
     head = ["channel", "farthest", "at", "order of the weight", "weight over radius", "note"]
-    drawn = m.details("Radius and weight over frequency", f'<div class="pair wide">{"".join(places)}</div>')
-    return f"<h3>Uncertainty for a robust design</h3>{m.paragraph(said)}{m.table(head, rows, kinds=kinds)}{drawn}"
+    drawn = m.details(
+        "Radius and weight over frequency", f'<div class="pair wide">{"".join(places)}</div>'
+    )
+    return (
+        "<h3>Uncertainty for a robust"
+        f" design</h3>{m.paragraph(said)}{m.table(head, rows, kinds=kinds)}{drawn}"
+    )

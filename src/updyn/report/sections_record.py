@@ -22,8 +22,8 @@ def validation(c: Content) -> str:
     what = w.held_out(c.result)
     if not what:
         text = (
-            "Nothing was held out of the fit, so these data cannot say how well the updated model predicts what it has "
-            "not seen. Hold out a response or a band to find out."
+            "Nothing was held out of the fit, so these data cannot say how well the updated model"
+            " predicts what it has not seen. Hold out a response or a band to find out."
         )
         return "".join(parts) + m.paragraph(text) + "</section>"
     parts.append(m.paragraph(f"Held out of the fit, and used only to judge it: {what}."))
@@ -31,19 +31,32 @@ def validation(c: Content) -> str:
     before, after = (dict(scores.get(k) or {}) for k in ("before", "after"))
     names = list(dict.fromkeys([*before, *after]))
     if names:
-        rows = [m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))]) for n in names]
-        parts.append(m.table(["figure", "before", "after"], rows, caption="Figures over the data held out"))
+        rows = [
+            m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))])
+            for n in names
+        ]
+        parts.append(
+            m.table(["figure", "before", "after"], rows, caption="Figures over the data held out")
+        )
     else:
         parts.append(m.paragraph("There are no figures for it.", "muted"))
     rows = [
-        m.row([f"{response} / {reference}", _cell(c.data.frac_before, i, j), _cell(c.data.frac_after, i, j)])
+        m.row(
+            [
+                f"{response} / {reference}",
+                _cell(c.data.frac_before, i, j),
+                _cell(c.data.frac_after, i, j),
+            ]
+        )
         for i, (response, held) in enumerate(zip(c.data.responses, c.data.held_out, strict=True))
         if held
         for j, reference in enumerate(c.data.references)
     ]
     if rows:
         shown = m.table(["response / reference", "FRAC before", "FRAC after"], rows)
-        parts.append(shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown))
+        parts.append(
+            shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown)
+        )
     return "".join(parts) + "</section>"
 
 
@@ -76,7 +89,8 @@ _NOISE_WORDS = {
 def noise(c: Content) -> str:
     """Return noise model and what is left over."""
     items = [
-        (_NOISE_WORDS.get(k, k), w.number(v) if isinstance(v, float) else w.plain(v)) for k, v in c.result.noise.items()
+        (_NOISE_WORDS.get(k, k), w.number(v) if isinstance(v, float) else w.plain(v))
+        for k, v in c.result.noise.items()
     ]
     chi = c.result.noise.get("chi_square")
     parts = ['<section id="noise"><h2>Noise and residual</h2>']
@@ -84,11 +98,15 @@ def noise(c: Content) -> str:
         parts.append(m.paragraph(_chi_words(float(chi), c.result.noise)))
     if "down_weighted" in c.result.noise:
         parts.append(m.paragraph(_outlier_words(c.result.noise)))
-    parts.append(m.definition_table(items) if items else m.paragraph("The method used no noise model.", "muted"))
+    parts.append(
+        m.definition_table(items)
+        if items
+        else m.paragraph("The method used no noise model.", "muted")
+    )
     if "level-differences" in c.figures:
         caption = (
-            "How often the computed level lies above (positive) or below the measured one, over all channels and the "
-            "lines compared; values beyond ±30 dB are counted at the ends."
+            "How often the computed level lies above (positive) or below the measured one, over all"
+            " channels and the lines compared; values beyond ±30 dB are counted at the ends."
         )
         parts.append("<h3>Level differences</h3>")
         parts.append(
@@ -101,8 +119,9 @@ def noise(c: Content) -> str:
         )
     if "residual-by-channel" in c.figures:
         caption = (
-            "Root mean square of computed minus measured (magnitude and phase) over the lines compared, in percent of "
-            "the channel's measured level: a channel that stands out points to a sensor or a place in the model."
+            "Root mean square of computed minus measured (magnitude and phase) over the lines"
+            " compared, in percent of the channel's measured level: a channel that stands out"
+            " points to a sensor or a place in the model."
         )
         parts.append("<h3>Residual by channel</h3>")
         parts.append(
@@ -120,15 +139,20 @@ def _chi_words(chi: float, noise: Mapping[str, Any]) -> str:
     shown = w.number(chi, 3)
     if w.noise_is_fitted(noise):
         return (
-            f"Reduced chi-square {shown}, by construction: the noise is taken from what is left, model error included."
+            f"Reduced chi-square {shown}, by construction: the noise is taken from what is left,"
+            " model error included."
         )
     if chi > 2.0:
         return (
-            f"Reduced chi-square {shown}: the residual is {w.number(math.sqrt(chi), 2)} times what the noise explains. "
-            "Part of it is an error of the model's form (or the noise is larger than stated)."
+            f"Reduced chi-square {shown}: the residual is {w.number(math.sqrt(chi), 2)} times what"
+            " the noise explains. Part of it is an error of the model's form (or the noise is"
+            " larger than stated)."
         )
     if chi < 0.5:
-        return f"Reduced chi-square {shown}: the residual is smaller than the noise stated, which is stated too large."
+        return (
+            f"Reduced chi-square {shown}: the residual is smaller than the noise stated, which is"
+            " stated too large."
+        )
     return f"Reduced chi-square {shown}: the noise explains what is left."
 
 
@@ -142,8 +166,9 @@ def _outlier_words(noise: Mapping[str, Any]) -> str:
     whole += [f"the channels {w.plain(channels)}"] if channels else []
     among = f" Among them at least half of {' and '.join(whole)}." if whole else ""
     return (
-        f"{w.number(100.0 * share, 2)} % of the values stand out and have less than a tenth of their weight.{among} "
-        "Look at them: a hum, an overload or a loose sensor makes outliers; a resonance that the model lacks does, too."
+        f"{w.number(100.0 * share, 2)} % of the values stand out and have less than a tenth of"
+        f" their weight.{among} Look at them: a hum, an overload or a loose sensor makes outliers;"
+        " a resonance that the model lacks does, too."
     )
 
 
@@ -165,8 +190,8 @@ def provenance(c: Content) -> str:
         ("updated model", model_checksum(c.result.model)),
     ]
     explained = (
-        "SHA-256 of the numbers themselves, not of a file: of the quantity, labels, lines and values of the data, and "
-        "of the labels, loss factors and matrices of each model."
+        "SHA-256 of the numbers themselves, not of a file: of the quantity, labels, lines and"
+        " values of the data, and of the labels, loss factors and matrices of each model."
     )
     seconds = [(k, f"{w.number(float(v), 3)} s") for k, v in c.result.timing_s.items()]
     return "".join(
@@ -174,9 +199,15 @@ def provenance(c: Content) -> str:
             '<section id="provenance"><h2>How it was made</h2>',
             m.definition_table(about),
             m.details("Options", m.definition_table(options) if options else m.paragraph("None.")),
-            m.details(f"Lines used in the fit ({len(c.result.lines)}), in Hz", m.paragraph(lines or "none")),
+            m.details(
+                f"Lines used in the fit ({len(c.result.lines)}), in Hz",
+                m.paragraph(lines or "none"),
+            ),
             m.details("Checksums", m.paragraph(explained) + m.definition_table(sums)),
-            m.details("Versions", m.definition_table([(str(k), str(v)) for k, v in c.result.versions.items()])),
+            m.details(
+                "Versions",
+                m.definition_table([(str(k), str(v)) for k, v in c.result.versions.items()]),
+            ),
             m.details("Time", m.definition_table(seconds)),
             "</section>",
         ]

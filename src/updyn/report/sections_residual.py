@@ -20,13 +20,14 @@ _TILES = {
     "untested": ("not tested", "too few measured numbers"),
 }
 _UNEXPLAINED = (
-    "No change of one quantity that is not an unknown would explain a tenth of it: look at the sensors, at joints and "
-    "parts that the model lacks, and at what is not linear."
+    "No change of one quantity that is not an unknown would explain a tenth of it: look at the"
+    " sensors, at joints and parts that the model lacks, and at what is not linear."
 )
 _EXPLAINED = (
-    "Of the quantities that are not unknowns, a change of these would take away most of what is left, the unknowns "
-    "adapting to it; to first order, so that the sign can be trusted more than the size. What the sensors cannot tell "
-    "apart has nearly the same share. Free what can be wrong, and run again."
+    "Of the quantities that are not unknowns, a change of these would take away most of what is"
+    " left, the unknowns adapting to it; to first order, so that the sign can be trusted more than"
+    " the size. What the sensors cannot tell apart has nearly the same share. Free what can be"
+    " wrong, and run again."
 )
 
 
@@ -55,21 +56,34 @@ def model_error(c: Content) -> str:
 
 def _map(c: Content, found: Adequacy) -> str:
     channels = found.misfit.shape[0] * found.misfit.shape[1]
-    some = f" The {MOST_ROWS} worst of {channels} channels are shown." if len(shown_channels(found)) < channels else ""
+    some = (
+        f" The {MOST_ROWS} worst of {channels} channels are shown."
+        if len(shown_channels(found)) < channels
+        else ""
+    )
     taken = "; 1 is noise" if found.absolute else ", as the size of the noise was taken from it"
     caption = (
-        f"Root mean square misfit over {_unit(found)}{taken}, by channel and band about each resonance. "
-        f"Marked: alike from line to line (an error of the model), and only too large.{some}"
+        f"Root mean square misfit over {_unit(found)}{taken}, by channel and band about each"
+        " resonance. Marked: alike from line to line (an error of the model), and only too"
+        f" large.{some}"
     )
     height = c.figures["misfit-map"]["height"]
     return m.figure("misfit-map", "Misfit of every channel in every band", caption, height=height)
 
 
 def _places(found: Adequacy) -> str:
-    head = ["response / reference", "band (Hz)", "most near (Hz)", "misfit", "alike over", "p of size", "p of likeness"]
+    head = [
+        "response / reference",
+        "band (Hz)",
+        "most near (Hz)",
+        "misfit",
+        "alike over",
+        "p of size",
+        "p of likeness",
+    ]
     caption = (
-        f"Places that stand out, the worst first. Misfit as a multiple of {_unit(found)}; p-values adjusted for the "
-        f"number of tests, suspect below {w.number(found.level)}"
+        f"Places that stand out, the worst first. Misfit as a multiple of {_unit(found)}; p-values"
+        f" adjusted for the number of tests, suspect below {w.number(found.level)}"
     )
     return m.table(head, [m.row(_place(p)) for p in found.worst], caption=caption)
 
@@ -104,22 +118,28 @@ def _suspect(s: Suspect) -> list[str]:
     if s.quantity == "loss_factor":
         change = f"{s.change:+.2g}".replace("-", "−")
     else:
-        change = ("up by " if s.change > 0 else "down by ") + w.number(100.0 * abs(math.expm1(s.change)), 2) + " %"
+        change = (
+            ("up by " if s.change > 0 else "down by ")
+            + w.number(100.0 * abs(math.expm1(s.change)), 2)
+            + " %"
+        )
     return [w.unknown(s.name), f"{100.0 * s.explains:.0f} %", change, f"{100.0 * s.energy:.0f} %"]
 
 
 def _how(found: Adequacy) -> str:
     if found.absolute:
         size = (
-            "The sum of squares of each channel in each band is compared with what the noise gives (chi-square or F)."
+            "The sum of squares of each channel in each band is compared with what the noise gives"
+            " (chi-square or F)."
         )
     else:
         size = (
-            "The size of the noise was taken from this residual, so the sum of squares of each channel in each band is "
-            "compared with that of all the rest (F): a misfit that is the same everywhere does not show by its size."
+            "The size of the noise was taken from this residual, so the sum of squares of each"
+            " channel in each band is compared with that of all the rest (F): a misfit that is the"
+            " same everywhere does not show by its size."
         )
     return (
-        f"{size} Likeness from line to line is tested by the autocorrelation at lags 1 to 3, which needs no size of the"
-        f" noise. All p-values are adjusted for their number such that at most {w.number(100.0 * found.level)} % of "
-        "fits to pure noise are suspected."
+        f"{size} Likeness from line to line is tested by the autocorrelation at lags 1 to 3, which"
+        " needs no size of the noise. All p-values are adjusted for their number such that at most"
+        f" {w.number(100.0 * found.level)} % of fits to pure noise are suspected."
     )

@@ -27,7 +27,9 @@ def servo_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
     parts = ['<section id="servo"><h2>Servo</h2>']
     if planted.servo is not None:
         parts += _servo(planted.servo, figures)
-        parts += [nonlinear_part(number, found, figures) for number, found in enumerate(planted.nonlinear)]
+        parts += [
+            nonlinear_part(number, found, figures) for number, found in enumerate(planted.nonlinear)
+        ]
     if planted.drive is not None:
         parts.append(_drive(planted.drive))
     return "".join(parts) + "</section>"
@@ -45,11 +47,21 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     for loop in servo.loops:
         caption = (
             f"L of the {loop.name} loop, broken at the {loop.name}"
-            + (", the velocity loop closed" if loop.name == "position" else ", the position loop open")
-            + (f"; the band holds the {len(loop.members)} plants of the family" if loop.members else "")
+            + (
+                ", the velocity loop closed"
+                if loop.name == "position"
+                else ", the position loop open"
+            )
+            + (
+                f"; the band holds the {len(loop.members)} plants of the family"
+                if loop.members
+                else ""
+            )
             + ". Circles: where the margins are read; dotted: 0 dB and −180°."
         )
-        nichols = "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
+        nichols = (
+            "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
+        )
         parts.append(
             f"<h3>{m.esc(loop.name.capitalize())} loop</h3><div class='pair wide'>"
             + f"<div>{_place(figures, f'bode-{loop.name}', f'Bode diagram of the {loop.name} loop', caption)}</div>"
@@ -59,7 +71,9 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
         )
     parts.append("<h3>Closed loop</h3>")
     bandwidth = (
-        "" if servo.bandwidth is None else f" Vertical: the bandwidth, {w.number(servo.bandwidth, 4)} Hz (−3 dB)."
+        ""
+        if servo.bandwidth is None
+        else f" Vertical: the bandwidth, {w.number(servo.bandwidth, 4)} Hz (−3 dB)."
     )
     caption = f"From the reference, and the sensitivity of the outer loop.{bandwidth}"
     parts.append(_place(figures, "closed-loop", "Closed loop and sensitivity", caption))
@@ -94,12 +108,19 @@ def _verdict(servo: Servo) -> str:
     bad = sorted({i for loop in servo.loops for i in loop.unstable_members})
     count = len(servo.loops[0].members)
     if bad:
-        return f"The loop is stable on the nominal plant, and UNSTABLE on {len(bad)} of {count} plants of the family."
+        return (
+            f"The loop is stable on the nominal plant, and UNSTABLE on {len(bad)} of {count} plants"
+            " of the family."
+        )
     return "The loop is stable" + (f", on all {count} plants of the family too." if count else ".")
 
 
 def _tiles(servo: Servo) -> str:
-    smallest = "smallest of all loops and plants" if servo.velocity_loop.members else "smallest of the loops"
+    smallest = (
+        "smallest of all loops and plants"
+        if servo.velocity_loop.members
+        else "smallest of the loops"
+    )
     outer, inner = servo.loops[-1].margins, servo.velocity_loop.margins
     tiles = [("Bandwidth", _hz(servo.bandwidth), f"closed {servo.loops[-1].name} loop, −3 dB")]
     if servo.position_loop is not None:
@@ -112,7 +133,13 @@ def _tiles(servo: Servo) -> str:
     tiles.append(("Modulus margin", w.number(modulus, 3), "smallest |1 + L|; above 0.5 is usual"))
     if servo.wind is not None:
         unit = servo.wind.output_unit
-        tiles.append(("Error in wind", f"{w.number(servo.wind.rms, 3)} {unit}", f"rms of {servo.wind.output}"))
+        tiles.append(
+            (
+                "Error in wind",
+                f"{w.number(servo.wind.rms, 3)} {unit}",
+                f"rms of {servo.wind.output}",
+            )
+        )
     made = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
         for name, value, hint in tiles
@@ -131,16 +158,29 @@ def _worst_of(servo: Servo, name: str) -> float | None:
 def _controller(servo: Servo) -> str:
     c = servo.controller
     rows = [
-        ("gain of the velocity loop, kp", f"{w.number(c.kp, 5)} (unit of {servo.torque} per unit of velocity)"),
+        (
+            "gain of the velocity loop, kp",
+            f"{w.number(c.kp, 5)} (unit of {servo.torque} per unit of velocity)",
+        ),
         ("integral time, ti", "none" if c.ti is None else f"{w.number(c.ti, 5)} s"),
         ("gain of the position loop, kv", "none" if c.kv is None else f"{w.number(c.kv, 5)} 1/s"),
     ]
     rows += [
-        ("notch", f"{w.number(n.frequency, 5)} Hz, width {w.number(n.width, 4)} Hz, depth {w.number(n.depth, 3)}")
+        (
+            "notch",
+            (
+                f"{w.number(n.frequency, 5)} Hz, width {w.number(n.width, 4)} Hz, depth"
+                f" {w.number(n.depth, 3)}"
+            ),
+        )
         for n in c.notches
     ]
     if c.low_pass is not None:
-        order = "first order" if c.low_pass_damping is None else f"damping ratio {w.number(c.low_pass_damping, 3)}"
+        order = (
+            "first order"
+            if c.low_pass_damping is None
+            else f"damping ratio {w.number(c.low_pass_damping, 3)}"
+        )
         rows.append(("low-pass", f"{w.number(c.low_pass, 5)} Hz, {order}"))
     if c.feed_forward:
         rows.append(("velocity feed-forward", f"{w.number(100 * c.feed_forward, 3)} %"))
@@ -180,7 +220,9 @@ def _margins(servo: Servo) -> str:
     caption = "Margins; a dash: there is none, as the loop is unstable or nothing bounds it"
     caption += ". Plants of the family are counted from 0" if servo.loops[0].members else ""
     bad = [
-        f"{loop.name} loop: plants {_listed(loop.unstable_members)}" for loop in servo.loops if loop.unstable_members
+        f"{loop.name} loop: plants {_listed(loop.unstable_members)}"
+        for loop in servo.loops
+        if loop.unstable_members
     ]
     some = any(0 < len(loop.unstable_members) < len(loop.members) for loop in servo.loops)
     rest = " The worst are of the stable ones." if some else ""
@@ -235,9 +277,14 @@ def _crossings(loop: Loop) -> str:
     rows = [
         (
             float(f),
-            m.row([_hz(float(f)), "|L| = 1", _degrees(float(p)), f"delay {_ms(float(d))}"], ("", "text", "", "")),
+            m.row(
+                [_hz(float(f)), "|L| = 1", _degrees(float(p)), f"delay {_ms(float(d))}"],
+                ("", "text", "", ""),
+            ),
         )
-        for f, p, d in zip(found.gain_crossings, found.phase_margins, found.delay_margins, strict=True)
+        for f, p, d in zip(
+            found.gain_crossings, found.phase_margins, found.delay_margins, strict=True
+        )
     ] + [
         (float(f), m.row([_hz(float(f)), "phase −180°", _db(float(g)), ""], ("", "text", "", "")))
         for f, g in zip(found.phase_crossings, found.gain_margins, strict=True)
@@ -253,10 +300,17 @@ def _crossings(loop: Loop) -> str:
 # -- over time --------------------------------------------------------------------------------------------------
 def _step(step: StepResponse) -> str:
     if step.of == "disturbance":
-        text = f"{w.number(step.size, 4)} {step.input_unit} at {step.input}: {step.output} deviates by at most "
+        text = (
+            f"{w.number(step.size, 4)} {step.input_unit} at {step.input}: {step.output} deviates by"
+            " at most "
+        )
         text += f"{w.number(step.peak, 4)} {step.output_unit} after {w.number(step.peak_time, 3)} s"
         return f"{text}, and comes to {w.number(step.final, 4)} {step.output_unit}."
-    said = [] if step.rise_time is None else [f"rises from 10 to 90 % in {w.number(step.rise_time, 3)} s"]
+    said = (
+        []
+        if step.rise_time is None
+        else [f"rises from 10 to 90 % in {w.number(step.rise_time, 3)} s"]
+    )
     if step.overshoot is not None:
         said.append(f"overshoots by {w.number(100 * step.overshoot, 3)} %")
     if step.settling_time is None:
@@ -268,9 +322,15 @@ def _step(step: StepResponse) -> str:
 
 def _wind(wind: WindResponse) -> str:
     text = f"{wind.output} is off by {w.number(wind.rms, 3)} {wind.output_unit} rms, at most by "
-    text += f"{w.number(wind.peak, 3)} {wind.output_unit}; in the mean by {w.number(wind.mean, 3)} {wind.output_unit}."
+    text += (
+        f"{w.number(wind.peak, 3)} {wind.output_unit}; in the mean by {w.number(wind.mean, 3)}"
+        f" {wind.output_unit}."
+    )
     if wind.rms_expected is not None:
-        text += f" From the spectrum, mean left out: {w.number(wind.rms_expected, 3)} {wind.output_unit} rms."
+        text += (
+            f" From the spectrum, mean left out: {w.number(wind.rms_expected, 3)}"
+            f" {wind.output_unit} rms."
+        )
     return text
 
 
@@ -286,7 +346,11 @@ def _drive(drive: DriveFigures) -> str:
         ("the rest, at the load", w.number(drive.load_inertia, 5), load_mass),
         ("inertia ratio", w.number(drive.inertia_ratio, 4), "rest over motor, at the motor"),
         ("stiffness at the motor", w.number(drive.stiffness_at_motor, 5), f"{stiff}, load held"),
-        ("stiffness at the load", w.number(drive.stiffness_at_load, 5), f"{load_stiff}, motor held"),
+        (
+            "stiffness at the load",
+            w.number(drive.stiffness_at_load, 5),
+            f"{load_stiff}, motor held",
+        ),
     ]
     if drive.first_resonance is not None:
         rows.append(("first resonance", w.number(drive.first_resonance, 5), "Hz"))
@@ -299,13 +363,22 @@ def _drive(drive: DriveFigures) -> str:
     if drive.pairs:
         pairs = [
             m.row(
-                [w.number(v, 5) for v in (p.antiresonance, p.antiresonance_damping, p.resonance, p.resonance_damping)]
+                [
+                    w.number(v, 5)
+                    for v in (
+                        p.antiresonance,
+                        p.antiresonance_damping,
+                        p.resonance,
+                        p.resonance_damping,
+                    )
+                ]
             )
             for p in drive.pairs
         ]
         head = ["antiresonance (Hz)", "damping ratio", "resonance (Hz)", "damping ratio"]
         caption = (
-            "Torque to motor speed: antiresonances are the frequencies with the rotor locked, resonances with it free"
+            "Torque to motor speed: antiresonances are the frequencies with the rotor locked,"
+            " resonances with it free"
         )
         parts.append(m.table(head, pairs, caption=caption))
     if drive.bandwidth is not None:

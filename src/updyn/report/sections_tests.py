@@ -23,7 +23,9 @@ _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
 
 def joint_head(result: JointResult) -> str:
     """Return title and verdict, with the agreement of the test that agrees worst."""
-    worst = min(result.results.values(), key=lambda one: _figures(one, "after").get("frac_median", 1.0))
+    worst = min(
+        result.results.values(), key=lambda one: _figures(one, "after").get("frac_median", 1.0)
+    )
     figures = {when: _figures(worst, when) for when in ("before", "after", "validation")}
     count = len(result.results)
     left = [one.adequacy for one in result.results.values() if one.adequacy is not None]
@@ -43,11 +45,17 @@ def tests(result: JointResult) -> str:
         before, after = _figures(one, "before"), _figures(one, "after")
         agreed = [f"{w.number(before.get(k))} → {w.number(after.get(k))}" for k in _FIGURES]
         left = "–" if one.adequacy is None else tile(one.adequacy)[1]
-        rows.append(m.row([name, w.extent(one.frf), *agreed, left], kinds, link=f"{quote(name)}/report.html"))
+        rows.append(
+            m.row(
+                [name, w.extent(one.frf), *agreed, left], kinds, link=f"{quote(name)}/report.html"
+            )
+        )
     names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES), "what is left"]
     return (
         '<section id="tests"><h2>Tests</h2>'
-        + m.paragraph("One set of unknowns was fitted to all tests together; each has a page of its own.")
+        + m.paragraph(
+            "One set of unknowns was fitted to all tests together; each has a page of its own."
+        )
         + m.table(names, rows, caption="Agreement before → after", kinds=kinds)
         + "</section>"
     )

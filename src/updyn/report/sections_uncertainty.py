@@ -13,17 +13,17 @@ __all__ = ["uncertainty"]
 
 _ABOUT = {
     "profile": (
-        "Profile likelihood: each unknown is held at one value after the other and all others are fitted again; the "
-        "interval holds the values at which the fit is not clearly worse. It follows curvature, and keeps within the "
-        "bounds."
+        "Profile likelihood: each unknown is held at one value after the other and all others are"
+        " fitted again; the interval holds the values at which the fit is not clearly worse. It"
+        " follows curvature, and keeps within the bounds."
     ),
     "bootstrap": (
-        "Bootstrap: data are made anew from the updated model and the noise, and the unknowns are fitted to each; the "
-        "interval holds the middle of what comes out."
+        "Bootstrap: data are made anew from the updated model and the noise, and the unknowns are"
+        " fitted to each; the interval holds the middle of what comes out."
     ),
     "sampling": (
-        "Sampling of the posterior: the interval holds the middle of all values that data and priors leave, by their "
-        "probability."
+        "Sampling of the posterior: the interval holds the middle of all values that data and"
+        " priors leave, by their probability."
     ),
 }
 
@@ -41,19 +41,26 @@ def uncertainty(c: Content) -> str:
     ]
     if "uncertainty-intervals" in c.figures:
         caption = (
-            f"{100 * level_of(found):g} % intervals about the estimate, in units of its standard deviation (in the "
-            "logarithm of a factor): where both bars are alike, the standard deviation says it all."
+            f"{100 * level_of(found):g} % intervals about the estimate, in units of its standard"
+            " deviation (in the logarithm of a factor): where both bars are alike, the standard"
+            " deviation says it all."
         )
         height = c.figures["uncertainty-intervals"]["height"]
-        parts.append(m.figure("uncertainty-intervals", "Intervals beside those of Laplace", caption, height=height))
+        parts.append(
+            m.figure(
+                "uncertainty-intervals", "Intervals beside those of Laplace", caption, height=height
+            )
+        )
     parts.append(_table(c, found))
     if "uncertainty-band" in c.figures:
         figure = c.figures["uncertainty-band"]
         caption = (
-            f"{figure['channel']}: of what was measured, the FRF that the updated model knows least. The band is about "
-            "the structure, without the noise of a measurement."
+            f"{figure['channel']}: of what was measured, the FRF that the updated model knows"
+            " least. The band is about the structure, without the noise of a measurement."
         )
-        parts.append(m.figure("uncertainty-band", "FRF with its band", caption, height=figure["height"]))
+        parts.append(
+            m.figure("uncertainty-band", "FRF with its band", caption, height=figure["height"])
+        )
     return "".join(parts) + "</section>"
 
 
@@ -72,8 +79,15 @@ def _diagnosed(found: Draws | Profiles) -> bool:
     return isinstance(found, Draws) and "r_hat" in found.diagnostics
 
 
-def _row(c: Content, found: Draws | Profiles, name: str, span: tuple[float, float], columns: int) -> list[str]:
-    cells = [name, w.number(c.result.values[name]), w.number(c.result.std[name]), *(w.number(e) for e in span)]
+def _row(
+    c: Content, found: Draws | Profiles, name: str, span: tuple[float, float], columns: int
+) -> list[str]:
+    cells = [
+        name,
+        w.number(c.result.values[name]),
+        w.number(c.result.std[name]),
+        *(w.number(e) for e in span),
+    ]
     note = found[name].note if isinstance(found, Profiles) else ""
     if isinstance(found, Draws) and _diagnosed(found):
         k = found.names.index(name)

@@ -34,25 +34,36 @@ def parameters(c: Content) -> str:
     sensors = [_parameter_row(c.result, p, kinds) for p in c.result.parameters if p.is_channel]
     rows = [_parameter_row(c.result, p, kinds) for p in c.result.parameters if not p.is_channel]
     caption = (
-        "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss factors, mass "
-        "damping (1/s) and stiffness damping (s) are values, relative to the updated stiffness or mass. The 95 % "
-        "interval is symmetric in the logarithm for factors and cut at 0 for values; it covers the noise in the data, "
-        "not errors of the model's form."
+        "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss"
+        " factors, mass damping (1/s) and stiffness damping (s) are values, relative to the updated"
+        " stiffness or mass. The 95 % interval is symmetric in the logarithm for factors and cut at"
+        " 0 for values; it covers the noise in the data, not errors of the model's form."
     )
-    head = ["group", "quantity", "start", "value", "change", "std. dev.", "95 % interval", "bounds", "note"]
+    head = [
+        "group",
+        "quantity",
+        "start",
+        "value",
+        "change",
+        "std. dev.",
+        "95 % interval",
+        "bounds",
+        "note",
+    ]
     parts = ['<section id="unknowns"><h2>Unknowns</h2>']
     if rows:
         parts.append(m.table(head, rows, caption=caption, kinds=kinds))
     legend = (
-        "Points: estimates with 95 % interval; short ticks: start; long grey ticks: bounds, where they lie in the "
-        "range drawn; crosses: not determined by the data."
+        "Points: estimates with 95 % interval; short ticks: start; long grey ticks: bounds, where"
+        " they lie in the range drawn; crosses: not determined by the data."
     )
     for name, title in (("factors", "Factors, relative to their start"), *_kinds("s")):
         parts += _estimates(c, name, title, legend)
     if sensors:
         caption = (
-            "Factors on what a sensor reads: above 1 it reads too much. They belong to the measurement: the updated "
-            "model is without them, and its FRFs are shown and scored as the sensors would read them."
+            "Factors on what a sensor reads: above 1 it reads too much. They belong to the"
+            " measurement: the updated model is without them, and its FRFs are shown and scored as"
+            " the sensors would read them."
         )
         parts.append("<h3>Calibration of the sensors</h3>")
         parts.append(m.table(["sensor", *head[1:]], sensors, caption=caption, kinds=kinds))
@@ -98,7 +109,11 @@ def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -
         f"{w.number(p.lower, 3)} to {w.number(p.upper, 3)}",
         "; ".join(notes),
     ]
-    return m.row(cells, kinds, "open" if notes and (p.name in result.at_bound or not math.isfinite(std)) else "")
+    return m.row(
+        cells,
+        kinds,
+        "open" if notes and (p.name in result.at_bound or not math.isfinite(std)) else "",
+    )
 
 
 def identifiability(c: Content) -> str:
@@ -109,46 +124,59 @@ def identifiability(c: Content) -> str:
         m.paragraph(
             f"The data determine all of the {w.counted(ident.n_parameters, 'unknown')}."
             if ident.complete
-            else f"The data determine {ident.rank} independent combinations of the {ident.n_parameters} unknowns. The "
-            "rest is open: the fit left it where it happened to be."
+            else (
+                f"The data determine {ident.rank} independent combinations of the"
+                f" {ident.n_parameters} unknowns. The rest is open: the fit left it where it"
+                " happened to be."
+            )
         ),
     ]
     if ident.advice:
         parts.append(m.note(ident.advice))
     if ident.null_directions:
         parts.append(
-            "<h3>Open combinations</h3><p>These move together without changing anything measured. "
-            "In brackets: how far, against the first (relative to itself for a factor; for damping in the loss factor "
-            "that it amounts to in the middle of the band).</p>"
+            "<h3>Open combinations</h3><p>These move together without changing anything measured."
+            " In brackets: how far, against the first (relative to itself for a factor; for damping"
+            " in the loss factor that it amounts to in the middle of the band).</p>"
         )
         parts.append(_directions(ident.null_directions, w.combination))
     if ident.determined_directions:
         parts.append(
-            "<h3>What is still known about them</h3><p>Of these unknowns the data determine, by weights too:</p>"
+            "<h3>What is still known about them</h3><p>Of these unknowns the data determine, by"
+            " weights too:</p>"
         )
         parts.append(_directions(ident.determined_directions, w.weighted_sum))
     if "singular-values" in c.figures:
         caption = (
-            "Singular values of the Jacobian with columns scaled to unit length: how strongly the data react to each "
-            f"independent combination of unknowns. Condition number {w.number(ident.condition, 3)}, collinearity index "
-            f"{w.number(ident.collinearity, 3)} (above 10 to 15 the unknowns are hard to tell apart)."
+            "Singular values of the Jacobian with columns scaled to unit length: how strongly the"
+            " data react to each independent combination of unknowns. Condition number"
+            f" {w.number(ident.condition, 3)}, collinearity index {w.number(ident.collinearity, 3)}"
+            " (above 10 to 15 the unknowns are hard to tell apart)."
         )
         parts.append("<h3>How strongly</h3>")
         parts.append(
             m.figure(
-                "singular-values", "Singular values, falling", caption, height=c.figures["singular-values"]["height"]
+                "singular-values",
+                "Singular values, falling",
+                caption,
+                height=c.figures["singular-values"]["height"],
             )
         )
     if "correlation" in c.figures:
         caption = (
-            "Correlation of the estimates: near +1 or −1 the data see two unknowns together and hardly tell "
-            "them apart. Blank: not determined, so there is no correlation to give."
+            "Correlation of the estimates: near +1 or −1 the data see two unknowns together and"
+            " hardly tell them apart. Blank: not determined, so there is no correlation to give."
         )
         plot = m.figure(
-            "correlation", "Correlation matrix of the unknowns", caption, height=c.figures["correlation"]["height"]
+            "correlation",
+            "Correlation matrix of the unknowns",
+            caption,
+            height=c.figures["correlation"]["height"],
         )
         title = "Which unknowns the data confuse"
-        parts.append(f"<h3>{title}</h3>{plot}" if len(c.result.parameters) <= 24 else m.details(title, plot))
+        parts.append(
+            f"<h3>{title}</h3>{plot}" if len(c.result.parameters) <= 24 else m.details(title, plot)
+        )
     return "".join(parts) + "</section>"
 
 
@@ -168,17 +196,30 @@ def convergence(c: Content) -> str:
     said = f"{w.counted(c.result.iterations, 'step')} taken, {refused} refused."
     if last:
         where = f"In the last stage, {stages[-1]}, the" if len(stages) > 1 else "The"
-        said += f" {where} cost went from {w.number(last[0].cost, 3)} to {w.number(last[-1].cost, 3)}."
+        said += (
+            f" {where} cost went from {w.number(last[0].cost, 3)} to {w.number(last[-1].cost, 3)}."
+        )
     parts.append(m.paragraph(said))
     caption = "Cost: half the sum of squared weighted residuals."
     if len(stages) > 1:
         explained = "; ".join(f"{s}: {_STAGE_WORDS[s]}" for s in stages if s in _STAGE_WORDS)
-        caption += " Each stage weighs the residuals in its own way: compare costs within a stage only. " + explained
+        caption += (
+            " Each stage weighs the residuals in its own way: compare costs within a stage only. "
+            + explained
+        )
         caption = caption.strip().removesuffix(".") + "."
     parts.append(m.figure("cost", "Cost by iteration", caption, height=c.figures["cost"]["height"]))
-    paths = [("factor-paths", "Paths of the factors"), ("calibration-paths", "Paths of the calibration factors")]
-    for name, title in (*paths, *((name, f"Paths: {title.lower()}") for name, title in _kinds("-paths"))):
+    paths = [
+        ("factor-paths", "Paths of the factors"),
+        ("calibration-paths", "Paths of the calibration factors"),
+    ]
+    for name, title in (
+        *paths,
+        *((name, f"Paths: {title.lower()}") for name, title in _kinds("-paths")),
+    ):
         if name in c.figures:
             parts.append(f"<h3>{title}</h3>")
-            parts.append(m.figure(name, f"{title} over the iterations", "", height=c.figures[name]["height"]))
+            parts.append(
+                m.figure(name, f"{title} over the iterations", "", height=c.figures[name]["height"])
+            )
     return "".join(parts) + "</section>"

@@ -12,7 +12,15 @@ from updyn.control.plant import Plant
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.report.plant_figures import degree_axis
 from updyn.report.plots import Figure, label, numbers
-from updyn.report.stacked import Panel, band_traces, curve, log_frequency, log_range, stacked, with_peaks
+from updyn.report.stacked import (
+    Panel,
+    band_traces,
+    curve,
+    log_frequency,
+    log_range,
+    stacked,
+    with_peaks,
+)
 
 __all__ = ["servo_figures"]
 
@@ -52,7 +60,13 @@ def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
     size = _db(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
     m = loop.margins
-    marks = [m.crossover, m.gain_margin_at, m.gain_reduction_at, m.phase_margin_at, m.delay_margin_at]
+    marks = [
+        m.crossover,
+        m.gain_margin_at,
+        m.gain_reduction_at,
+        m.phase_margin_at,
+        m.delay_margin_at,
+    ]
     ends = [loop.freq[near].min(), loop.freq[near].max()] if near.any() else []
     ends += [f for f in (*marks, m.modulus_margin_at) if f is not None and math.isfinite(f)]
     if len(ends) < 2:
@@ -80,7 +94,13 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
     phase += _marks(loop, "phase")
     panels = [
         Panel("|L| (dB)", size, _db_axis(_db(L)), 1.2, (0.0,)),
-        Panel("phase (°)", phase, degree_axis(np.concatenate([low_turn, high_turn])), 1.0, _half_turns(turn)),
+        Panel(
+            "phase (°)",
+            phase,
+            degree_axis(np.concatenate([low_turn, high_turn])),
+            1.0,
+            _half_turns(turn),
+        ),
     ]
     return stacked(panels, log_frequency(freq), 480)
 
@@ -88,9 +108,16 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
 def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
     """Return points where the margins are read: the gain margin in the upper panel, the phase margin in the lower."""
     m = loop.margins
-    if panel == "gain" and m.gain_margin is not None and m.gain_margin_at is not None and math.isfinite(m.gain_margin):
+    if (
+        panel == "gain"
+        and m.gain_margin is not None
+        and m.gain_margin_at is not None
+        and math.isfinite(m.gain_margin)
+    ):
         assert m.gain_margin_db is not None
-        return [_point(m.gain_margin_at, -m.gain_margin_db, f"gain margin {m.gain_margin_db:.3g} dB")]
+        return [
+            _point(m.gain_margin_at, -m.gain_margin_db, f"gain margin {m.gain_margin_db:.3g} dB")
+        ]
     if panel == "phase" and m.phase_margin is not None and m.phase_margin_at is not None:
         height = float(np.interp(np.log(m.phase_margin_at), np.log(loop.freq), loop.phase))
         return [_point(m.phase_margin_at, height, f"phase margin {m.phase_margin:.3g}°")]
@@ -104,7 +131,12 @@ def _point(x: float, y: float, name: str) -> dict[str, Any]:
         "name": label(name),
         "x": [x],
         "y": [y],
-        "marker": {"color": "@before", "size": 9, "symbol": "circle-open", "line": {"width": 2, "color": "@before"}},
+        "marker": {
+            "color": "@before",
+            "size": 9,
+            "symbol": "circle-open",
+            "line": {"width": 2, "color": "@before"},
+        },
         "hovertemplate": f"%{{x:.5g}} Hz: {label(name)}<extra></extra>",
     }
 
@@ -144,17 +176,28 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
             "name": "−1",
             "x": list(centres),
             "y": [0.0] * len(centres),
-            "marker": {"color": "@before", "symbol": "cross-thin-open", "size": 10, "line": {"width": 2}},
+            "marker": {
+                "color": "@before",
+                "symbol": "cross-thin-open",
+                "size": 10,
+                "line": {"width": 2},
+            },
             "hovertemplate": "−1<extra></extra>",
         }
     )
-    turns = np.concatenate([turn[shown], *spread, np.asarray(centres) - 35.0, np.asarray(centres) + 35.0])
+    turns = np.concatenate(
+        [turn[shown], *spread, np.asarray(centres) - 35.0, np.asarray(centres) + 35.0]
+    )
     return {
         "data": traces,
         "height": 480,
         "layout": {
             "xaxis": {"title": {"text": "phase of L (°)"}, "zeroline": False, **degree_axis(turns)},
-            "yaxis": {"title": {"text": "|L| (dB)"}, "zeroline": True, **_db_axis(_db(L), _QUIET / 2)},
+            "yaxis": {
+                "title": {"text": "|L| (dB)"},
+                "zeroline": True,
+                **_db_axis(_db(L), _QUIET / 2),
+            },
             "showlegend": True,
         },
     }
@@ -202,14 +245,23 @@ def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
         unit = _compliance_unit(servo, plant)
         name = f"compliance to {servo.disturbance}"
         compliance = curve(freq, np.abs(servo.compliance[at]), name, "@fourth", unit=unit)
-        panels.append(Panel(f"compliance ({unit})", [compliance], log_range(np.abs(servo.compliance[at]), 6.0), 0.8))
+        panels.append(
+            Panel(
+                f"compliance ({unit})",
+                [compliance],
+                log_range(np.abs(servo.compliance[at]), 6.0),
+                0.8,
+            )
+        )
     return stacked(panels, log_frequency(freq), 280 + 180 * (len(panels) - 1) + 60, marks)
 
 
 def _compliance_unit(servo: Servo, plant: Plant) -> str:
     """Return the unit of position (of velocity, without a position loop) over disturbance."""
     assert servo.disturbance is not None
-    read = servo.velocity if servo.position_loop is None or servo.position is None else servo.position
+    read = (
+        servo.velocity if servo.position_loop is None or servo.position is None else servo.position
+    )
     quantity = "mobility" if servo.position_loop is None else "receptance"
     top = plant.output_ports[plant.outputs.index(read)].motion_unit(quantity)
     below = plant.input_units[plant.inputs.index(servo.disturbance)]
@@ -223,9 +275,16 @@ def _step(step: StepResponse, unit: str) -> Figure:
     final = [] if not math.isfinite(step.final) else [step.final]
     panels = [
         Panel(f"{label(step.output)} ({_unit(step.output_unit)})", [value], {}, 1.2, tuple(final)),
-        Panel(f"command ({unit})", [_timed(step.time, step.torque, "command", unit, "@third")], {}, 0.8),
+        Panel(
+            f"command ({unit})",
+            [_timed(step.time, step.torque, "command", unit, "@third")],
+            {},
+            0.8,
+        ),
     ]
-    return stacked(panels, {"title": {"text": "time (s)"}, "range": [0.0, float(step.time[-1])]}, 400)
+    return stacked(
+        panels, {"title": {"text": "time (s)"}, "range": [0.0, float(step.time[-1])]}, 400
+    )
 
 
 def _wind(wind: WindResponse) -> Figure:
@@ -236,7 +295,9 @@ def _wind(wind: WindResponse) -> Figure:
         Panel(f"{label(wind.input)} ({_unit(wind.input_unit)})", [push], {}, 0.8),
         Panel(f"{label(wind.output)}, error ({_unit(wind.output_unit)})", [error], {}, 1.2),
     ]
-    return stacked(panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 400)
+    return stacked(
+        panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 400
+    )
 
 
 def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:

@@ -54,7 +54,9 @@ class Panel:
     marks: tuple[float, ...] = ()
 
 
-def stacked(panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()) -> Figure:
+def stacked(
+    panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()
+) -> Figure:
     """Return panels as one figure.
 
     Parameters
@@ -70,7 +72,12 @@ def stacked(panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequ
     """
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
-    top, traces, layout, shapes = 1.0, list[dict[str, Any]](), dict[str, Any](), list[dict[str, Any]]()
+    top, traces, layout, shapes = (
+        1.0,
+        list[dict[str, Any]](),
+        dict[str, Any](),
+        list[dict[str, Any]](),
+    )
     for number, panel in enumerate(panels, 1):
         name = "" if number == 1 else str(number)
         bottom = max(top - room * panel.share / total, 0.0)
@@ -88,7 +95,11 @@ def stacked(panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequ
         top = bottom - _GAP
     lowest = "y" if len(panels) == 1 else f"y{len(panels)}"
     shapes += [_through(at) for at in marks]
-    layout |= {"xaxis": {"anchor": lowest, "zeroline": False, **x}, "showlegend": True, "hovermode": "closest"}
+    layout |= {
+        "xaxis": {"anchor": lowest, "zeroline": False, **x},
+        "showlegend": True,
+        "hovermode": "closest",
+    }
     if shapes:
         layout["shapes"] = shapes
     return {"data": traces, "height": height, "layout": layout}
@@ -102,7 +113,9 @@ def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, A
     marks = (1.0, 2.0, 5.0) if high - low <= 2.3 else (1.0,)
     every = max(1, int(np.ceil((high - low) / 8.0)))
     decades = range(int(np.floor(low)), int(np.ceil(high)) + 1, every)
-    ticks = [m * 10.0**d for d in decades for m in marks if low - 1e-9 <= np.log10(m) + d <= high + 1e-9]
+    ticks = [
+        m * 10.0**d for d in decades for m in marks if low - 1e-9 <= np.log10(m) + d <= high + 1e-9
+    ]
     axis: dict[str, Any] = {"title": {"text": title}, "type": "log", "range": [low, high]}
     if len(ticks) < 2:  # a narrow band
         return axis | {"dtick": log_step(lines)}
@@ -123,7 +136,12 @@ def log_range(values: ArrayLike, decades: float = 9.0) -> dict[str, Any]:
         step = max(1, int(np.ceil((high - low) / 5.0)))
     elif high - low < 0.7:
         step = "D1"
-    return {"type": "log", "range": [low - pad, high + pad], "dtick": step, "exponentformat": "power"}
+    return {
+        "type": "log",
+        "range": [low - pad, high + pad],
+        "dtick": step,
+        "exponentformat": "power",
+    }
 
 
 def curve(
@@ -202,7 +220,9 @@ def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
     return np.unique([0, *found, len(array) - 1])
 
 
-def phases(first: NDArray[np.complex128], *others: NDArray[np.complex128]) -> list[NDArray[np.float64]]:
+def phases(
+    first: NDArray[np.complex128], *others: NDArray[np.complex128]
+) -> list[NDArray[np.float64]]:
     """Return phases in degrees: of the first one without jumps along the lines, of the others those nearest to it."""
     with np.errstate(invalid="ignore"):
         base = np.unwrap(np.angle(first))
@@ -220,9 +240,27 @@ def level_line(x: ArrayLike, at: float, name: str) -> dict[str, Any]:
 
 def _across(axis: str, at: float) -> dict[str, Any]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
-    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": axis, "y0": at, "y1": at, "line": line}
+    return {
+        "type": "line",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": axis,
+        "y0": at,
+        "y1": at,
+        "line": line,
+    }
 
 
 def _through(at: float) -> dict[str, Any]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
-    return {"type": "line", "xref": "x", "x0": at, "x1": at, "yref": "paper", "y0": 0, "y1": 1, "line": line}
+    return {
+        "type": "line",
+        "xref": "x",
+        "x0": at,
+        "x1": at,
+        "yref": "paper",
+        "y0": 0,
+        "y1": 1,
+        "line": line,
+    }

@@ -60,24 +60,28 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
     if not len(scene.lines) and not marked.callouts:
         return ""
     caption = (
-        "Arrows: sensors; arrows with a full head: forces; a double head is a rotation or a torque about the arrow. "
-        "Squares: parts without lines, such as lumped masses."
+        "Arrows: sensors; arrows with a full head: forces; a double head is a rotation or a torque"
+        " about the arrow. Squares: parts without lines, such as lumped masses."
     )
     parts = [
         '<section id="structure"><h2>Structure</h2>',
         m.paragraph(
-            "Where the sensors and forces are, and how much each part changed: its stiffness, or where that is no "
-            "unknown its mass, then its viscous damping."
+            "Where the sensors and forces are, and how much each part changed: its stiffness, or"
+            " where that is no unknown its mass, then its viscous damping."
         ),
         _scale(scene),
     ]
     for number, (view, angles) in enumerate(_VIEWS.items()):
         alternative = (
-            f"The structure seen from the {view}, coloured by the change of its parts, with sensors and forces"
+            f"The structure seen from the {view}, coloured by the change of its parts, with sensors"
+            " and forces"
         )
         picture = _svg(scene, marked, angles, alternative, labelled=number == 0)
         if number == 0:
-            parts.append(f'<figure class="structure">{picture}<figcaption>{m.esc(caption)}</figcaption></figure>')
+            parts.append(
+                "<figure"
+                f' class="structure">{picture}<figcaption>{m.esc(caption)}</figcaption></figure>'
+            )
         else:
             parts.append(m.details("From behind", f'<figure class="structure">{picture}</figure>'))
     parts.append(_legend(scene))
@@ -120,8 +124,8 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
     Returns
     -------
     dict of str to (str, float)
-        By group, the factor on its stiffness; where that is no unknown, on its mass, then its viscous damping. Loss
-        factors have no factor and are left out.
+        By group, the factor on its stiffness; where that is no unknown, on its mass, then its
+        viscous damping. Loss factors have no factor and are left out.
     """
     parameters = result.parameters
     changes = parameters.changes([result.values[name] for name in parameters.names])
@@ -136,7 +140,9 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
 
 def _step(log: float, reach: float) -> int:
     step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
-    return int(np.sign(log)) if step == 0 and abs(log) > _SAME else step  # what changed is never shown as unchanged
+    return (
+        int(np.sign(log)) if step == 0 and abs(log) > _SAME else step
+    )  # what changed is never shown as unchanged
 
 
 def _scene(result: UpdateResult) -> _Scene:
@@ -175,7 +181,9 @@ def _marked(model: Model, responses: Sequence[str], references: Sequence[str]) -
     for kind, labels in enumerate((responses, references)):
         for dof in DofSet(labels):
             if dof.node in place:
-                nodes.setdefault(dof.node, ([], []))[kind].append(f"{'-' if dof.sign < 0 else ''}{dof.direction}")
+                nodes.setdefault(dof.node, ([], []))[kind].append(
+                    f"{'-' if dof.sign < 0 else ''}{dof.direction}"
+                )
             else:
                 lost.append(str(dof))
     out = [
@@ -189,18 +197,28 @@ def _marked(model: Model, responses: Sequence[str], references: Sequence[str]) -
         for node, (sensors, forces) in nodes.items()
     ]
     missing = list(dict.fromkeys(lost))
-    said = f"Without a position in the geometry, and not drawn: {', '.join(missing)}." if missing else ""
+    said = (
+        f"Without a position in the geometry, and not drawn: {', '.join(missing)}."
+        if missing
+        else ""
+    )
     return _Marked(tuple(out), (said,) if said else ())
 
 
 # -- drawing -----------------------------------------------------------------------------------------------
-def _svg(scene: _Scene, marked: _Marked, angles: tuple[float, float], alternative: str, *, labelled: bool) -> str:
+def _svg(
+    scene: _Scene, marked: _Marked, angles: tuple[float, float], alternative: str, *, labelled: bool
+) -> str:
     camera = _camera(*angles)
     seen = scene.xyz @ camera.T  # right, up, towards the eye
     used = np.unique(scene.lines) if len(scene.lines) else np.arange(len(seen))
-    used = np.union1d(used, np.concatenate([np.empty(0, dtype=np.intp), *scene.lumps.values()]).astype(np.intp))
+    used = np.union1d(
+        used, np.concatenate([np.empty(0, dtype=np.intp), *scene.lumps.values()]).astype(np.intp)
+    )
     low, high = seen[used, :2].min(axis=0), seen[used, :2].max(axis=0)
-    room = np.array([_WIDTH - 2 * (_SIDE + _ARROW * _HEIGHT), _HEIGHT - 2 * (_MARGIN + _ARROW * _HEIGHT)])
+    room = np.array(
+        [_WIDTH - 2 * (_SIDE + _ARROW * _HEIGHT), _HEIGHT - 2 * (_MARGIN + _ARROW * _HEIGHT)]
+    )
     scale = float(np.min(room / np.maximum(high - low, 1e-9 * max(float(np.ptp(seen)), 1e-300))))
     centre = np.array([_WIDTH, _HEIGHT]) / 2
 
@@ -213,11 +231,16 @@ def _svg(scene: _Scene, marked: _Marked, angles: tuple[float, float], alternativ
     arrows = _HEIGHT * _ARROW
     at = flat(np.array([c.xyz for c in marked.callouts]).reshape(-1, 3) @ camera.T)
     directions = [c.axes @ camera.T * [1.0, -1.0, 1.0] for c in marked.callouts]
-    body.append(callouts(marked.callouts, at, directions, arrows, (_WIDTH, _HEIGHT), _SIDE if labelled else None))
+    body.append(
+        callouts(
+            marked.callouts, at, directions, arrows, (_WIDTH, _HEIGHT), _SIDE if labelled else None
+        )
+    )
     body.append(_axes(camera))
     dense = ' class="dense"' if len(scene.lines) > _DENSE else ""
     return (
-        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}"{dense} role="img" aria-label="{m.esc(alternative)}">'
+        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}"{dense} role="img"'
+        f' aria-label="{m.esc(alternative)}">'
         f"{''.join(body)}</svg>"
     )
 
@@ -245,7 +268,8 @@ def _paths(scene: _Scene, xy: NDArray[np.float64], depth: NDArray[np.float64]) -
             ends = xy[chosen].reshape(-1, 4)
             d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in ends.tolist())
             out.append(
-                f'<path class="{scene.colour(group)}" d="{d}"><title>{m.esc(_said(scene, group))}</title></path>'
+                f'<path class="{scene.colour(group)}"'
+                f' d="{d}"><title>{m.esc(_said(scene, group))}</title></path>'
             )
         out.append("</g>")
     return "".join(out)
@@ -260,7 +284,8 @@ def _lumps(scene: _Scene, xy: NDArray[np.float64]) -> str:
             x, y = xy[node] + [12.0 * shift - 5.0, -5.0]
             title = f"<title>{m.esc(_said(scene, group))}</title>"
             out.append(
-                f'<rect class="{scene.colour(group)}" x="{x:.1f}" y="{y:.1f}" width="10" height="10">{title}</rect>'
+                f'<rect class="{scene.colour(group)}" x="{x:.1f}" y="{y:.1f}" width="10"'
+                f' height="10">{title}</rect>'
             )
     return "".join(out)
 
@@ -302,7 +327,9 @@ def _scale(scene: _Scene) -> str:
         said = _percent(factor, 2) if step else "unchanged"
         cells.append(f'<span><i class="s{step}"></i>{m.esc(said)}</span>')
     cells.append('<span><i class="s-none"></i>no unknown</span>')
-    return f'<p class="scale" aria-label="Colour scale">{"".join(cells)}</p>' if scene.changes else ""
+    return (
+        f'<p class="scale" aria-label="Colour scale">{"".join(cells)}</p>' if scene.changes else ""
+    )
 
 
 def _legend(scene: _Scene) -> str:
@@ -311,5 +338,7 @@ def _legend(scene: _Scene) -> str:
     if not ordered:
         return m.paragraph("No unknown scales a part, so that none is coloured.", "muted")
     numbers = [scene.names.index(name) for name in ordered]
-    items = "".join(f'<li><i class="{scene.colour(i)}"></i>{m.esc(_said(scene, i))}</li>' for i in numbers)
+    items = "".join(
+        f'<li><i class="{scene.colour(i)}"></i>{m.esc(_said(scene, i))}</li>' for i in numbers
+    )
     return f'<ul class="parts">{items}</ul>'

@@ -42,12 +42,16 @@ def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
 
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
     """Return the intervals in standard deviations of Laplace from the estimate, in the logarithm of factors."""
-    ends = {n: e for n, e in ends_of(found).items() if np.isfinite(result.std[n]) and result.std[n] > 0}
+    ends = {
+        n: e for n, e in ends_of(found).items() if np.isfinite(result.std[n]) and result.std[n] > 0
+    }
     chosen = [p for p in result.parameters if p.name in ends]
     if not chosen:
         return None
     spans = np.array([ends[p.name] for p in chosen])
-    value, std = (np.array([table[p.name] for p in chosen]) for table in (result.values, result.std))
+    value, std = (
+        np.array([table[p.name] for p in chosen]) for table in (result.values, result.std)
+    )
     factor = np.array([p.is_factor for p in chosen])
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(spans / value[:, None]) * (value / std)[:, None]
@@ -100,7 +104,12 @@ def _bars(
         "x": numbers(at),
         "y": rows.tolist(),
         "text": names,
-        "marker": {"symbol": "line-ns-open", "color": colour, "size": 8, "line": {"width": 2, "color": colour}},
+        "marker": {
+            "symbol": "line-ns-open",
+            "color": colour,
+            "size": 8,
+            "line": {"width": 2, "color": colour},
+        },
         "error_x": error_bars(minus, plus, colour),
         "hovertemplate": "%{text}<extra></extra>",
     }
@@ -113,7 +122,9 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     """
     frf = result.frf
     lines = frf.freq[frf.freq > 0]
-    lines = lines[keep_lines(frf.select(lines=lines).values, np.ones(len(lines), dtype=np.bool_), _LINES)]
+    lines = lines[
+        keep_lines(frf.select(lines=lines).values, np.ones(len(lines), dtype=np.bool_), _LINES)
+    ]
     draws = isinstance(found, Draws) and len(found) > 1
     solves = min(len(found), _DRAWS) if draws else 3
     if solves * len(lines) * result.model.n_dofs > _AFFORDED:
@@ -131,14 +142,19 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     i, j = np.unravel_index(int(np.argmax(np.where(np.isfinite(width), width, -1.0))), width.shape)
     if not np.isfinite(width[i, j]):
         return None
-    return _drawn(band, result, int(i), int(j)), f"{frf.responses[int(i)]} / {frf.references[int(j)]}"
+    return (
+        _drawn(band, result, int(i), int(j)),
+        f"{frf.responses[int(i)]} / {frf.references[int(j)]}",
+    )
 
 
 def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
     freq = band.frf.freq
     measured = np.abs(result.frf.select(lines=freq).values[:, i, j])
     line = {"type": "scatter", "mode": "lines", "x": numbers(freq), "hoverinfo": "skip"}
-    low, high = (np.maximum(v[:, i, j], np.finfo(np.float32).tiny) for v in (band.lower, band.upper))
+    low, high = (
+        np.maximum(v[:, i, j], np.finfo(np.float32).tiny) for v in (band.lower, band.upper)
+    )
     traces: list[dict[str, Any]] = [
         line | {"y": numbers(low), "line": {"width": 0, "color": "@after"}, "showlegend": False},
         line
@@ -149,7 +165,12 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
             "fill": "tonexty",
             "fillcolor": "@after-faint",
         },
-        line | {"name": "updated model", "y": numbers(np.abs(band.frf.values[:, i, j])), "line": {"color": "@after"}},
+        line
+        | {
+            "name": "updated model",
+            "y": numbers(np.abs(band.frf.values[:, i, j])),
+            "line": {"color": "@after"},
+        },
         {
             "type": "scatter",
             "mode": "markers",
@@ -165,7 +186,11 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
         "height": 380,
         "layout": {
             "xaxis": {"title": {"text": "frequency (Hz)"}},
-            "yaxis": {"title": {"text": f"|{band.frf.quantity}|"}, "type": "log", "dtick": log_step(measured)},
+            "yaxis": {
+                "title": {"text": f"|{band.frf.quantity}|"},
+                "type": "log",
+                "dtick": log_step(measured),
+            },
             "showlegend": True,
         },
     }

@@ -23,10 +23,23 @@ from updyn.report.words import axis_title, interval, quantity_words
 from updyn.updating.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["correlation_map", "correlations", "cost_path", "estimates", "singular_values", "value_paths"]
+__all__ = [
+    "correlation_map",
+    "correlations",
+    "cost_path",
+    "estimates",
+    "singular_values",
+    "value_paths",
+]
 
 _LEGEND_ENTRIES = 12
-_DIVERGING = [[0.0, "#b35806"], [0.25, "#f1a340"], [0.5, "#f7f7f7"], [0.75, "#6a9fd4"], [1.0, "#08519c"]]
+_DIVERGING = [
+    [0.0, "#b35806"],
+    [0.25, "#f1a340"],
+    [0.5, "#f7f7f7"],
+    [0.75, "#6a9fd4"],
+    [1.0, "#08519c"],
+]
 _STAGE_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "star")
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 _STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
@@ -54,7 +67,12 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
             "name": "start",
             "x": numbers(np.array([p.start for p in chosen]) / unit),
             "y": rows.tolist(),
-            "marker": {"symbol": "line-ns-open", "color": "@before", "size": 14, "line": {"width": 2}},
+            "marker": {
+                "symbol": "line-ns-open",
+                "color": "@before",
+                "size": 14,
+                "line": {"width": 2},
+            },
             "hovertemplate": "start %{x:.4g}<extra></extra>",
         }
     ]
@@ -65,12 +83,19 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     )
     for name, where, symbol in styles:
         if where.any():
-            traces.append(_estimate_trace(name, values, low, high, np.flatnonzero(where), symbol, names))
+            traces.append(
+                _estimate_trace(name, values, low, high, np.flatnonzero(where), symbol, names)
+            )
     limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
-    view = _view(np.concatenate([values, low, high, [p.start for p in chosen] / unit]), log=relative)
+    view = _view(
+        np.concatenate([values, low, high, [p.start for p in chosen] / unit]), log=relative
+    )
     traces.insert(1, _bound_trace(limits, view, rows))
     title = axis_title(chosen[0]) + (" (log scale)" if relative else "")
-    axis: dict[str, Any] = {"title": {"text": title}, "range": np.log10(view).tolist() if relative else list(view)}
+    axis: dict[str, Any] = {
+        "title": {"text": title},
+        "range": np.log10(view).tolist() if relative else list(view),
+    }
     return {
         "data": traces,
         "height": rows_height(len(chosen), extra=130),
@@ -104,7 +129,12 @@ def _estimate_trace(
         "x": numbers(values[at]),
         "y": at.tolist(),
         "text": [names[i] for i in at],
-        "marker": {"symbol": symbol, "color": "@after", "size": 10, "line": {"width": 2, "color": "@after"}},
+        "marker": {
+            "symbol": symbol,
+            "color": "@after",
+            "size": 10,
+            "line": {"width": 2, "color": "@after"},
+        },
         "hovertemplate": "%{text}: %{x:.5g}<extra></extra>",
     }
     if np.isfinite(low[at]).all():
@@ -133,16 +163,32 @@ def _log_ticks(view: tuple[float, float]) -> list[float]:
         rough = (high - low) / 6.0
         unit = 10.0 ** np.floor(np.log10(rough))
         step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
-        return [float(round(v, 10)) for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
-    per_decade = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8) if high / low < 12 else (1, 2, 5) if high / low < 1e3 else (1,)
+        return [
+            float(round(v, 10))
+            for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+        ]
+    per_decade = (
+        (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+        if high / low < 12
+        else (1, 2, 5)
+        if high / low < 1e3
+        else (1,)
+    )
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [float(f"{s * 10.0**p:.6g}") for p in powers for s in per_decade]
     return [t for t in ticks if low <= t <= high]
 
 
-def _bound_trace(limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]) -> dict[str, Any]:
+def _bound_trace(
+    limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]
+) -> dict[str, Any]:
     inside = (limits > view[0]) & (limits < view[1])
-    x = [float(v) for pair, keep in zip(limits, inside, strict=True) for v, k in zip(pair, keep, strict=True) if k]
+    x = [
+        float(v)
+        for pair, keep in zip(limits, inside, strict=True)
+        for v, k in zip(pair, keep, strict=True)
+        if k
+    ]
     y = [int(row) for row, keep in zip(rows, inside, strict=True) for k in keep if k]
     return {
         "type": "scatter",
@@ -185,13 +231,25 @@ def singular_values(result: UpdateResult) -> Figure | None:
                     "hovertemplate": "number %{x}: %{text}<extra></extra>",
                 }
             )
-    ticks: dict[str, Any] = {"tickmode": "linear", "tick0": 1, "dtick": 1} if values.size <= 20 else {}
+    ticks: dict[str, Any] = (
+        {"tickmode": "linear", "tick0": 1, "dtick": 1} if values.size <= 20 else {}
+    )
     return {
         "data": traces,
         "height": 320,
         "layout": {
-            "xaxis": {"title": {"text": "combination number, best determined first"}, "zeroline": False} | ticks,
-            "yaxis": {"title": {"text": "singular value"}, "type": "log", "exponentformat": "power"},
+            "xaxis": (
+                {
+                    "title": {"text": "combination number, best determined first"},
+                    "zeroline": False,
+                }
+                | ticks
+            ),
+            "yaxis": {
+                "title": {"text": "singular value"},
+                "type": "log",
+                "exponentformat": "power",
+            },
             "showlegend": True,
         },
     }
@@ -233,12 +291,24 @@ def correlation_map(result: UpdateResult) -> Figure | None:
     }
     if matrix.size <= PRINTED_CELLS:
         trace["text"] = [
-            [f"{v + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−") if np.isfinite(v) else "" for v in row]
+            [
+                (
+                    f"{v + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−")
+                    if np.isfinite(v)
+                    else ""
+                )
+                for v in row
+            ]
             for row in matrix
         ]
         trace["texttemplate"] = "%{text}"
     font = {"size": 12 if len(names) <= 40 else 9}
-    axis: dict[str, Any] = {"type": "category", "showgrid": False, "zeroline": False, "tickfont": font}
+    axis: dict[str, Any] = {
+        "type": "category",
+        "showgrid": False,
+        "zeroline": False,
+        "tickfont": font,
+    }
     rows = {**axis, "autorange": "reversed", "dtick": 1}
     columns = {**axis, "tickangle": -50} | ({"dtick": 1} if len(names) <= 40 else {})
     return {"data": [trace], "height": height, "layout": {"xaxis": columns, "yaxis": rows}}
@@ -277,7 +347,12 @@ def cost_path(result: UpdateResult) -> Figure | None:
                 "name": "step refused",
                 "x": [h.number for h in refused],
                 "y": numbers([max(h.cost, foot) for h in refused]),
-                "marker": {"symbol": "x-thin-open", "color": "@muted", "size": 9, "line": {"width": 2}},
+                "marker": {
+                    "symbol": "x-thin-open",
+                    "color": "@muted",
+                    "size": 9,
+                    "line": {"width": 2},
+                },
                 "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
             }
         )
@@ -286,7 +361,12 @@ def cost_path(result: UpdateResult) -> Figure | None:
         "height": 320,
         "layout": {
             "xaxis": _iterations(result),
-            "yaxis": {"title": {"text": "cost"}, "type": "log", "exponentformat": "power", "dtick": log_step(positive)},
+            "yaxis": {
+                "title": {"text": "cost"},
+                "type": "log",
+                "exponentformat": "power",
+                "dtick": log_step(positive),
+            },
             "showlegend": True,
         },
     }
@@ -294,7 +374,11 @@ def cost_path(result: UpdateResult) -> Figure | None:
 
 def _iterations(result: UpdateResult) -> dict[str, Any]:
     last = max(h.number for h in result.history)
-    return {"title": {"text": "iteration"}, "range": [-0.02 * last - 0.2, 1.02 * last + 0.2], "zeroline": False}
+    return {
+        "title": {"text": "iteration"},
+        "range": [-0.02 * last - 0.2, 1.02 * last + 0.2],
+        "zeroline": False,
+    }
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
@@ -304,7 +388,10 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
         return None
     relative = chosen[0].is_factor
     paths = {
-        p.name: np.array([h.values.get(p.name, np.nan) for h in steps]) / (p.start if relative else 1.0) for p in chosen
+        p.name: (
+            np.array([h.values.get(p.name, np.nan) for h in steps]) / (p.start if relative else 1.0)
+        )
+        for p in chosen
     }
     moved = sorted(paths, key=lambda n: -_excursion(paths[n]))
     named = set(moved[:_LEGEND_ENTRIES])

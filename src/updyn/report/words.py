@@ -138,7 +138,9 @@ def unknown(name: str) -> str:
 def combination(direction: Mapping[str, float]) -> str:
     """Return weights by unknown as words, the largest first: what goes up, what goes down, by how much."""
     shown, more = _largest(direction)
-    terms = [f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in shown]
+    terms = [
+        f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in shown
+    ]
     return ", ".join(terms) + more
 
 
@@ -155,7 +157,10 @@ def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], s
     rest = ordered[_WRITTEN_TERMS:]
     if not rest:
         return ordered, ""
-    return ordered[:_WRITTEN_TERMS], f", and {len(rest)} more with weights up to {number(abs(rest[0][1]), 3)}"
+    return (
+        ordered[:_WRITTEN_TERMS],
+        f", and {len(rest)} more with weights up to {number(abs(rest[0][1]), 3)}",
+    )
 
 
 def unit(quantity: str, response: str, reference: str) -> str:
@@ -180,8 +185,8 @@ def change(parameter: Parameter, value: float) -> str:
 def interval(parameter: Parameter, value: float, std: float) -> tuple[float, float] | None:
     """Return the 95 % interval, or None where the data leave the unknown open.
 
-    Symmetric in the logarithm for a factor (it is estimated there, and stays positive), symmetric and cut at 0 for a
-    loss factor; 1.96 standard deviations of a Gaussian.
+    Symmetric in the logarithm for a factor (it is estimated there, and stays positive), symmetric
+    and cut at 0 for a loss factor; 1.96 standard deviations of a Gaussian.
     """
     if not math.isfinite(std) or not math.isfinite(value):
         return None
@@ -199,7 +204,8 @@ def verdict(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) ->
     result : UpdateResult
         The result.
     figures : mapping of str to mapping of str to float
-        ``before``, ``after`` and ``validation``: each with ``frac_median`` and ``db_error_median`` where known.
+        ``before``, ``after`` and ``validation``: each with ``frac_median`` and ``db_error_median``
+        where known.
     """
     badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
     return Verdict(badge, kind, _status_sentence(result), _agreement_sentence(result, figures))
@@ -218,30 +224,53 @@ def _status_sentence(result: UpdateResult) -> str:
         determined = f"the data determine only {rank} independent combinations of the {n} unknowns"
     texts = {
         "converged": f"The fit converged {in_steps}, and {determined}.",
-        "not-identifiable": f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary.",
-        "max-iterations": f"The fit was still moving when it reached its limit {in_steps}; {determined}.",
-        "stalled": f"The fit stalled {in_steps}: no step lowered the misfit further though it had not converged; "
-        f"{determined}.",
-        "stopped": f"The fit was stopped by the user {in_steps}; the values are those of its best step.",
-        "failed": f"The fit failed {in_steps}; the values below are not an update and must not be used as one.",
+        "not-identifiable": (
+            f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary."
+        ),
+        "max-iterations": (
+            f"The fit was still moving when it reached its limit {in_steps}; {determined}."
+        ),
+        "stalled": (
+            f"The fit stalled {in_steps}: no step lowered the misfit further though it had not"
+            f" converged; {determined}."
+        ),
+        "stopped": (
+            f"The fit was stopped by the user {in_steps}; the values are those of its best step."
+        ),
+        "failed": (
+            f"The fit failed {in_steps}; the values below are not an update and must not be used as"
+            " one."
+        ),
     }
-    return texts.get(result.status, f"The fit ended with status {result.status!r} {in_steps}; {determined}.")
+    return texts.get(
+        result.status, f"The fit ended with status {result.status!r} {in_steps}; {determined}."
+    )
 
 
 def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> str:
     before, after = figures.get("before", {}), figures.get("after", {})
     if "frac_median" not in after:
         return "How well the updated model agrees with the measurement could not be computed."
-    parts = [_went("median FRAC", before.get("frac_median"), after["frac_median"], figure_of_agreement)]
+    parts = [
+        _went("median FRAC", before.get("frac_median"), after["frac_median"], figure_of_agreement)
+    ]
     if "db_error_median" in after:
         parts.append(
-            _went("the median level difference", before.get("db_error_median"), after["db_error_median"], decibels)
+            _went(
+                "the median level difference",
+                before.get("db_error_median"),
+                after["db_error_median"],
+                decibels,
+            )
         )
     text = " and ".join(parts)
     held = figures.get("validation", {})
     if held.get("frac_median") is not None:
         what = held_out(result) or "the validation data"
-        text += f"; on what was held out ({what}) the median FRAC is {figure_of_agreement(held['frac_median'])}"
+        text += (
+            f"; on what was held out ({what}) the median FRAC is"
+            f" {figure_of_agreement(held['frac_median'])}"
+        )
     return text[0].upper() + text[1:] + "."
 
 
@@ -269,7 +298,9 @@ def counted(n: int, noun: str) -> str:
 
 def extent(frf: FRF) -> str:
     """Return how many channels and lines there are, and from where to where."""
-    channels = f"{counted(len(frf.responses), 'response')} × {counted(len(frf.references), 'reference')}"
+    channels = (
+        f"{counted(len(frf.responses), 'response')} × {counted(len(frf.references), 'reference')}"
+    )
     first, last = number(float(frf.freq[0])), number(float(frf.freq[-1]))
     return f"{channels}, {counted(len(frf.freq), 'line')} from {first} to {last} Hz"
 
@@ -286,7 +317,11 @@ def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
 
 def chi_hint(noise: Mapping[str, Any]) -> str:
     """Return what a reduced chi-square of 1 means."""
-    return "by construction: noise taken from what is left" if noise_is_fitted(noise) else "1: what is left is noise"
+    return (
+        "by construction: noise taken from what is left"
+        if noise_is_fitted(noise)
+        else "1: what is left is noise"
+    )
 
 
 def held_out(result: UpdateResult) -> str:

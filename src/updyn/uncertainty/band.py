@@ -68,7 +68,11 @@ class Band:
             If it lacks a response or a reference.
         """
         if other.quantity != self.frf.quantity:
-            raise DataError(f"the band is about {self.frf.quantity}, the FRF about {other.quantity}")
-        same = other.select(lines=self.frf.freq, responses=self.frf.responses, references=self.frf.references)
+            raise DataError(
+                f"the band is about {self.frf.quantity}, the FRF about {other.quantity}"
+            )
+        same = other.select(
+            lines=self.frf.freq, responses=self.frf.responses, references=self.frf.references
+        )
         size = np.abs(same.values)
         return np.asarray((size >= self.lower) & (size <= self.upper))

@@ -96,16 +96,19 @@ def bootstrap(
     seed : int
         Of the noise; refit number i is the same whatever `n`.
     kind : {"parametric", "residual"}
-        ``"parametric"``: the answer of the updated model plus normal noise of the variance that the fit has found,
-        inflation included (Efron & Tibshirani, An Introduction to the Bootstrap, 1993, section 6.5). ``"residual"``:
-        plus residuals of the fit, over their standard deviation, drawn with replacement in runs of lines as long as the
-        residual is correlated (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
+        ``"parametric"``: the answer of the updated model plus normal noise of the variance that the
+        fit has found, inflation included (Efron & Tibshirani, An Introduction to the Bootstrap,
+        1993, section 6.5). ``"residual"``: plus residuals of the fit, over their standard
+        deviation, drawn with replacement in runs of lines as long as the residual is correlated
+        (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
     accuracy : float
-        Large models are refitted in a reduced model about the estimate, of this error (`updyn.update`).
+        Large models are refitted in a reduced model about the estimate, of this error
+        (`updyn.update`).
     engine : None, int, dask.distributed Client or Engine
         Where refits are made, as for `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every refit; returning True stops, and what has been drawn is returned.
+        Called with a `Progress` after every refit; returning True stops, and what has been drawn is
+        returned.
 
     Returns
     -------
@@ -121,10 +124,11 @@ def bootstrap(
 
     Notes
     -----
-    Refits start at the estimate, by the method of the result without its search, and estimate the noise again where the
-    fit did. A prior is data too: its centre is drawn anew about the estimate, so that the spread is that of the
-    posterior where the model is linear (Bardsley et al., SIAM J. Sci. Comput. 36 (2014) A1895). The bootstrap is not
-    consistent for an unknown on its bound (Andrews, Econometrica 68 (2000) 399); use `updyn.profile` there.
+    Refits start at the estimate, by the method of the result without its search, and estimate the
+    noise again where the fit did. A prior is data too: its centre is drawn anew about the estimate,
+    so that the spread is that of the posterior where the model is linear (Bardsley et al., SIAM J.
+    Sci. Comput. 36 (2014) A1895). The bootstrap is not consistent for an unknown on its bound
+    (Andrews, Econometrica 68 (2000) 399); use `updyn.profile` there.
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 2:
         raise OptionError(f"n = {n!r}: expected a number of refits from 2 up")
@@ -155,7 +159,12 @@ def bootstrap(
         except Stopped:
             pass
     return _draws(
-        result, setting, found, int(n), acceleration, {"n": int(n), "seed": seed, "resampling": kind} | figures
+        result,
+        setting,
+        found,
+        int(n),
+        acceleration,
+        {"n": int(n), "seed": seed, "resampling": kind} | figures,
     )
 
 
@@ -169,11 +178,19 @@ def _refits(setting: Setting, kind: str) -> _Refits:
         count = 2 * setting.problem.n_values
         scale = np.sqrt(count / max(count - setting.problem.n, 1))
         whitened = tuple(
-            scale * (part.frf.values - h) / s for part, h, s in zip(setting.problem.parts, H, std, strict=True)
+            scale * (part.frf.values - h) / s
+            for part, h, s in zip(setting.problem.parts, H, std, strict=True)
         )
     length = float(setting.first.noise.get("correlation_length", 1.0))
     return _Refits(
-        setting.problem, setting.strategy(), setting.begun(), setting.x, H, std, whitened, int(np.ceil(length))
+        setting.problem,
+        setting.strategy(),
+        setting.begun(),
+        setting.x,
+        H,
+        std,
+        whitened,
+        int(np.ceil(length)),
     )
 
 
@@ -189,7 +206,9 @@ def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
         else:
             draw = rng.standard_normal((2, *shape)) / np.sqrt(2.0)
             noise = draw[0] + 1j * draw[1]
-        parts.append(replace(part, frf=replace(part.frf, values=refits.H[i] + refits.std[i] * noise)))
+        parts.append(
+            replace(part, frf=replace(part.frf, values=refits.H[i] + refits.std[i] * noise))
+        )
     task = together(parts)
     try:
         fit = refits.strategy.fit(task, refits.noises, Monitor(task), refits.x)
@@ -209,7 +228,12 @@ def _with_priors(refits: _Refits, rng: np.random.Generator) -> Task:
     parameters = coordinates.parameters
     start = np.clip(coordinates.to_values(centre), parameters.lower, parameters.upper)
     drawn = parameters.with_start(np.where(weight > 0, start, parameters.start))
-    return together([replace(p, coordinates=replace(coordinates, parameters=drawn)) for p in refits.problem.parts])
+    return together(
+        [
+            replace(p, coordinates=replace(coordinates, parameters=drawn))
+            for p in refits.problem.parts
+        ]
+    )
 
 
 def _lines(rng: np.random.Generator, n_lines: int, run: int) -> NDArray[np.intp]:
@@ -222,7 +246,8 @@ def _lines(rng: np.random.Generator, n_lines: int, run: int) -> NDArray[np.intp]
 def _acceleration(setting: Setting) -> _Vector:
     """Return the acceleration of BCa intervals, shape (n,): skewness of what each line does to the estimate, over 6.
 
-    By the infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron 1987, eq. 7.3).
+    By the infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5)
+    (Efron 1987, eq. 7.3).
     """
     likelihood = setting.likelihood()
     local = likelihood.local(setting.x)
@@ -265,16 +290,22 @@ def _draws(
         said.append(f"Stopped after {len(found)} of {n} refits.")
     if failed:
         reasons = ", ".join(f"{reason} ({count})" for reason, count in failed.most_common())
-        said.append(f"{sum(failed.values())} of {len(found)} refits failed: {reasons}; they are not among the draws.")
+        said.append(
+            f"{sum(failed.values())} of {len(found)} refits failed: {reasons}; they are not among"
+            " the draws."
+        )
     enough = sum(failed.values()) <= _FAILED * len(found) and len(kept) > 1
     if not enough:
         said.append("The draws are not to be relied on.")
     bounded = [name for name in setting.names if name in setting.first.at_bound]
     if bounded:
-        said.append(f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}.")
+        said.append(
+            f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}."
+        )
     if options.get("error", 0.0) > options.get("accuracy", np.inf):
         said.append(
-            f"The reduced model errs by {options['error']:.1g} at the furthest draws, not {options['accuracy']:g}."
+            f"The reduced model errs by {options['error']:.1g} at the furthest draws, not"
+            f" {options['accuracy']:g}."
         )
         enough = False
     spread = values.std(axis=0, ddof=1) if len(kept) > 1 else np.full(len(parameters), np.nan)
@@ -288,7 +319,11 @@ def _draws(
         parameters.lower,
         parameters.upper,
         parameters.is_factor,
-        {"acceleration": acceleration, "mcse_mean": spread / np.sqrt(count), "mcse_std": spread / np.sqrt(2.0 * count)},
+        {
+            "acceleration": acceleration,
+            "mcse_mean": spread / np.sqrt(count),
+            "mcse_std": spread / np.sqrt(2.0 * count),
+        },
         dict(failed),
         enough,
         " ".join(said),

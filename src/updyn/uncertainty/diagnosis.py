@@ -26,8 +26,8 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
     Returns
     -------
     dict of str to ndarray of float, shape (n,)
-        ``r_hat`` between the ensembles, all draws of one counted as one chain; ``ess_bulk``, ``ess_tail``,
-        ``mcse_mean``, ``mcse_std`` with the walkers as chains.
+        ``r_hat`` between the ensembles, all draws of one counted as one chain; ``ess_bulk``,
+        ``ess_tail``, ``mcse_mean``, ``mcse_std`` with the walkers as chains.
 
     Notes
     -----
@@ -45,7 +45,9 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
         return {
             "r_hat": np.asarray(array_stats.rhat(whole, **axes)),
             "ess_bulk": np.asarray(array_stats.ess(by_unknown, **axes, method="bulk")),
-            "ess_tail": np.asarray(array_stats.ess(by_unknown, **axes, method="tail", prob=(0.05, 0.95))),
+            "ess_tail": np.asarray(
+                array_stats.ess(by_unknown, **axes, method="tail", prob=(0.05, 0.95))
+            ),
             "mcse_mean": np.asarray(array_stats.mcse(by_unknown, **axes, method="mean")),
             "mcse_std": np.asarray(array_stats.mcse(by_unknown, **axes, method="sd")),
         }

@@ -35,18 +35,21 @@ class Draws:
     chains : ndarray of float, shape (n_chains, n_draws, n)
         Values in the unit of each unknown. A bootstrap is one chain.
     estimate, std : ndarray of float, shape (n,)
-        Of the update: values, and Laplace standard deviations (inf where it leaves the unknown open).
+        Of the update: values, and Laplace standard deviations (inf where it leaves the unknown
+        open).
     lower, upper : ndarray of float, shape (n,)
         Bounds of the unknowns.
     is_factor : ndarray of bool, shape (n,)
         Which are positive factors, taken in their logarithm, not loss factors.
     diagnostics : dict of str to ndarray of float, shape (n,)
-        Of a sampling, by ArviZ: ``r_hat``, ``ess_bulk``, ``ess_tail``, ``mcse_mean``, ``mcse_std`` (in the unit of the
-        unknown). Of a bootstrap: ``acceleration`` (of BCa intervals) and ``mcse_mean``, ``mcse_std``.
+        Of a sampling, by ArviZ: ``r_hat``, ``ess_bulk``, ``ess_tail``, ``mcse_mean``, ``mcse_std``
+        (in the unit of the unknown). Of a bootstrap: ``acceleration`` (of BCa intervals) and
+        ``mcse_mean``, ``mcse_std``.
     failed : dict of str to int
         Draws that were tried and gave no value, by reason.
     converged : bool
-        Whether the draws can be relied on: a sampling has converged, nearly all refits of a bootstrap have succeeded.
+        Whether the draws can be relied on: a sampling has converged, nearly all refits of a
+        bootstrap have succeeded.
     message : str
         What to know, in words.
     options : dict
@@ -126,12 +129,18 @@ class Draws:
             If the update has other unknowns or another estimate.
         """
         same = tuple(result.parameters.names) == self.names
-        if not same or not np.allclose([result.values[n] for n in self.names], self.estimate, rtol=1e-9, atol=1e-12):
-            raise OptionError("these draws are about another update: its unknowns or its estimate differ")
+        if not same or not np.allclose(
+            [result.values[n] for n in self.names], self.estimate, rtol=1e-9, atol=1e-12
+        ):
+            raise OptionError(
+                "these draws are about another update: its unknowns or its estimate differ"
+            )
         return replace(self, result=result)
 
     # -- intervals -----------------------------------------------------------------------------------------
-    def intervals(self, level: float = 0.95, kind: str | None = None) -> dict[str, tuple[float, float]]:
+    def intervals(
+        self, level: float = 0.95, kind: str | None = None
+    ) -> dict[str, tuple[float, float]]:
         """Return an interval by unknown, in its unit.
 
         Parameters
@@ -139,9 +148,10 @@ class Draws:
         level : float
             Share of the probability within, between 0 and 1.
         kind : str, optional
-            Of a bootstrap: ``"percentile"`` (default), ``"basic"`` (reflected at the estimate, in the logarithm of a
-            factor), or ``"bca"`` (corrected for bias and acceleration; Efron, J. Am. Stat. Assoc. 82 (1987) 171). Of a
-            sampling: ``"percentile"`` (default, equal tails) or ``"highest"`` (the shortest).
+            Of a bootstrap: ``"percentile"`` (default), ``"basic"`` (reflected at the estimate, in
+            the logarithm of a factor), or ``"bca"`` (corrected for bias and acceleration; Efron, J.
+            Am. Stat. Assoc. 82 (1987) 171). Of a sampling: ``"percentile"`` (default, equal tails)
+            or ``"highest"`` (the shortest).
 
         Raises
         ------
@@ -153,10 +163,17 @@ class Draws:
         known = INTERVALS[self.kind]
         kind = known[0] if kind is None else kind
         if kind not in known:
-            raise OptionError(f"intervals of a {self.kind} of kind {kind!r}: {suggest(str(kind), known)}")
+            raise OptionError(
+                f"intervals of a {self.kind} of kind {kind!r}: {suggest(str(kind), known)}"
+            )
         if len(self) < 2:
             raise OptionError(f"{len(self)} draws are too few for an interval")
-        ends = {"percentile": self._percentile, "basic": self._basic, "bca": self._bca, "highest": self._highest}
+        ends = {
+            "percentile": self._percentile,
+            "basic": self._basic,
+            "bca": self._bca,
+            "highest": self._highest,
+        }
         low, high = np.clip(ends[kind](0.5 * (1.0 - level)), self.lower, self.upper)
         return {n: (float(a), float(b)) for n, a, b in zip(self.names, low, high, strict=True)}
 
@@ -167,7 +184,9 @@ class Draws:
         low, high = self._percentile(tail)
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = np.array([self.estimate**2 / high, self.estimate**2 / low])
-        return np.where(self.is_factor, factor, np.array([2 * self.estimate - high, 2 * self.estimate - low]))
+        return np.where(
+            self.is_factor, factor, np.array([2 * self.estimate - high, 2 * self.estimate - low])
+        )
 
     def _bca(self, tail: float) -> NDArray[np.float64]:
         values, count = self.values, len(self)
@@ -198,13 +217,19 @@ class Draws:
         """
         width = max(28, *(len(name) + 2 for name in self.names))
         tried = f", {sum(self.failed.values())} more failed" if self.failed else ""
-        head = [f"{self.kind.capitalize()}: {len(self)} draws{tried}", *filter(None, [self.message]), ""]
+        head = [
+            f"{self.kind.capitalize()}: {len(self)} draws{tried}",
+            *filter(None, [self.message]),
+            "",
+        ]
         if len(self) < 2:
             return "\n".join(head).rstrip()
         more = [k for k in ("r_hat", "ess_bulk", "ess_tail") if k in self.diagnostics]
         columns = ["value", "mean", "std", "Laplace std", "lower", "upper", *more]
         head.append(
-            f"{'unknown':<{width}}" + "".join(f"{c:>13}" for c in columns) + f"   ({100 * level:g} % intervals)"
+            f"{'unknown':<{width}}"
+            + "".join(f"{c:>13}" for c in columns)
+            + f"   ({100 * level:g} % intervals)"
         )
         ends, mean, std = self.intervals(level), self.mean, self.deviation
         for k, name in enumerate(self.names):

@@ -1,7 +1,8 @@
 """Minima beside the estimate: other values of the unknowns that explain the data about as well.
 
-Descents start from random points, by the log error first, whose basins are wide; and from the estimate with two
-unknowns of a kind exchanged: data that cannot tell which of two parts is the stiff one are the usual reason for humps.
+Descents start from random points, by the log error first, whose basins are wide; and from the
+estimate with two unknowns of a kind exchanged: data that cannot tell which of two parts is the
+stiff one are the usual reason for humps.
 """
 
 from __future__ import annotations
@@ -22,15 +23,18 @@ __all__ = ["STARTS", "find_humps"]
 
 _Vector = NDArray[np.float64]
 
-#: Random starts where none are asked for, how far they lie off (logarithms of factors), and the least loss factor of
-#: every other one: inflated damping widens the basin.
+#: Random starts where none are asked for, how far they lie off (logarithms of factors), and the
+#: least loss factor of every other one: inflated damping widens the basin.
 STARTS = 8
 _SPREAD, _INFLATED = 1.0, 0.1
-#: Exchanges that are looked into further, and humps this much less likely (in logarithm) that are still kept.
+#: Exchanges that are looked into further, and humps this much less likely (in logarithm) that are
+#: still kept.
 _EXCHANGES, _FAINT = 3, 12.0
 
 
-def find_humps(likelihood: Likelihood, best: Point, starts: int, seed: int, watch: Watch | None = None) -> list[Point]:
+def find_humps(
+    likelihood: Likelihood, best: Point, starts: int, seed: int, watch: Watch | None = None
+) -> list[Point]:
     """Return the minima that explain the data about as well as the best, that one first.
 
     Parameters
@@ -70,7 +74,9 @@ def find_humps(likelihood: Likelihood, best: Point, starts: int, seed: int, watc
     return [p for p in found if p.cost < found[0].cost + _FAINT]
 
 
-def _random(likelihood: Likelihood, x: _Vector, starts: int, seed: int) -> Iterator[tuple[_Vector, bool]]:
+def _random(
+    likelihood: Likelihood, x: _Vector, starts: int, seed: int
+) -> Iterator[tuple[_Vector, bool]]:
     lower, upper = likelihood.bounds
     factor = likelihood.problem.coordinates.parameters.is_factor
     draws = qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
@@ -86,7 +92,11 @@ def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bo
     tries = []
     for i in range(len(x)):
         for j in range(i):
-            if items[i].quantity == items[j].quantity and not items[i].drives and not items[j].drives:
+            if (
+                items[i].quantity == items[j].quantity
+                and not items[i].drives
+                and not items[j].drives
+            ):
                 other = np.array(x)
                 other[[i, j]] = x[[j, i]]
                 tries.append(np.clip(other, lower, upper))

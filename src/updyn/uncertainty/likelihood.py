@@ -1,13 +1,15 @@
 """The likelihood of a fit with its priors, as a function of the unknowns, and its descents.
 
-The density is that of circular complex Gaussian noise whose variance is held as the fit has found it,
+The density is that of circular complex Gaussian noise whose variance is held as the fit has found
+it,
 
     -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2) + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
 
-with sigma^2 = E|dH|^2 times the square of the fit's inflation, so that near the estimate it is the Gaussian of the
-Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm of a factor, a loss factor as it is.
-Priors are Gaussian there where the unknown has one, and flat within its bounds where not; so a factor without a prior
-is as likely to lie between 0.5 and 1 as between 1 and 2 (Jaynes 1968: the prior of a scale).
+with sigma^2 = E|dH|^2 times the square of the fit's inflation, so that near the estimate it is the
+Gaussian of the Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm
+of a factor, a loss factor as it is. Priors are Gaussian there where the unknown has one, and flat
+within its bounds where not; so a factor without a prior is as likely to lie between 0.5 and 1 as
+between 1 and 2 (Jaynes 1968: the prior of a scale).
 """
 
 from __future__ import annotations
@@ -129,7 +131,9 @@ class Likelihood:
         if evaluate(start) is None:
             return None
         settings = TrustRegion(_STEPS, 1e-8, fall=1e-6)
-        outcome = settings.minimise(lambda y: _again(seen, free, y) or evaluate(y), start, lower[free], upper[free])
+        outcome = settings.minimise(
+            lambda y: _again(seen, free, y) or evaluate(y), start, lower[free], upper[free]
+        )
         full = np.array(x)
         full[free] = outcome.x
         return Point(full, seen[outcome.x.tobytes()])

@@ -18,9 +18,11 @@ __all__ = ["Mixture"]
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 
-#: Degrees of freedom: tails heavier than those of any posterior in bounds, at little cost near the middle.
+#: Degrees of freedom: tails heavier than those of any posterior in bounds, at little cost near the
+#: middle.
 _FREEDOM = 6.0
-#: Least share of a hump; more draws than this many times the unknowns are needed to learn its covariance from them.
+#: Least share of a hump; more draws than this many times the unknowns are needed to learn its
+#: covariance from them.
 _LEAST, _ENOUGH = 0.1, 10
 
 
@@ -60,7 +62,9 @@ class Mixture:
 
     def adapted(self, X: _Matrix) -> Mixture:
         """Return the mixture with middles, scales and shares as draws X, shape (m, n), say."""
-        nearest = np.argmin([_distances(X, m, A) for m, A in zip(self.means, self.roots, strict=True)], axis=0)
+        nearest = np.argmin(
+            [_distances(X, m, A) for m, A in zip(self.means, self.roots, strict=True)], axis=0
+        )
         means, roots, volumes, shares = [], [], [], []
         for k in range(len(self.means)):
             own = X[nearest == k]
@@ -74,7 +78,9 @@ class Mixture:
             roots.append(root)
             volumes.append(volume)
             shares.append(len(own) / len(X))
-        return Mixture(np.array(means), np.array(roots), np.array(volumes), _floored(np.array(shares)))
+        return Mixture(
+            np.array(means), np.array(roots), np.array(volumes), _floored(np.array(shares))
+        )
 
     def draw(self, random: Any, count: int) -> _Matrix:
         """Return draws, shape (count, n), with numbers from a `numpy.random.RandomState`."""
@@ -91,7 +97,9 @@ class Mixture:
         constant = gammaln(power) - gammaln(0.5 * _FREEDOM)
         terms = [
             np.log(share) - volume - power * np.log1p(_distances(X, mean, root) / _FREEDOM)
-            for mean, root, volume, share in zip(self.means, self.roots, self.log_volumes, self.shares, strict=True)
+            for mean, root, volume, share in zip(
+                self.means, self.roots, self.log_volumes, self.shares, strict=True
+            )
         ]
         return np.asarray(constant + logsumexp(terms, axis=0))
 

@@ -48,8 +48,8 @@ def predict(
     Parameters
     ----------
     source : UpdateResult, JointResult or Draws
-        An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws of a bootstrap or a
-        sampling: the model is solved at up to 1000 of them, evenly chosen.
+        An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws
+        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly chosen.
     freq : array_like of float, shape (n_f,)
         Lines in Hz, also others than were measured.
     responses, references : iterable of str or Dof
@@ -57,7 +57,8 @@ def predict(
     level : float
         Share of the probability within, between 0 and 1, at every value by itself.
     noise : bool
-        Whether the band is about a measurement yet to be made, with the noise of the fit, or about the structure.
+        Whether the band is about a measurement yet to be made, with the noise of the fit, or about
+        the structure.
     quantity : str, optional
         Of the FRF; by default that of the measurement.
     test : str, optional
@@ -72,8 +73,8 @@ def predict(
     Raises
     ------
     OptionError
-        If an option is not understood, draws read from a file were not given their update (`Draws.of`), or the noise of
-        the fit is known at measured values only.
+        If an option is not understood, draws read from a file were not given their update
+        (`Draws.of`), or the noise of the fit is known at measured values only.
     DofError
         If a response or a reference is no DOF of the model.
     SolverError
@@ -81,16 +82,19 @@ def predict(
 
     Notes
     -----
-    The band is about what the unknowns and the noise leave unsure; it does not know of a wrong model. Magnitude and
-    phase come from d ln H = dH / H. Where the data leave a combination of unknowns open, the band is infinite at values
-    that it moves, and not affected at those that it does not.
+    The band is about what the unknowns and the noise leave unsure; it does not know of a wrong
+    model. Magnitude and phase come from d ln H = dH / H. Where the data leave a combination of
+    unknowns open, the band is infinite at values that it moves, and not affected at those that it
+    does not.
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
     draws = source if isinstance(source, Draws) else None
     about = source if draws is None else draws.result
     if isinstance(source, Draws) and about is None:
-        raise OptionError("these draws were read from a file; give them their update first: draws.of(result)")
+        raise OptionError(
+            "these draws were read from a file; give them their update first: draws.of(result)"
+        )
     assert not isinstance(about, Draws)
     result = _chosen(about, test)
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
@@ -105,10 +109,15 @@ def predict(
 def _chosen(about: UpdateResult | JointResult | None, test: str | None) -> UpdateResult:
     if isinstance(about, JointResult):
         if test is None or test not in about.results:
-            raise OptionError(f"test = {test!r}: which test's model is to answer? {suggest(str(test), about.results)}")
+            raise OptionError(
+                f"test = {test!r}: which test's model is to answer?"
+                f" {suggest(str(test), about.results)}"
+            )
         return about.results[test]
     if not isinstance(about, UpdateResult):
-        raise OptionError(f"expected the result of an update or draws, found {type(about).__name__}")
+        raise OptionError(
+            f"expected the result of an update or draws, found {type(about).__name__}"
+        )
     if test is not None:
         raise OptionError(f"test = {test!r}: this update has one test only")
     return about
@@ -135,11 +144,13 @@ def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
         raise OptionError(
-            f"noise: that of the fit ({kind or 'not known'}) is known at the measured values only; leave it out of the "
-            "band, or update with noise that is stated or estimated"
+            f"noise: that of the fit ({kind or 'not known'}) is known at the measured values only;"
+            " leave it out of the band, or update with noise that is stated or estimated"
         )
     if result.noise.get("floor") and problem.frf.quantity != result.frf.quantity:
-        raise OptionError(f"noise: its floor is known for {result.frf.quantity}; predict that quantity")
+        raise OptionError(
+            f"noise: its floor is known for {result.frf.quantity}; predict that quantity"
+        )
     stated = Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
     H = problem.responses(x)
     # The floor is a share of the level of what was measured in the same unit.
@@ -150,14 +161,20 @@ def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:
     for at in np.ndindex(*level.shape):
         like = levels[kinds == _units(problem.frf)[at]]
         if not like.size and stated.floor > 0.0:
-            raise OptionError(f"noise: nothing was measured in the unit of {problem.frf.responses[at[0]]}")
+            raise OptionError(
+                f"noise: nothing was measured in the unit of {problem.frf.responses[at[0]]}"
+            )
         level[at] = like[0] if like.size else 0.0
     inflation = float(result.noise.get("inflation", 1.0)) ** 2
-    return np.asarray(((stated.relative * np.abs(H)) ** 2 + (stated.floor * level) ** 2) * inflation)
+    return np.asarray(
+        ((stated.relative * np.abs(H)) ** 2 + (stated.floor * level) ** 2) * inflation
+    )
 
 
 def _units(frf: FRF) -> NDArray[np.int_]:
-    return np.asarray(2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :], dtype=np.int_)
+    return np.asarray(
+        2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :], dtype=np.int_
+    )
 
 
 def _from_laplace(
@@ -188,7 +205,10 @@ def _from_laplace(
         spread = np.where(opens, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
         turn = np.minimum(np.where(opens, np.inf, z * np.sqrt(np.maximum(phase, 0.0))), np.pi)
         size = np.abs(H)
-        low, high = np.where(size > 0, size * np.exp(-spread), 0.0), np.where(size > 0, size * np.exp(spread), np.inf)
+        low, high = (
+            np.where(size > 0, size * np.exp(-spread), 0.0),
+            np.where(size > 0, size * np.exp(spread), np.inf),
+        )
     angle = np.angle(H)
     return Band(
         _frf(problem, H), level, "Laplace", noise is not None,
@@ -214,14 +234,20 @@ def _covariance(
 def _solved(problem: Problem, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
     blocks = list(problem.blocks(x))
-    return np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks if b.dH is not None], axis=1)
+    return np.concatenate([b.H for b in blocks]), np.concatenate(
+        [b.dH for b in blocks if b.dH is not None], axis=1
+    )
 
 
-def _from_draws(problem: Problem, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int) -> Band:
+def _from_draws(
+    problem: Problem, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int
+) -> Band:
     values = draws.values
     if len(values) < 2:
         raise OptionError(f"{len(values)} draws are too few for a band")
-    at = np.unique(np.linspace(0, len(values) - 1, min(_DRAWS, len(values))).round().astype(np.intp))
+    at = np.unique(
+        np.linspace(0, len(values) - 1, min(_DRAWS, len(values))).round().astype(np.intp)
+    )
     H = problem.responses(x)
     drawn = np.array([problem.responses(problem.coordinates.to_x(values[i])) for i in at])
     if noise is not None:
@@ -230,7 +256,9 @@ def _from_draws(problem: Problem, x: _Real, draws: Draws, level: float, noise: _
     tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
     low, high = np.quantile(np.abs(drawn), tails, axis=0)
     angle = np.angle(H)
-    turned = angle + np.angle(drawn * np.exp(-1j * angle))  # nearest to the prediction, whatever the branch
+    turned = angle + np.angle(
+        drawn * np.exp(-1j * angle)
+    )  # nearest to the prediction, whatever the branch
     left, right = np.quantile(turned, tails, axis=0)
     return Band(
         _frf(problem, H), level, draws.kind, noise is not None,

@@ -44,10 +44,11 @@ def profile(
 ) -> Profiles:
     """Find intervals by profile likelihood.
 
-    The unknown is held at one value after the other, and all others are fitted again. The interval holds the values at
-    which the fit is worse by no more than half the quantile of chi-square with one degree of freedom, 1.92 at 95 %
-    (Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87; Raue et al., Bioinformatics 25 (2009) 1923). It follows curvature
-    that the Laplace covariance does not see, it may be lopsided or open, and it keeps within the bounds.
+    The unknown is held at one value after the other, and all others are fitted again. The interval
+    holds the values at which the fit is worse by no more than half the quantile of chi-square with
+    one degree of freedom, 1.92 at 95 % (Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87; Raue et al.,
+    Bioinformatics 25 (2009) 1923). It follows curvature that the Laplace covariance does not see,
+    it may be lopsided or open, and it keeps within the bounds.
 
     Parameters
     ----------
@@ -59,13 +60,15 @@ def profile(
     level : float
         Of the intervals, between 0 and 1.
     starts : int, optional
-        Random starts from which more humps of the likelihood are looked for; by default 8, for large models none.
+        Random starts from which more humps of the likelihood are looked for; by default 8, for
+        large models none.
     seed : int
         Of these starts.
     engine : None, int, dask.distributed Client or Engine
         Where the work is done, as for `updyn.update`; the figures do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every piece of work; returning True stops, and what has been found is returned.
+        Called with a `Progress` after every piece of work; returning True stops, and what has been
+        found is returned.
 
     Returns
     -------
@@ -80,9 +83,9 @@ def profile(
 
     Notes
     -----
-    Where an estimate lies on a bound, the interval begins there and is one-sided. Its coverage is then at least
-    `level`: a true value on the bound is covered more often, 97.5 % at 95 % (Self & Liang, J. Am. Stat. Assoc. 82
-    (1987) 605).
+    Where an estimate lies on a bound, the interval begins there and is one-sided. Its coverage is
+    then at least `level`: a true value on the bound is covered more often, 97.5 % at 95 % (Self &
+    Liang, J. Am. Stat. Assoc. 82 (1987) 605).
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
@@ -116,7 +119,12 @@ def profile(
 
 
 def _all(
-    likelihood: Likelihood, best: Point, at: Sequence[int], drop: float, search: tuple[int, int], watch: Watch
+    likelihood: Likelihood,
+    best: Point,
+    at: Sequence[int],
+    drop: float,
+    search: tuple[int, int],
+    watch: Watch,
 ) -> tuple[dict[int, Profile], Point]:
     """Profile the unknowns; where a better fit turns up on the way, from there again."""
     tops = find_humps(likelihood, best, *search, watch)
@@ -158,12 +166,21 @@ def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
     def value(x: float) -> float:
         for bound, given in zip(likelihood.bounds, (lower, upper), strict=True):
             if abs(x - bound[k]) <= 1e-12 * max(1.0, abs(x)):
-                return float(given[k])  # which the exponential of its logarithm may miss by the last digit
+                return float(
+                    given[k]
+                )  # which the exponential of its logarithm may miss by the last digit
         return float(coordinates.to_values(np.full(len(parameters), x))[k])
 
     others = np.clip(coordinates.to_values(found.others), lower, upper)
     humps = tuple(Hump(value(h.lower), value(h.best), value(h.upper), h.drop) for h in found.humps)
     values = np.array([value(x) for x in found.values])
     return Profile(
-        found.name, value(found.estimate), values, found.drop, others, humps, found.lower_end, found.upper_end
+        found.name,
+        value(found.estimate),
+        values,
+        found.drop,
+        others,
+        humps,
+        found.lower_end,
+        found.upper_end,
     )

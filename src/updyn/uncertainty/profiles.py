@@ -55,8 +55,9 @@ class Profile:
     humps : tuple of Hump
         Ranges that the data allow, ascending; more than one where they cannot be told apart.
     lower_end, upper_end : {"level", "bound", "zero", "unsolved"}
-        Why the outermost ends are where they are: the data say so; the bound of the unknown was reached first, so that
-        the data do not limit it; zero, below which no loss factor is; the model could not be solved further.
+        Why the outermost ends are where they are: the data say so; the bound of the unknown was
+        reached first, so that the data do not limit it; zero, below which no loss factor is; the
+        model could not be solved further.
     """
 
     name: str
@@ -82,9 +83,15 @@ class Profile:
     def note(self) -> str:
         """What to know about the ends, in words; may be empty."""
         said = []
-        sides = [side for side, end in (("lower", self.lower_end), ("upper", self.upper_end)) if end == "bound"]
+        sides = [
+            side
+            for side, end in (("lower", self.lower_end), ("upper", self.upper_end))
+            if end == "bound"
+        ]
         if sides:
-            said.append(f"no {' and no '.join(sides)} end within its bounds: the data do not limit it")
+            said.append(
+                f"no {' and no '.join(sides)} end within its bounds: the data do not limit it"
+            )
         if self.lower_end == "zero":
             said.append("zero is among the values that the data allow")
         if "unsolved" in (self.lower_end, self.upper_end):
@@ -110,8 +117,8 @@ class Profiles(Mapping[str, Profile]):
     missing : tuple of str
         Unknowns that were not reached before the caller stopped.
     better : dict of str to float
-        Values of all unknowns at a fit that is better than the one that was handed in, where one was found on the way;
-        the profiles are about that one then.
+        Values of all unknowns at a fit that is better than the one that was handed in, where one
+        was found on the way; the profiles are about that one then.
     """
 
     items_: tuple[Profile, ...]
@@ -155,8 +162,8 @@ class Profiles(Mapping[str, Profile]):
         said = []
         if self.better:
             said.append(
-                "A better fit than the estimate was found on the way, and the profiles are about it: start the update "
-                "there (`better`)."
+                "A better fit than the estimate was found on the way, and the profiles are about"
+                " it: start the update there (`better`)."
             )
         if self.missing:
             said.append(f"Stopped before {', '.join(self.missing)}.")
@@ -169,7 +176,10 @@ class Profiles(Mapping[str, Profile]):
         lines = [f"Profile likelihood, {percent} intervals", *filter(None, [self.message]), ""]
         lines.append(f"{'unknown':<{width}}{'lower':>14}{'value':>14}{'upper':>14}  note")
         for one in self.items_:
-            row = f"{one.name:<{width}}{one.lower:>14.6g}{one.estimate:>14.6g}{one.upper:>14.6g}  {one.note}"
+            row = (
+                f"{one.name:<{width}}{one.lower:>14.6g}{one.estimate:>14.6g}{one.upper:>14.6g} "
+                f" {one.note}"
+            )
             lines.append(row.rstrip())
         return "\n".join(lines)
 

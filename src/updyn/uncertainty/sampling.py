@@ -34,7 +34,8 @@ _Vector = NDArray[np.float64]
 
 #: Independent ensembles; steps before draws count, and of a round.
 _ENSEMBLES, _WARM, _ROUND = 4, 40, 25
-#: Share of steps that propose from the mixture of Gaussians, by differences of walkers, and by these with snooker.
+#: Share of steps that propose from the mixture of Gaussians, by differences of walkers, and by
+#: these with snooker.
 _MOVES = (0.7, 0.2, 0.1)
 #: A chain has to be so many times as long as its correlation.
 _LONG = 20
@@ -83,16 +84,18 @@ def sample(
     seed : int
         Of all random numbers.
     starts : int, optional
-        Random starts from which more humps of the posterior are looked for before; by default 8, for large models none.
+        Random starts from which more humps of the posterior are looked for before; by default 8,
+        for large models none.
     max_evaluations : int
         Where to end if the draws are not enough by then.
     accuracy : float
-        Large models are sampled in a reduced model about the estimate, of this error; it is checked at the draws that
-        lie furthest off, and the model mended there.
+        Large models are sampled in a reduced model about the estimate, of this error; it is checked
+        at the draws that lie furthest off, and the model mended there.
     engine : None, int, dask.distributed Client or Engine
         Where the four ensembles are advanced, as for `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every round; returning True stops, and what has been drawn is returned.
+        Called with a `Progress` after every round; returning True stops, and what has been drawn is
+        returned.
 
     Returns
     -------
@@ -102,21 +105,23 @@ def sample(
     Raises
     ------
     OptionError
-        If an option is not understood, the method of the result has no likelihood, or emcee or arviz-stats is missing.
+        If an option is not understood, the method of the result has no likelihood, or emcee or
+        arviz-stats is missing.
     SolverError
         If the model cannot be solved at the estimate.
 
     Notes
     -----
-    The density is that of `updyn.uncertainty.likelihood`: Gaussian noise of the variance that the fit has found,
-    Gaussian priors where given, else flat within the bounds, all in the logarithm of a factor and in a loss factor as
-    it is. Draws are made in these coordinates, so that no Jacobian enters; as factors they have the density of the
-    logarithm divided by the factor.
+    The density is that of `updyn.uncertainty.likelihood`: Gaussian noise of the variance that the
+    fit has found, Gaussian priors where given, else flat within the bounds, all in the logarithm of
+    a factor and in a loss factor as it is. Draws are made in these coordinates, so that no Jacobian
+    enters; as factors they have the density of the logarithm divided by the factor.
 
-    Walkers of four independent ensembles move by independent proposals from a mixture of Student's t, one for each hump
-    that was found (Metropolis-Hastings), and by differences of other walkers (ter Braak, Stat. Comput. 16 (2006) 239;
-    ter Braak & Vrugt, Stat. Comput. 18 (2008) 435). `benchmarks/samplers.py` compares this with other samplers. Split
-    R-hat compares the ensembles; effective sizes are those of Vehtari et al., Bayesian Anal. 16 (2021) 667, by ArviZ.
+    Walkers of four independent ensembles move by independent proposals from a mixture of Student's
+    t, one for each hump that was found (Metropolis-Hastings), and by differences of other walkers
+    (ter Braak, Stat. Comput. 16 (2006) 239; ter Braak & Vrugt, Stat. Comput. 18 (2008) 435).
+    `benchmarks/samplers.py` compares this with other samplers. Split R-hat compares the ensembles;
+    effective sizes are those of Vehtari et al., Bayesian Anal. 16 (2021) 667, by ArviZ.
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"n = {n!r}: expected a number of effective draws from 1 up")
@@ -193,21 +198,28 @@ class _Run:
             effective = min(found["ess_bulk"].min(), found["ess_tail"].min())
             self.watch.done = min(int(effective), self.n)
             self.watch.note = f"{effective:.0f} effective draws, R-hat {found['r_hat'].max():.3f}"
-            # The effective size of chains that are short against their own correlation is not to be believed.
+            # The effective size of chains that are short against their own correlation is not to be
+            # believed.
             believed = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
-            if self.watch.asks() or (effective >= self.n and believed and found["r_hat"].max() <= CHAINS_AGREE):
+            if self.watch.asks() or (
+                effective >= self.n and believed and found["r_hat"].max() <= CHAINS_AGREE
+            ):
                 return
 
     @property
     def _is_large(self) -> bool:
         return any(part.solver.tier != "dense" for part in self.setting.problem.parts)
 
-    def _begin(self, likelihood: Likelihood, mixture: Mixture, tops: Sequence[Point]) -> list[_Ensemble]:
+    def _begin(
+        self, likelihood: Likelihood, mixture: Mixture, tops: Sequence[Point]
+    ) -> list[_Ensemble]:
         """Return ensembles drawn from the mixture, within the bounds."""
         lower, upper = likelihood.bounds
         out = []
         for number in range(_ENSEMBLES):
-            random = np.random.RandomState(np.random.default_rng([self.seed, number]).integers(2**32))
+            random = np.random.RandomState(
+                np.random.default_rng([self.seed, number]).integers(2**32)
+            )
             coords = np.clip(mixture.draw(random, self.walkers), lower, upper)
             log_prob = np.array([-likelihood.cost(x) for x in coords])
             lost = ~np.isfinite(log_prob)
@@ -226,7 +238,11 @@ class _Run:
         found = list(problem.session.map(_steps, likelihood, items, spread=not problem.spreads))
         self.evaluations += steps * self.walkers * len(states)
         chains = np.concatenate([chain.transpose(1, 0, 2) for _, chain, _ in found])
-        return [state for state, _, _ in found], chains, float(np.mean([share for *_, share in found]))
+        return (
+            [state for state, _, _ in found],
+            chains,
+            float(np.mean([share for *_, share in found])),
+        )
 
     def furthest(self) -> NDArray[np.float64]:
         """Return the draws that lie furthest off, in the optimiser's coordinates."""
@@ -234,12 +250,19 @@ class _Run:
             return np.zeros((0, len(self.setting.x)))
         return furthest(self.chains.reshape(-1, self.chains.shape[-1]), _CHECKED)
 
-    def draws(self, result: UpdateResult | JointResult, surrogate: Surrogate | None, accuracy: float) -> Draws:
+    def draws(
+        self, result: UpdateResult | JointResult, surrogate: Surrogate | None, accuracy: float
+    ) -> Draws:
         """Return what was drawn, with its diagnosis."""
         coordinates = self.setting.problem.coordinates
         parameters = coordinates.parameters
         names = parameters.names
-        options: dict[str, Any] = {"n": self.n, "seed": self.seed, "humps": self.humps, "evaluations": self.evaluations}
+        options: dict[str, Any] = {
+            "n": self.n,
+            "seed": self.seed,
+            "humps": self.humps,
+            "evaluations": self.evaluations,
+        }
         options |= {"acceptance": self.accepted, "ensembles": _ENSEMBLES}
         if surrogate is not None:
             options |= {"basis": surrogate.size, "error": self.error, "accuracy": accuracy}
@@ -249,16 +272,27 @@ class _Run:
         if self.chains is None:
             none = np.zeros((1, 0, len(names)))
             text = "Stopped before there was a draw."
-            return Draws("sampling", tuple(names), none, *about, {}, {}, False, text, options, result)
+            return Draws(
+                "sampling", tuple(names), none, *about, {}, {}, False, text, options, result
+            )
         values = coordinates.to_values(self.chains)
         found = diagnose(values, _ENSEMBLES)
         said = self._said(found, names, surrogate, accuracy)
-        more = [f"{self.humps} separate ranges of values fit the data; both the draws and their shares cover them."]
+        more = [
+            f"{self.humps} separate ranges of values fit the data; both the draws and their shares"
+            " cover them."
+        ]
         text = " ".join(said + (more if self.humps > 1 and not said else []))
-        return Draws("sampling", tuple(names), values, *about, found, {}, not said, text, options, result)
+        return Draws(
+            "sampling", tuple(names), values, *about, found, {}, not said, text, options, result
+        )
 
     def _said(
-        self, found: dict[str, _Vector], names: list[str], surrogate: Surrogate | None, accuracy: float
+        self,
+        found: dict[str, _Vector],
+        names: list[str],
+        surrogate: Surrogate | None,
+        accuracy: float,
     ) -> list[str]:
         """Return why the draws cannot be relied on, in words; nothing where they can."""
         said = []
@@ -275,9 +309,14 @@ class _Run:
         if few:
             said.append(f"Too few effective draws of {', '.join(few)} ({effective.min():.0f}).")
         if said and self.evaluations >= self.max_evaluations:
-            said.append(f"Ended after {self.evaluations} evaluations; allow more by max_evaluations.")
+            said.append(
+                f"Ended after {self.evaluations} evaluations; allow more by max_evaluations."
+            )
         if surrogate is not None and self.error > accuracy:
-            said.append(f"The reduced model errs by {self.error:.1g} at the furthest draws, not {accuracy:g}.")
+            said.append(
+                f"The reduced model errs by {self.error:.1g} at the furthest draws, not"
+                f" {accuracy:g}."
+            )
         return said
 
 
@@ -309,4 +348,6 @@ def _check_installed() -> None:
         import arviz_stats  # noqa: F401
         import emcee  # noqa: F401
     except ImportError as error:
-        raise OptionError('sampling needs emcee and arviz-stats: pip install "updyn[sampling]"') from error
+        raise OptionError(
+            'sampling needs emcee and arviz-stats: pip install "updyn[sampling]"'
+        ) from error

@@ -77,7 +77,9 @@ class Setting:
             If the model cannot be solved at the estimate.
         """
         pairs = zip(self.noises, self.problem.parts, strict=True)
-        return [noise.variance(p.responses(self.x), p.frf) * self.inflation**2 for noise, p in pairs]
+        return [
+            noise.variance(p.responses(self.x), p.frf) * self.inflation**2 for noise, p in pairs
+        ]
 
     def likelihood(self) -> Likelihood:
         """Return the likelihood of the fit, its weights held as they are at the estimate.
@@ -87,7 +89,9 @@ class Setting:
         SolverError
             If the model cannot be solved at the estimate.
         """
-        return Likelihood(self.problem, Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances())))
+        return Likelihood(
+            self.problem, Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances()))
+        )
 
     def begun(self) -> tuple[NoiseModel, ...]:
         """Return the noise models as the fit began with them: numbers that are estimated are not known yet."""
@@ -98,11 +102,15 @@ class Setting:
         """Return the method as it was used, without its search."""
         known = options_of(self.first.method)
         options = {k: v for k, v in self.first.options.items() if k in known}
-        return make_method(self.first.method, options | ({"starts": 0} if "starts" in known else {}))
+        return make_method(
+            self.first.method, options | ({"starts": 0} if "starts" in known else {})
+        )
 
 
 def restore(
-    result: UpdateResult | JointResult, session: Session | None = None, methods: Sequence[str] = LIKELIHOOD
+    result: UpdateResult | JointResult,
+    session: Session | None = None,
+    methods: Sequence[str] = LIKELIHOOD,
 ) -> Setting:
     """Bring an update back to its problem.
 
@@ -122,7 +130,8 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method is none of these, it is regularised, or the fit did not end at a minimum.
+        If it is no result, its method is none of these, it is regularised, or the fit did not end
+        at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
@@ -130,15 +139,23 @@ def restore(
     first = results[0]
     if first.method not in methods:
         said = " or ".join(repr(m) for m in methods)
-        raise OptionError(f"method {first.method!r} does not minimise a likelihood; update with {said}")
+        raise OptionError(
+            f"method {first.method!r} does not minimise a likelihood; update with {said}"
+        )
     if "regularise" in first.options:
         raise OptionError(
-            "a regularised fit has no likelihood that would say how sure it is; give the unknowns priors (prior_std)"
+            "a regularised fit has no likelihood that would say how sure it is; give the unknowns"
+            " priors (prior_std)"
         )
     if first.status not in _ENDED or not all(r.noise for r in results):
-        raise OptionError(f"the update has ended as {first.status!r}, not at a minimum of the misfit: {first.message}")
+        raise OptionError(
+            f"the update has ended as {first.status!r}, not at a minimum of the misfit:"
+            f" {first.message}"
+        )
     session = session or Session()
-    problems = [_problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)]
+    problems = [
+        _problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)
+    ]
     whole = together(problems)
     x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
     shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
@@ -186,13 +203,19 @@ def _problem(result: UpdateResult, session: Session, name: str) -> Problem:
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     tier = "sparse" if result.options.get("tier") == "reduced" else result.options.get("tier")
     backend = None if tier == "dense" else result.options.get("backend")
-    return Problem.build(result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name)
+    return Problem.build(
+        result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
+    )
 
 
 def _noise(result: UpdateResult, problem: Problem, x: _Vector, share: int) -> NoiseModel:
     noise = noise_of_record(result.noise, result.frf.select(responses=result.fitted_responses))
     # Weights of outliers are those at the estimate; the rest is as recorded.
-    return noise.refit(problem.responses(x), problem.frf, share) if isinstance(noise, Robust) else noise
+    return (
+        noise.refit(problem.responses(x), problem.frf, share)
+        if isinstance(noise, Robust)
+        else noise
+    )
 
 
 def _begun(result: UpdateResult, problem: Problem, noise: NoiseModel) -> NoiseModel:

@@ -1,7 +1,8 @@
 """A reduced model about the estimate, in which draws of a large model are made, and its error at draws.
 
-A basis is made at the estimate and enriched at a few points about it, as far off as draws lie, until the full residual
-says that it is accurate there. Afterwards its error is taken at the draws that lie furthest off.
+A basis is made at the estimate and enriched at a few points about it, as far off as draws lie,
+until the full residual says that it is accurate there. Afterwards its error is taken at the draws
+that lie furthest off.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ __all__ = ["Surrogate", "reduced_about"]
 
 _Vector = NDArray[np.float64]
 
-#: Points about the estimate at which the basis is enriched, and how far off, in standard deviations.
+#: Points about the estimate at which the basis is enriched, and how far off, in standard
+#: deviations.
 _ABOUT, _FAR = 4, 2.0
 
 

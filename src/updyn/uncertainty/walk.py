@@ -15,7 +15,8 @@ __all__ = ["Walk"]
 
 _Vector = NDArray[np.float64]
 
-#: Steps between two points, in standard deviations, and how near to the level its crossing is found.
+#: Steps between two points, in standard deviations, and how near to the level its crossing is
+#: found.
 _STRIDE, _CLOSE = 0.5, 2e-3
 #: Largest step, as a share of the way between the bounds.
 _SHARE = 0.1
@@ -115,8 +116,9 @@ class Walk:
     def _reach(self, here: Point, side: float, fall: float) -> float:
         """Return the step to where the fall is as given, by the local model of the profile; inf where it is flat.
 
-        Along the profile the cost is cost + g h + S h^2 / 2: g its slope by this unknown alone, as the others are at
-        their minimum, and S what of its curvature the others cannot follow (the Schur complement).
+        Along the profile the cost is cost + g h + S h^2 / 2: g its slope by this unknown alone, as
+        the others are at their minimum, and S what of its curvature the others cannot follow (the
+        Schur complement).
         """
         g = side * float(here.local.gradient[self.k])
         S = float(np.sum(self._follow(here)[1] ** 2))
@@ -166,7 +168,9 @@ class Walk:
             order = (inside, outside) if wanted - za < zb - wanted else (outside, inside)
             if min(wanted - za, zb - wanted) < _CLOSE * wanted or abs(b - a) < 1e-12:
                 break
-            guess = self._guess(order, a, b, side) if abs(b - a) <= 0.5 * widths[-2] else 0.5 * (a + b)
+            guess = (
+                self._guess(order, a, b, side) if abs(b - a) <= 0.5 * widths[-2] else 0.5 * (a + b)
+            )
             widths.append(abs(b - a))
             there = self._onward(order[0], 1.0, guess - float(order[0].x[self.k]))
             if there is None:
@@ -176,7 +180,8 @@ class Walk:
                 outside = there
             else:
                 inside = there
-        # What is left is less than a hundredth of a standard deviation: the curve between is straight.
+        # What is left is less than a hundredth of a standard deviation: the curve between is
+        # straight.
         if zb - za < 1e-12:
             return b
         return float(a + (b - a) * np.clip((wanted - za) / (zb - za), 0.0, 1.0))
@@ -184,7 +189,8 @@ class Walk:
     def _guess(self, points: tuple[Point, Point], a: float, b: float, side: float) -> float:
         """Return where the first local model with a crossing inside the bracket puts it; else the middle.
 
-        Where an unknown meets its bound, the profile has a kink, and only the model on that side of it is right.
+        Where an unknown meets its bound, the profile has a kink, and only the model on that side of
+        it is right.
         """
         margin = 0.02 * abs(b - a)
         low, high = min(a, b) + margin, max(a, b) - margin
@@ -205,7 +211,9 @@ def _merged(humps: list[tuple[Hump, str, str]]) -> list[Hump]:
     for hump, _, _ in humps:
         if out and hump.lower <= out[-1].upper:
             best = min(out[-1], hump, key=lambda h: h.drop)
-            out[-1] = Hump(min(out[-1].lower, hump.lower), best.best, max(out[-1].upper, hump.upper), best.drop)
+            out[-1] = Hump(
+                min(out[-1].lower, hump.lower), best.best, max(out[-1].upper, hump.upper), best.drop
+            )
         else:
             out.append(hump)
     return out

@@ -41,7 +41,8 @@ class Watch:
     total : int
         Pieces of work.
     callback : callable, optional
-        Called with a `Progress` after every piece, and between blocks of lines of long ones; returning True stops.
+        Called with a `Progress` after every piece, and between blocks of lines of long ones;
+        returning True stops.
     """
 
     stage: str
@@ -65,5 +66,8 @@ class Watch:
     def asks(self) -> bool:
         """Show where the work is; return whether to stop."""
         if self.callback is not None:
-            self.stopped = bool(self.callback(Progress(self.stage, self.done, self.total, self.note))) or self.stopped
+            self.stopped = (
+                bool(self.callback(Progress(self.stage, self.done, self.total, self.note)))
+                or self.stopped
+            )
         return self.stopped

@@ -43,7 +43,8 @@ class Misfit:
     alike : float
         Over how many lines it is alike: 1 for noise.
     chi_square_p, whiteness_p : float
-        How likely noise is to be as large, and as much alike from line to line; adjusted for the number of tests.
+        How likely noise is to be as large, and as much alike from line to line; adjusted for the
+        number of tests.
     kind : {"structure", "excess"}
         Alike from line to line, or only too large.
     """
@@ -67,16 +68,18 @@ class Suspect:
     Attributes
     ----------
     group, quantity : str
-        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a group;
-        ``"calibration"`` or ``"force_calibration"`` of a sensor.
+        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
+        group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
-        Share of what is left beyond the noise that this one change would take away, by a step of first order, all
-        unknowns of the fit adapting to it. Errors that the channels cannot tell apart have nearly the same share.
+        Share of what is left beyond the noise that this one change would take away, by a step of
+        first order, all unknowns of the fit adapting to it. Errors that the channels cannot tell
+        apart have nearly the same share.
     change : float
-        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign can be trusted more
-        than its size.
+        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign
+        can be trusted more than its size.
     energy : float
-        Share of the energy of the error in the constitutive relations that lies in this matrix, at the worst places.
+        Share of the energy of the error in the constitutive relations that lies in this matrix, at
+        the worst places.
     """
 
     group: str
@@ -98,18 +101,21 @@ class Adequacy:
     Attributes
     ----------
     outcome : str
-        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, alike from line to line, or explained by an
-        error of the model; ``"excess"``, only larger than the noise; ``"exact"``, nothing left; ``"untested"``, too
-        few values.
+        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, alike from line to line, or
+        explained by an error of the model; ``"excess"``, only larger than the noise; ``"exact"``,
+        nothing left; ``"untested"``, too few values.
     verdict : str
         The same in a sentence or two.
     absolute : bool
-        Whether the size of the noise is known from elsewhere. Where it was estimated from the residual itself, the
-        size of a misfit is told against the rest of the data; likeness from line to line needs no size.
+        Whether the size of the noise is known from elsewhere. Where it was estimated from the
+        residual itself, the size of a misfit is told against the rest of the data; likeness from
+        line to line needs no size.
     chi_square : float
-        Squared misfit over that of the noise, per degree of freedom; near 1 by construction where not `absolute`.
+        Squared misfit over that of the noise, per degree of freedom; near 1 by construction where
+        not `absolute`.
     p_value : float
-        Of the most telling test, adjusted for the number of tests: below `level` something was found.
+        Of the most telling test, adjusted for the number of tests: below `level` something was
+        found.
     level : float
         Share of fits to pure noise of which something is said all the same, at most.
     responses, references : tuple of str
@@ -117,13 +123,15 @@ class Adequacy:
     bands : ndarray of float, shape (n_b, 2)
         First and last line of each, in Hz.
     misfit, alike : ndarray of float, shape (n_i, n_j, n_b)
-        By channel and band: rms misfit over noise, and over how many lines it is alike. NaN where there are no data.
+        By channel and band: rms misfit over noise, and over how many lines it is alike. NaN where
+        there are no data.
     chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
         Adjusted p-values; 1 where nothing was tested.
     worst : tuple of Misfit
         Places that stand out, the worst first; empty where nothing was found.
     explained_by : tuple of Suspect
-        What would explain it, the best first; empty where nothing was found, or nothing explains it.
+        What would explain it, the best first; empty where nothing was found, or nothing explains
+        it.
     """
 
     outcome: str
@@ -166,8 +174,8 @@ def assess(
     Parameters
     ----------
     whitened : ndarray of complex, shape (n_f, n_i, n_j)
-        Measured minus computed, over the standard deviation of its real and of its imaginary part; NaN for what was
-        not fitted.
+        Measured minus computed, over the standard deviation of its real and of its imaginary part;
+        NaN for what was not fitted.
     H : ndarray of complex, shape (n_f, n_i, n_j)
         The model's, which tells where its resonances are.
     freq : ndarray of float, shape (n_f,)
@@ -179,7 +187,8 @@ def assess(
     absolute : bool
         Whether the size of the noise is known from elsewhere, and not from this residual.
     averages : int, optional
-        How many averages the size of the noise was told from, line by line; None: it is known as such.
+        How many averages the size of the noise was told from, line by line; None: it is known as
+        such.
     level : float
         Share of fits to pure noise of which something may be said all the same.
     relative : float
@@ -191,14 +200,16 @@ def assess(
 
     Notes
     -----
-    Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a value, or against F
-    where the size of the noise is an estimate too: from n averages, with n - 1 as many degrees of freedom, but no more
-    than sixteen lines have (smoothing makes the errors of the size alike over more); where it was taken from this
-    residual, by the ratio to all other values. The unknowns make the residual smaller than the noise, which is counted
-    for all values together, not place by place: the tests err on the
-    side of silence. Likeness: `updyn.updating.whiteness.serial_p`. Channels over all bands, bands over all channels and
-    all data together are tested as well, with the p-values of likeness joined by Stouffer's sum of normal scores
-    (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its share of `level`.
+    Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a
+    value, or against F where the size of the noise is an estimate too: from n averages, with n - 1
+    as many degrees of freedom, but no more than sixteen lines have (smoothing makes the errors of
+    the size alike over more); where it was taken from this residual, by the ratio to all other
+    values. The unknowns make the residual smaller than the noise, which is counted for all values
+    together, not place by place: the tests err on the side of silence. Likeness:
+    `updyn.updating.whiteness.serial_p`. Channels over all bands, bands over all channels and all
+    data together are tested as well, with the p-values of likeness joined by Stouffer's sum of
+    normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
+    share of `level`.
     """
     there = np.isfinite(whitened)
     n_values = int(there.sum())
@@ -220,9 +231,15 @@ def assess(
     with np.errstate(invalid="ignore"):
         size = np.sqrt(square / count)
     one = np.ones(shape)
-    found = Adequacy("untested", "", absolute, chi_square, 1.0, level, *names, edges, size, alike, one, one)
+    found = Adequacy(
+        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, alike, one, one
+    )
     if relative <= _EXACT:
-        return replace(found, outcome="exact", verdict="The model answers the data exactly; nothing is left to test.")
+        return replace(
+            found,
+            outcome="exact",
+            verdict="The model answers the data exactly; nothing is left to test.",
+        )
     if freedom <= 0 or n_values < 2:
         text = "There are too few measured numbers to tell whether what is left is noise."
         return replace(found, verdict=text)
@@ -233,14 +250,17 @@ def assess(
     by_likeness = min([float(white.min()), *(p for p, of_likeness in families if of_likeness)])
     p_value = min([by_likeness, float(large.min()), *(p for p, _ in families)])
     outcome = "structure" if by_likeness <= level else "excess" if p_value <= level else "noise"
-    found = replace(found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ())
+    found = replace(
+        found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ()
+    )
     return replace(found, verdict=_words(found))
 
 
 def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """Return the assessment with what would explain it, said in its verdict.
 
-    What an error of the model explains is structure, though the lines may lie too far apart for it to look alike.
+    What an error of the model explains is structure, though the lines may lie too far apart for it
+    to look alike.
 
     Parameters
     ----------
@@ -258,13 +278,21 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     return replace(found, verdict=f"{_words(found)} {text}")
 
 
-_QUANTITY = {"stiffness": "stiffness", "mass": "mass", "viscous": "viscous damping", "loss_factor": "loss factor"}
+_QUANTITY = {
+    "stiffness": "stiffness",
+    "mass": "mass",
+    "viscous": "viscous damping",
+    "loss_factor": "loss factor",
+}
 _SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
 
 
 def _suspected(s: Suspect) -> str:
     if s.quantity in _SENSOR:
-        return f"the {_SENSOR[s.quantity]} {s.group} (reads too {'much' if s.change > 0 else 'little'})"
+        return (
+            f"the {_SENSOR[s.quantity]} {s.group} (reads too"
+            f" {'much' if s.change > 0 else 'little'})"
+        )
     return f"the {_QUANTITY[s.quantity]} of {s.group} (too {'low' if s.change > 0 else 'high'})"
 
 
@@ -292,7 +320,11 @@ class _Size:
             if self.averages is None:
                 p = chdtrc(freedom, square)
             else:
-                p = fdtrc(freedom, np.clip(count, 1.0, _SHARED) * max(self.averages - 1, 1), square / freedom)
+                p = fdtrc(
+                    freedom,
+                    np.clip(count, 1.0, _SHARED) * max(self.averages - 1, 1),
+                    square / freedom,
+                )
         else:
             rest, other = self.square - square, self.count - count - self.n_unknowns
             usable = (other >= 1.0) & (rest > 0.0) & (count > 0.0)
@@ -302,19 +334,25 @@ class _Size:
         return np.asarray(np.clip(np.where(count > 0, p, 1.0), 1e-300, 1.0))
 
 
-def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
+def _tested(
+    square: _Real, count: _Real, white: _Real, size: _Size
+) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
     """Return adjusted p-values of size and likeness by channel and band, and the least of each further family."""
     shape = square.shape
     square, count, white = (a.reshape(-1, shape[2]) for a in (square, count, white))
     cells, n_bands = white.shape
-    axes: list[int | None] = [axis for axis, several in ((1, cells > 1), (0, n_bands > 1)) if several]
+    axes: list[int | None] = [
+        axis for axis, several in ((1, cells > 1), (0, n_bands > 1)) if several
+    ]
     axes = axes[: 2 if min(cells, n_bands) > 1 else 0] + ([None] if cells * n_bands > 1 else [])
     share = 1.0 + len(axes)
     large, alike = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
     families = []
     for axis in axes:
         sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
-        pair = np.minimum(share * adjusted(np.stack([sums, np.atleast_1d(_joined(white, axis))])), 1.0)
+        pair = np.minimum(
+            share * adjusted(np.stack([sums, np.atleast_1d(_joined(white, axis))])), 1.0
+        )
         families += [(float(pair[0].min()), False), (float(pair[1].min()), True)]
     return large.reshape(shape), alike.reshape(shape), families
 
@@ -346,7 +384,9 @@ def _length(values: _Complex) -> _Real:
     return np.where(power > 0, out, np.nan)
 
 
-def _worst(found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice]) -> tuple[Misfit, ...]:
+def _worst(
+    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice]
+) -> tuple[Misfit, ...]:
     """Return the places that stand out; where none does by itself, the most telling."""
     least = np.minimum(found.chi_square_p, found.whiteness_p)
     at = np.argwhere(least <= found.level)
@@ -357,7 +397,9 @@ def _worst(found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice]) -
     return tuple(_place(found, whitened, freq, cut, *map(int, index)) for index in at[order])
 
 
-def _place(found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice], i: int, j: int, k: int) -> Misfit:
+def _place(
+    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice], i: int, j: int, k: int
+) -> Misfit:
     band = cut[k]
     square = np.nan_to_num(np.abs(whitened[band, i, j]) ** 2)
     smooth = np.convolve(square, np.ones(min(3, len(square))), mode="same")
@@ -381,12 +423,22 @@ def _words(found: Adequacy) -> str:
         return f"What is left cannot be told from noise{known}."
     first = found.worst[0]
     where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
-    size = f"misfit {first.misfit:.2g} times {'the noise' if found.absolute else 'the typical misfit'}"
+    size = (
+        f"misfit {first.misfit:.2g} times {'the noise' if found.absolute else 'the typical misfit'}"
+    )
     number = int(np.sum(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level))
     if number == 0:
         how = "alike from line to line" if found.outcome == "structure" else "larger than the noise"
         return f"What is left is {how} over many channels, though none stands out; most in {where}."
-    over = f"alike over {first.alike:.0f} lines" if first.kind == "structure" else "not alike from line to line"
-    start = "The model cannot explain" if found.outcome == "structure" else "More noise than expected, or outliers, in"
+    over = (
+        f"alike over {first.alike:.0f} lines"
+        if first.kind == "structure"
+        else "not alike from line to line"
+    )
+    start = (
+        "The model cannot explain"
+        if found.outcome == "structure"
+        else "More noise than expected, or outliers, in"
+    )
     more = f"; and {number - 1} more place{'s' if number > 2 else ''}" if number > 1 else ""
     return f"{start} {where}: {size}, {over}{more}."

@@ -1,12 +1,14 @@
 """Errors that all values of a channel have in common: a calibration factor for each sensor, as an unknown.
 
-A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor, and no noise model
-of independent values can say that. So the factor is an unknown with a prior, and the measurement is compared with
+A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor,
+and no noise model of independent values can say that. So the factor is an unknown with a prior, and
+the measurement is compared with
 
     s_i s_j H_ij
 
-with s_i of the response sensor and s_j of the force sensor (a scale parameter of the measurement with a Gaussian prior
-on its logarithm, as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, sec. 4). The model is left as it is.
+with s_i of the response sensor and s_j of the force sensor (a scale parameter of the measurement
+with a Gaussian prior on its logarithm, as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425,
+sec. 4). The model is left as it is.
 """
 
 from __future__ import annotations
@@ -45,24 +47,27 @@ def calibration(
 ) -> ParameterSet:
     """Choose calibration factors of sensors as unknowns, to be added to those of the model with ``+``.
 
-    Each is a positive factor on what its sensor reads: the measurement is compared with the model's FRF times the
-    factors of its two channels. 1.08 says that the sensor reads 8 % too much. The updated model is that without them.
+    Each is a positive factor on what its sensor reads: the measurement is compared with the model's
+    FRF times the factors of its two channels. 1.08 says that the sensor reads 8 % too much. The
+    updated model is that without them.
 
     Parameters
     ----------
     frf : FRF or iterable of FRF
         The measurement, or those of all tests.
     responses, references : "all" or iterable of str or Dof
-        Which response sensors, and which force sensors, by their labels; the sign does not matter. Sensors that are
-        trusted are left out: they hold the level. A sensor of the same label in several tests has one factor.
+        Which response sensors, and which force sensors, by their labels; the sign does not matter.
+        Sensors that are trusted are left out: they hold the level. A sensor of the same label in
+        several tests has one factor.
     prior_std : float
-        Standard deviation of the logarithm of each factor before the measurement: 0.05 is about 5 %. Without a prior
-        the common level of all sensors would be for the data to say, which know it only as far as masses are known.
+        Standard deviation of the logarithm of each factor before the measurement: 0.05 is about 5
+        %. Without a prior the common level of all sensors would be for the data to say, which know
+        it only as far as masses are known.
     bounds : (float, float)
         Of each factor.
     name : str, optional
-        One factor for all that were chosen, called ``NAME.calibration``: one accelerometer or hammer that roves, one
-        amplifier.
+        One factor for all that were chosen, called ``NAME.calibration``: one accelerometer or
+        hammer that roves, one amplifier.
 
     Returns
     -------
@@ -72,7 +77,8 @@ def calibration(
     Raises
     ------
     ParameterError
-        If a sensor is not in the measurement, none is chosen, or a number or the name is not usable.
+        If a sensor is not in the measurement, none is chosen, or a number or the name is not
+        usable.
     DofError
         If a label cannot be read.
     """
@@ -88,7 +94,9 @@ def calibration(
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
     if name is None:
-        return ParameterSet(tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives))
+        return ParameterSet(
+            tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives)
+        )
     if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
         raise ParameterError(f"calibration: name {name!r}; expected a plain text, such as 'hammer'")
     return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, drives),))
@@ -98,13 +106,17 @@ def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) ->
     there = list(dict.fromkeys(label for frf in data for label in _plain(getattr(frf, f"{kind}s"))))
     if isinstance(given, str):
         if given != "all":
-            raise ParameterError(f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list")
+            raise ParameterError(
+                f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list"
+            )
         return there
     out = []
     for dof in given:
         label = _label(Dof.parse(dof))
         if label not in there:
-            raise ParameterError(f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}")
+            raise ParameterError(
+                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}"
+            )
         out.append(label)
     return out
 
@@ -162,7 +174,8 @@ class Gains:
         Parameters
         ----------
         logs : ndarray of float, shape (n,)
-            Logarithms of the calibration factors; what stands there for other unknowns does not count.
+            Logarithms of the calibration factors; what stands there for other unknowns does not
+            count.
         """
         return np.asarray(np.exp((logs @ self.rows)[:, None] + logs @ self.columns))
 
@@ -176,7 +189,8 @@ class Gains:
         H : ndarray of complex, shape (n_f, n_i, n_j)
             Of the model.
         dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
-            By the optimiser's coordinates, among them the logarithms of the factors: these are filled in.
+            By the optimiser's coordinates, among them the logarithms of the factors: these are
+            filled in.
         """
         factors = self.factors(logs)
         H *= factors
@@ -222,7 +236,9 @@ def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> 
     kind = CHANNELS[quantity]
     there = [known for frf in data for known in _plain(getattr(frf, f"{kind}s"))]
     if label not in there:
-        raise ParameterError(f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}")
+        raise ParameterError(
+            f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}"
+        )
 
 
 def check_method(parameters: ParameterSet, name: str, method: object) -> None:
@@ -245,6 +261,6 @@ def check_method(parameters: ParameterSet, name: str, method: object) -> None:
     sensors = [p.name for p in parameters if p.is_channel]
     if sensors and not getattr(method, "calibrates", False):
         raise OptionError(
-            f"method {name!r} takes the measurement as it is and knows no calibration factors ({sensors[0]!r}); use "
-            "'maximum-likelihood', 'log' or 'output-error'"
+            f"method {name!r} takes the measurement as it is and knows no calibration factors"
+            f" ({sensors[0]!r}); use 'maximum-likelihood', 'log' or 'output-error'"
         )

@@ -27,8 +27,9 @@ def examine(
 ) -> tuple[Adequacy | None, ...]:
     """Test whether what a fit leaves is noise, at the lines of the fit, by the noise models of its tests.
 
-    Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that a robust fit gave
-    less weight count in full. To find what would explain a misfit takes one evaluation with derivatives.
+    Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that
+    a robust fit gave less weight count in full. To find what would explain a misfit takes one
+    evaluation with derivatives.
 
     Parameters
     ----------
@@ -39,8 +40,8 @@ def examine(
     noises : sequence of NoiseModel
         How uncertain the data of each part are.
     settled : bool
-        Whether the fit ended at a minimum. Where it did not, it is looked at all the same if the unknowns could not
-        take away more than a twentieth of what is left.
+        Whether the fit ended at a minimum. Where it did not, it is looked at all the same if the
+        unknowns could not take away more than a twentieth of what is left.
 
     Returns
     -------
@@ -82,7 +83,10 @@ def examine(
         return tuple(found)
     beyond = None
     if all(a.absolute for a in found):
-        beyond = sum(float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened) + problem.n
+        beyond = (
+            sum(float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened)
+            + problem.n
+        )
     suspects = localise(problem, x, residual, whitened, beyond)
     return tuple(blamed(a, suspects) for a in found)
 
@@ -93,7 +97,9 @@ def _moves(problem: Task, residual: Each, x: NDArray[np.float64]) -> bool:
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
-def _weight(noise: NoiseModel, H: NDArray[np.complex128], part: Problem, share: int) -> NDArray[np.float64]:
+def _weight(
+    noise: NoiseModel, H: NDArray[np.complex128], part: Problem, share: int
+) -> NDArray[np.float64]:
     """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance."""
     known = noise.refit(H, part.frf, share)
     plain = replace(known, weight=None) if isinstance(known, Robust) else known

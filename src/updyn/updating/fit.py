@@ -35,7 +35,8 @@ _Vector = NDArray[np.float64]
 
 #: How often the spread of a residual is looked at again.
 _SCALES = 8
-#: How often a fit with open directions is pulled back towards the start; and a cost a value that is rounding.
+#: How often a fit with open directions is pulled back towards the start; and a cost a value that is
+#: rounding.
 _PULLS, _EXACT = 4, 1e-20
 
 
@@ -46,7 +47,8 @@ class Pull:
     Attributes
     ----------
     weight : ndarray of float, shape (n,)
-        1 / standard deviation of a prior that would pull as much, beside the unknowns' own; 0 for none.
+        1 / standard deviation of a prior that would pull as much, beside the unknowns' own; 0 for
+        none.
     within : ndarray of float, shape (n, k), or None
         Orthonormal directions, where the unknowns moved along these only.
     note : str
@@ -72,20 +74,24 @@ class Fit:
     reason : {"converged", "stalled", "max-iterations", "stopped"}
         Why it ended.
     R : ndarray of float, shape (k, n)
-        Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of the noise.
+        Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
+        the noise.
     noise : tuple of mapping
-        For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty: nothing is known.
+        For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty:
+        nothing is known.
     note : str
         What the user should know about this method's figures; may be empty.
     local : Local or None
-        The data's own reduced problem at x, in the units in which priors count against it; where the method can tell.
+        The data's own reduced problem at x, in the units in which priors count against it; where
+        the method can tell.
     unit : float
-        What of the residual these units are, where the method found their size along with the unknowns.
+        What of the residual these units are, where the method found their size along with the
+        unknowns.
     pull : Pull or None
         What regularisation added.
     cure : str
-        What would cure open unknowns where the method fits something else than FRFs; empty: found among lines and
-        sensors that could be added.
+        What would cure open unknowns where the method fits something else than FRFs; empty: found
+        among lines and sensors that could be added.
     """
 
     x: _Vector
@@ -134,9 +140,10 @@ def descend(
 ) -> Outcome:
     """Minimise one residual from x, priors included, and record every step.
 
-    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where they end so, the
-    descent goes on from the nearest point within the bounds. Where the data leave combinations of unknowns open, of all
-    points that fit as well the one nearest to the unknowns' start is sought.
+    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
+    they end so, the descent goes on from the nearest point within the bounds. Where the data leave
+    combinations of unknowns open, of all points that fit as well the one nearest to the unknowns'
+    start is sought.
 
     Raises
     ------
@@ -170,7 +177,9 @@ def descend(
         except Stopped:  # the nearest Jacobian that is known
             return Outcome(inside, outcome.local, "stopped")
         if local is None:
-            raise SolverError(f"{residual.name}: the model cannot be solved with its loss factors at zero")
+            raise SolverError(
+                f"{residual.name}: the model cannot be solved with its loss factors at zero"
+            )
         if outcome.reason == "stopped":
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
@@ -187,7 +196,10 @@ def descend(
         except Stopped:
             return replace(outcome, reason="stopped")
         nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
-        if not nearer or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.n_values:
+        if (
+            not nearer
+            or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.n_values
+        ):
             break
         outcome = back
     return outcome
@@ -203,17 +215,17 @@ def descend_to_scale(
 ) -> Outcome:
     """Minimise a residual whose spread is not known, priors included.
 
-    A prior counts against the data in standard deviations of both. The spread of the residual is found along with the
-    unknowns, each in turn, until it stays within 1 %, unless it is known beforehand (`Coordinates.unit`). Without
-    priors it does not matter.
+    A prior counts against the data in standard deviations of both. The spread of the residual is
+    found along with the unknowns, each in turn, until it stays within 1 %, unless it is known
+    beforehand (`Coordinates.unit`). Without priors it does not matter.
 
     Parameters
     ----------
     problem, residual, x, monitor, settings
         As for `descend`.
     spread : callable, optional
-        Returns the standard deviation of the residual at a local problem, where it is not of measured values
-        (`spread_of`).
+        Returns the standard deviation of the residual at a local problem, where it is not of
+        measured values (`spread_of`).
 
     Raises
     ------
@@ -235,7 +247,9 @@ def descend_to_scale(
             local = residual.local(problem, outcome.x)
             if local is None:
                 break
-            sigma = spread_of(local, problem.n_values, problem.n) if spread is None else spread(local)
+            sigma = (
+                spread_of(local, problem.n_values, problem.n) if spread is None else spread(local)
+            )
             if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
                 break
             unit = sigma
@@ -248,7 +262,8 @@ def descend_to_scale(
 def spread_of(local: Local, n_values: int, n: int) -> float:
     """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
 
-    As many unknowns as measured numbers leave nothing to tell it from; then that of `ASSUMED` noise is taken.
+    As many unknowns as measured numbers leave nothing to tell it from; then that of `ASSUMED` noise
+    is taken.
     """
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
@@ -275,12 +290,18 @@ def stopped_at(problem: Task, x: _Vector) -> Fit:
     if local is None or local.cost == 0.0:
         return Fit.blind(x, "stopped")
     sigma = spread_of(local, problem.n_values, problem.n)
-    record = {"kind": "spread of the log error", "relative": float(np.sqrt(2.0) * sigma), "chi_square": 1.0}
+    record = {
+        "kind": "spread of the log error",
+        "relative": float(np.sqrt(2.0) * sigma),
+        "chi_square": 1.0,
+    }
     return Fit(x, "stopped", local.R / sigma, (record | {"inflation": 1.0},) * len(problem.parts))
 
 
 def known_length(
-    problem: Task, x: _Vector, whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]]
+    problem: Task,
+    x: _Vector,
+    whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
     """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
 
@@ -291,14 +312,20 @@ def known_length(
     x : ndarray of float, shape (n,)
         The estimate.
     whitened : callable
-        Residual over its standard deviation, for a part of the problem and the model's H there, both of shape
-        (n_f, ...).
+        Residual over its standard deviation, for a part of the problem and the model's H there,
+        both of shape (n_f, ...).
     """
     try:
-        lengths = [correlation_length(whitened(i, p.responses(x))) for i, p in enumerate(problem.parts)]
+        lengths = [
+            correlation_length(whitened(i, p.responses(x))) for i, p in enumerate(problem.parts)
+        ]
     except Stopped:
         return {}
-    return {"correlation_length": float(np.average(lengths, weights=[p.n_values for p in problem.parts]))}
+    return {
+        "correlation_length": float(
+            np.average(lengths, weights=[p.n_values for p in problem.parts])
+        )
+    }
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
@@ -312,13 +339,14 @@ def correlation_length(whitened: NDArray[np.complex128]) -> float:
     Returns
     -------
     float
-        1 for noise that is independent from line to line. The sum stops at the first lag whose correlation is within
-        two standard deviations of zero, so that independent noise gives exactly 1 in almost all cases.
+        1 for noise that is independent from line to line. The sum stops at the first lag whose
+        correlation is within two standard deviations of zero, so that independent noise gives
+        exactly 1 in almost all cases.
 
     Notes
     -----
-    Standard deviations that take the lines as independent are too small by its square root (Priestley, Spectral
-    Analysis and Time Series, 1981, section 5.3).
+    Standard deviations that take the lines as independent are too small by its square root
+    (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
     """
     power = float(np.mean(np.abs(whitened) ** 2))
     if power == 0.0:

@@ -30,10 +30,11 @@ def complete_parts(
 ) -> tuple[FRF, ...]:
     """Cut data in which values are missing into FRFs in which none is.
 
-    A sensor that dropped out over some lines, or was not mounted for one of the forces, leaves gaps. No `FRF` has any.
-    What was measured is cut into rectangles of lines, responses and references, in which pairs of response and
-    reference with the same lines stand together. Every value that is there is in one of them, and nothing else. Fit
-    them as tests of one structure (`updyn.update_jointly`).
+    A sensor that dropped out over some lines, or was not mounted for one of the forces, leaves
+    gaps. No `FRF` has any. What was measured is cut into rectangles of lines, responses and
+    references, in which pairs of response and reference with the same lines stand together. Every
+    value that is there is in one of them, and nothing else. Fit them as tests of one structure
+    (`updyn.update_jointly`).
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def complete_parts(
     Returns
     -------
     tuple of FRF
-        The largest first; one, with everything, where there is no gap. Their source says what is missing, in words.
+        The largest first; one, with everything, where there is no gap. Their source says what is
+        missing, in words.
 
     Raises
     ------
@@ -64,27 +66,35 @@ def complete_parts(
     array = np.ma.filled(np.ma.asarray(values).astype(np.complex128), np.nan)
     shape = (len(lines), len(rows), len(columns))
     if array.shape != shape:
-        raise DataError(f"values: expected shape (lines, responses, references) = {shape}, found {array.shape}")
+        raise DataError(
+            f"values: expected shape (lines, responses, references) = {shape}, found {array.shape}"
+        )
     infinite = np.argwhere(np.isinf(array))
     if len(infinite):
         i, j, k = infinite[0]
         raise DataError(
-            f"values at {lines[i]:g} Hz, response {rows[j]}, reference {columns[k]} is infinite; what is missing is "
-            "not-a-number"
+            f"values at {lines[i]:g} Hz, response {rows[j]}, reference {columns[k]} is infinite;"
+            " what is missing is not-a-number"
         )
     there = ~np.isnan(array)
     if not there.any():
         raise DataError("values: all are missing")
     told = f"{source}; {_words(there)}".removeprefix("; ") if not there.all() else source
     beside = {
-        name: None if a is None else np.asarray(a) for name, a in (("coherence", coherence), ("variance", variance))
+        name: None if a is None else np.asarray(a)
+        for name, a in (("coherence", coherence), ("variance", variance))
     }
     for name, given in beside.items():
         if given is not None and given.shape != shape:
-            raise DataError(f"{name}: expected shape (lines, responses, references) = {shape}, found {given.shape}")
+            raise DataError(
+                f"{name}: expected shape (lines, responses, references) = {shape}, found"
+                f" {given.shape}"
+            )
 
     def part(at: tuple[NDArray[np.intp], ...]) -> FRF:
-        own: dict[str, Any] = {name: None if a is None else a[np.ix_(*at)] for name, a in beside.items()}
+        own: dict[str, Any] = {
+            name: None if a is None else a[np.ix_(*at)] for name, a in beside.items()
+        }
         return FRF(
             lines[at[0]],
             array[np.ix_(*at)],
@@ -98,7 +108,9 @@ def complete_parts(
         )
 
     parts = [part(at) for at in _rectangles(there)]
-    return tuple(sorted(parts, key=lambda frf: -frf.values.size))  # sorted keeps the order of equals
+    return tuple(
+        sorted(parts, key=lambda frf: -frf.values.size)
+    )  # sorted keeps the order of equals
 
 
 def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
@@ -122,4 +134,7 @@ def _words(there: NDArray[np.bool_]) -> str:
     gone = (~there).sum(axis=0).ravel()
     some, counts = int((gone > 0).sum()), np.unique(gone[gone > 0])
     few = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"{some} of {gone.size} channels miss{'es' if some == 1 else ''} {few} of {len(there)} lines"
+    return (
+        f"{some} of {gone.size} channels miss{'es' if some == 1 else ''} {few} of {len(there)}"
+        " lines"
+    )

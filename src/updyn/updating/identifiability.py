@@ -14,11 +14,12 @@ __all__ = ["RANK_TOLERANCE", "Analysis", "analyse", "covariance_within", "open_d
 
 _Matrix = NDArray[np.float64]
 
-#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no measurement is as
-#: exact as the 8 digits that it would take to see them.
+#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no
+#: measurement is as exact as the 8 digits that it would take to see them.
 RANK_TOLERANCE = 1e-8
 
-#: A direction that the data leave uncertain by more than this (of a logarithm, or of a loss factor) is open.
+#: A direction that the data leave uncertain by more than this (of a logarithm, or of a loss factor)
+#: is open.
 WIDEST = 1.0
 
 _VISIBLE = 1e-3
@@ -37,8 +38,8 @@ class Analysis:
     covariance : ndarray of float, shape (n, n)
         Of the optimiser's coordinates, over the directions that are not open by arithmetic.
     involved : ndarray of bool, shape (n,)
-        Unknowns that are left open: they take part in a direction that is open by arithmetic, or lead one that is open
-        by noise.
+        Unknowns that are left open: they take part in a direction that is open by arithmetic, or
+        lead one that is open by noise.
     """
 
     report: Identifiability
@@ -67,9 +68,10 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
 
     Notes
     -----
-    Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns below
-    `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The collinearity index is that of
-    Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for all unknowns together.
+    Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns
+    below `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The
+    collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
+    all unknowns together.
     """
     n = R.shape[1]
     norms = np.linalg.norm(R, axis=0)
@@ -77,7 +79,9 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
     scale = np.where(norms > 0, norms, 1.0)
     _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, n - len(R)), n))]))
     seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
-    spread = inflation * (Vt[seen].T / s[seen]) / scale[:, None]  # columns: one standard deviation each
+    spread = (
+        inflation * (Vt[seen].T / s[seen]) / scale[:, None]
+    )  # columns: one standard deviation each
     axes, std, _ = np.linalg.svd(spread, full_matrices=False)
     known = std <= WIDEST
     unseen = _orthonormal(Vt[~seen].T / scale[:, None])
@@ -101,7 +105,8 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
 def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Say which unknowns a noisy direction leaves open: its leaders, and whoever it spreads by half of `WIDEST`.
 
-    The others take part in it, too, but by a share that leaves them known: their standard deviation says how well.
+    The others take part in it, too, but by a share that leaves them known: their standard deviation
+    says how well.
     """
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
@@ -121,8 +126,12 @@ def open_directions(R: _Matrix) -> _Matrix:
     """Return the directions that a Jacobian does not see by arithmetic, orthonormal columns, shape (n, k)."""
     norms = np.linalg.norm(R, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, R.shape[1] - len(R)), R.shape[1]))]))
-    return _orthonormal(Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None])
+    _, s, Vt = np.linalg.svd(
+        np.vstack([R / scale, np.zeros((max(0, R.shape[1] - len(R)), R.shape[1]))])
+    )
+    return _orthonormal(
+        Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
+    )
 
 
 def _orthonormal(directions: _Matrix) -> _Matrix:
@@ -145,7 +154,9 @@ def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]
     return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > _VISIBLE}
 
 
-def _determined(blind: _Matrix, involved: NDArray[np.bool_], names: list[str]) -> list[dict[str, float]]:
+def _determined(
+    blind: _Matrix, involved: NDArray[np.bool_], names: list[str]
+) -> list[dict[str, float]]:
     """Return what stays fixed along all open directions: each further unknown, less its share of the leading ones."""
     k = blind.shape[1]
     if k == 0:
@@ -157,6 +168,8 @@ def _determined(blind: _Matrix, involved: NDArray[np.bool_], names: list[str]) -
         if i in pivots:
             continue
         combination = {names[i]: 1.0}
-        combination |= {names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > _VISIBLE}
+        combination |= {
+            names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > _VISIBLE
+        }
         out.append(combination)
     return out

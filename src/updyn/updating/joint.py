@@ -1,7 +1,7 @@
 """Several tests at once: problems that share their unknowns, seen by the methods as one.
 
-A `Problem` is one test; a `Joint` is several. Both have what a method asks for: the unknowns' coordinates, the parts,
-and how much data there is.
+A `Problem` is one test; a `Joint` is several. Both have what a method asks for: the unknowns'
+coordinates, the parts, and how much data there is.
 """
 
 from __future__ import annotations
@@ -79,11 +79,15 @@ class Joint:
         """Return the parts with narrower bounds in x."""
         return Joint(tuple(part.with_box(box) for part in self.parts))
 
-    def recall(self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object) -> Record:
+    def recall(
+        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+    ) -> Record:
         """Return the result of an evaluation of all parts at x, from memory where it is known."""
         if self.session.memory is None:
             return compute()
-        return self.session.recall([k for part in self.parts for k in part.key(kind, x, *about)], compute)
+        return self.session.recall(
+            [k for part in self.parts for k in part.key(kind, x, *about)], compute
+        )
 
 
 #: What a method works on.
@@ -93,5 +97,8 @@ Task: TypeAlias = "Problem | Joint"
 def together(problems: Sequence[Problem]) -> Task:
     """Return one problem as it is, several as one, in the coordinates of the first."""
     first = problems[0]
-    rest = (p if p.coordinates is first.coordinates else replace(p, coordinates=first.coordinates) for p in problems)
+    rest = (
+        p if p.coordinates is first.coordinates else replace(p, coordinates=first.coordinates)
+        for p in problems
+    )
     return first if len(problems) == 1 else Joint(tuple(rest))

@@ -1,8 +1,9 @@
 """The journal of a run: every evaluation on disk as soon as it is made, so that a run that broke off can go on.
 
-The file is a head, which says whose evaluations these are, and records, each with its length and a checksum: a record
-that was cut short by a crash is left out. Only arrays are written, in the npy format, and nothing is unpickled. Going
-on means to run again from the beginning with evaluations answered from here (see `updyn.updating.session`).
+The file is a head, which says whose evaluations these are, and records, each with its length and a
+checksum: a record that was cut short by a crash is left out. Only arrays are written, in the npy
+format, and nothing is unpickled. Going on means to run again from the beginning with evaluations
+answered from here (see `updyn.updating.session`).
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ __all__ = ["Journal", "fingerprint"]
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
 _LENGTH = 8
-#: Against a loss of power the file is brought to disk this often; against the end of the process, with every record.
+#: Against a loss of power the file is brought to disk this often; against the end of the process,
+#: with every record.
 _SYNC_S = 1.0
 
 
@@ -92,12 +94,16 @@ class Journal:
         except OSError as error:
             self._broken = True
             warnings.warn(
-                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be resumed from here",
+                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be"
+                " resumed from here",
                 UpdynWarning,
                 stacklevel=2,
             )
             return
-        self._places[key] = start + _LENGTH + _KEY, self._file.tell() - _SUM - start - _LENGTH - _KEY
+        self._places[key] = (
+            start + _LENGTH + _KEY,
+            self._file.tell() - _SUM - start - _LENGTH - _KEY,
+        )
 
     def keep(self) -> None:
         """Make sure that there is a file to resume from, even before the first evaluation."""
@@ -141,7 +147,9 @@ class Journal:
 
     def _check_head(self, file: BinaryIO) -> None:
         if file.read(len(_MAGIC)) != _MAGIC:
-            raise FormatError("is not the journal of a run, or of another version of updyn", self.path)
+            raise FormatError(
+                "is not the journal of a run, or of another version of updyn", self.path
+            )
         _, head = next(_records(file), (0, b""))
         if not head:
             raise FormatError("is the journal of a run, but its head is damaged", self.path)
@@ -149,7 +157,9 @@ class Journal:
             raise OptionError(f"checkpoint {str(self.path)!r} is of another run: {differing}")
 
 
-def fingerprint(problem: Task, data: Sequence[FRF], options: Mapping[str, object]) -> dict[str, Any]:
+def fingerprint(
+    problem: Task, data: Sequence[FRF], options: Mapping[str, object]
+) -> dict[str, Any]:
     """Return what tells a run from others, as plain data.
 
     Parameters
@@ -159,8 +169,8 @@ def fingerprint(problem: Task, data: Sequence[FRF], options: Mapping[str, object
     data : sequence of FRF
         All data of each part.
     options : mapping
-        What else decides what is evaluated. How many steps are made is not part of it: a run that ended at the largest
-        number of steps can be resumed with more.
+        What else decides what is evaluated. How many steps are made is not part of it: a run that
+        ended at the largest number of steps can be resumed with more.
 
     Returns
     -------
@@ -171,10 +181,22 @@ def fingerprint(problem: Task, data: Sequence[FRF], options: Mapping[str, object
     for part, frf in zip(problem.parts, data, strict=True):
         system = part.solver.system
         start, tables = system.start, [t for t in system.terms if t.table is not None]
-        model += [part.name, system.indptr, system.indices, start.loss, start.rate, *system.dofs.labels]
+        model += [
+            part.name,
+            system.indptr,
+            system.indices,
+            start.loss,
+            start.rate,
+            *system.dofs.labels,
+        ]
         for term in system.terms:
             model += [term.group, term.quantity, term.slots, term.data]
-        model += [a for t in tables if t.table is not None for a in (t.group, t.table.freq, t.table.relative)]
+        model += [
+            a
+            for t in tables
+            if t.table is not None
+            for a in (t.group, t.table.freq, t.table.relative)
+        ]
         measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
         measured += [*frf.responses.labels, "/", *frf.references.labels]
         measured += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
@@ -195,7 +217,11 @@ def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Say in what two fingerprints differ; empty where they do not."""
     if then["updyn"] != now["updyn"]:
         return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
-    parts = [f"the {part} differ{'s' * (part == 'model')}" for part in ("model", "data") if then[part] != now[part]]
+    parts = [
+        f"the {part} differ{'s' * (part == 'model')}"
+        for part in ("model", "data")
+        if then[part] != now[part]
+    ]
     for part in ("unknowns", "options"):
         names = sorted(then[part].keys() | now[part].keys())
         odd = [n for n in names if then[part].get(n) != now[part].get(n)]

@@ -1,6 +1,7 @@
 """What a fit can be trusted for: what the data determine, standard deviations, agreement with the data.
 
-Where the user wants to stop and an evaluation takes long, what is known is judged, and no more is computed.
+Where the user wants to stop and an evaluation takes long, what is known is judged, and no more is
+computed.
 """
 
 from __future__ import annotations
@@ -55,9 +56,11 @@ class Judgement:
     at_bound : dict of str to str
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
     correlation : tuple of dict
-        For each part of the problem, figures of agreement before and after; empty where they are not known.
+        For each part of the problem, figures of agreement before and after; empty where they are
+        not known.
     adequacy : tuple of Adequacy or None
-        For each part, whether what is left is noise; None where it is not known, or rounding is seen.
+        For each part, whether what is left is noise; None where it is not known, or rounding is
+        seen.
     rounding : Rounding or None
         Where rounding moves the model's answer by what matters.
     """
@@ -132,11 +135,15 @@ def judge(
         settled = fit.reason != "max-iterations"
         rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
         if rounding is None:
-            adequacy = unless_stopped(lambda: examine(problem, fit.x, noises, settled=settled), adequacy)
+            adequacy = unless_stopped(
+                lambda: examine(problem, fit.x, noises, settled=settled), adequacy
+            )
     if cut_short:
         fit = replace(fit, reason="stopped")
     covariance, at_bound = _covariance(problem, fit), _at_bound(problem, fit.x)
-    return Judgement(fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding)
+    return Judgement(
+        fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding
+    )
 
 
 def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
@@ -147,7 +154,8 @@ def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str
     problem : Task
         Model, data and unknowns.
     noises : sequence of NoiseModel
-        How uncertain the data of each part are; noise of ordinary size is taken where it would be estimated from a fit.
+        How uncertain the data of each part are; noise of ordinary size is taken where it would be
+        estimated from a fit.
 
     Raises
     ------
@@ -216,14 +224,19 @@ def _at_bound(problem: Task, x: NDArray[np.float64]) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
-    return {n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s}
+    return {
+        n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s
+    }
 
 
-def _correlation(problem: Problem, x: NDArray[np.float64], split: Split, first: FieldSolver) -> dict[str, Any]:
+def _correlation(
+    problem: Problem, x: NDArray[np.float64], split: Split, first: FieldSolver
+) -> dict[str, Any]:
     whole = problem.with_data(split.whole)
     untouched = replace(whole, solver=first)
     start = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has none.
+    # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
+    # none.
     end = np.where(problem.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
     parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
     scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
@@ -238,7 +251,9 @@ def _no_figures(split: Split) -> dict[str, Any]:
     return none if split.held is None else none | {"validation": {"before": {}, "after": {}}}
 
 
-def _scores(whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]) -> dict[str, dict[str, float]]:
+def _scores(
+    whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]
+) -> dict[str, dict[str, float]]:
     """Score the model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
     frf = whole.frf
     try:
@@ -246,6 +261,8 @@ def _scores(whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]) ->
     except SolverError:
         return {}
     return {
-        name: dict(correlate(answer.select(lines=part.freq, responses=part.responses), part).figures())
+        name: dict(
+            correlate(answer.select(lines=part.freq, responses=part.responses), part).figures()
+        )
         for name, part in parts.items()
     }

@@ -17,8 +17,8 @@ from updyn.updating.session import Record
 __all__ = ["a_optimal", "choose_lines", "d_optimal"]
 
 _RELATIVE_FLOOR = 1e-2
-#: Lines are exchanged where there are at most so many times as many as unknowns, at most so often, and for a rise of
-#: log det of at least this.
+#: Lines are exchanged where there are at most so many times as many as unknowns, at most so often,
+#: and for a rise of log det of at least this.
 _FEW, _EXCHANGES, _RISE = 2, 20, 1e-6
 
 
@@ -28,16 +28,17 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
     Parameters
     ----------
     lines : None, str or array_like of float
-        None: all. ``"d-optimal:40"``: the 40 that tell most of all unknowns together; ``"a-optimal:40"``: the 40 that
-        leave them least uncertain, ``"a-optimal:40:shaft.*"`` those of that name, globs with commas between. Else
-        frequencies in Hz, each a line of the data.
+        None: all. ``"d-optimal:40"``: the 40 that tell most of all unknowns together;
+        ``"a-optimal:40"``: the 40 that leave them least uncertain, ``"a-optimal:40:shaft.*"`` those
+        of that name, globs with commas between. Else frequencies in Hz, each a line of the data.
     problem : Problem
         Built on all lines.
 
     Raises
     ------
     OptionError
-        If the text is not understood, asks for more lines than there are, or for unknowns that there are not.
+        If the text is not understood, asks for more lines than there are, or for unknowns that
+        there are not.
     DataError
         If a frequency is not a line of the data.
     """
@@ -48,12 +49,15 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
         found = re.fullmatch(r"([ad])-optimal:(\d+)(?::(.+))?", lines)
         if found is None or (found[1] == "d" and found[3]):
             raise OptionError(
-                f"lines {lines!r}: expected 'd-optimal:N' or 'a-optimal:N' with a whole number N, after the latter a "
-                "colon and names of unknowns where only some count, or frequencies in Hz"
+                f"lines {lines!r}: expected 'd-optimal:N' or 'a-optimal:N' with a whole number N,"
+                " after the latter a colon and names of unknowns where only some count, or"
+                " frequencies in Hz"
             )
         count = int(found[2])
         if not 1 <= count <= len(frf.freq):
-            raise OptionError(f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from")
+            raise OptionError(
+                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from"
+            )
         wanted = _wanted(lines, found[3], problem.coordinates.parameters.names)
         return d_optimal(problem, count) if found[1] == "d" else a_optimal(problem, count, wanted)
     return frf.find_lines(lines)
@@ -62,9 +66,9 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
 def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     """Choose lines one by one, each the one that raises the determinant of the Fisher information most.
 
-    The information is taken at the start of the unknowns, for noise that is relative with a floor of 1 % of the rms of
-    all data of the same unit, as sensors have. Loss factors are taken as at least 0.02 there, so that a peak that is
-    not yet in its place still draws lines to its flanks.
+    The information is taken at the start of the unknowns, for noise that is relative with a floor
+    of 1 % of the rms of all data of the same unit, as sensors have. Loss factors are taken as at
+    least 0.02 there, so that a peak that is not yet in its place still draws lines to its flanks.
 
     Parameters
     ----------
@@ -80,18 +84,23 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
 
     Notes
     -----
-    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). Up to twice as many lines
-    as unknowns are then exchanged, one for one, as long as that raises it (Fedorov's exchange): with so few the first
-    choices, made before the determinant means much, still count.
+    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). Up to
+    twice as many lines as unknowns are then exchanged, one for one, as long as that raises it
+    (Fedorov's exchange): with so few the first choices, made before the determinant means much,
+    still count.
     """
-    return _chosen(problem, f"d-optimal {count}", lambda information: _most_telling(information, count))
+    return _chosen(
+        problem, f"d-optimal {count}", lambda information: _most_telling(information, count)
+    )
 
 
-def a_optimal(problem: Problem, count: int, wanted: Sequence[int] | None = None) -> NDArray[np.intp]:
+def a_optimal(
+    problem: Problem, count: int, wanted: Sequence[int] | None = None
+) -> NDArray[np.intp]:
     """Choose lines one by one, each the one that lowers the variance of some unknowns most.
 
-    The mean over these unknowns of the variance over that with all lines; for one unknown it is c-optimality. The
-    information is that of `d_optimal`.
+    The mean over these unknowns of the variance over that with all lines; for one unknown it is
+    c-optimality. The information is that of `d_optimal`.
 
     Parameters
     ----------
@@ -109,10 +118,15 @@ def a_optimal(problem: Problem, count: int, wanted: Sequence[int] | None = None)
 
     Notes
     -----
-    Greedy minimisation of a weighted trace of the covariance (Fedorov, Theory of Optimal Experiments, 1972, chapter 2).
+    Greedy minimisation of a weighted trace of the covariance (Fedorov, Theory of Optimal
+    Experiments, 1972, chapter 2).
     """
     at = list(range(problem.n)) if wanted is None else list(wanted)
-    return _chosen(problem, f"a-optimal {count} {at}", lambda information: _least_uncertain(information, count, at))
+    return _chosen(
+        problem,
+        f"a-optimal {count} {at}",
+        lambda information: _least_uncertain(information, count, at),
+    )
 
 
 def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | None:
@@ -128,7 +142,9 @@ def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | 
     return sorted(at)
 
 
-def _chosen(problem: Problem, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]) -> NDArray[np.intp]:
+def _chosen(
+    problem: Problem, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
+) -> NDArray[np.intp]:
     """Choose by the information of each line, shape (n_f, n, n)."""
     x = _start(problem)
     floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
@@ -156,7 +172,9 @@ def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.in
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _exchanged(information: NDArray[np.float64], total: NDArray[np.float64], chosen: list[int]) -> list[int]:
+def _exchanged(
+    information: NDArray[np.float64], total: NDArray[np.float64], chosen: list[int]
+) -> list[int]:
     """Exchange one chosen line at a time for one that is not, the best pair first, as long as log det rises."""
     chosen = list(chosen)
     for _ in range(_EXCHANGES):
@@ -164,7 +182,9 @@ def _exchanged(information: NDArray[np.float64], total: NDArray[np.float64], cho
         if not others.size:
             break
         now = np.linalg.slogdet(total)[1]
-        rises = [np.linalg.slogdet(total - information[c] + information[others])[1] - now for c in chosen]
+        rises = [
+            np.linalg.slogdet(total - information[c] + information[others])[1] - now for c in chosen
+        ]
         out, into = np.unravel_index(int(np.argmax(rises)), (len(chosen), len(others)))
         if rises[out][into] < _RISE:
             break
@@ -173,7 +193,9 @@ def _exchanged(information: NDArray[np.float64], total: NDArray[np.float64], cho
     return chosen
 
 
-def _least_uncertain(information: NDArray[np.float64], count: int, wanted: list[int]) -> NDArray[np.intp]:
+def _least_uncertain(
+    information: NDArray[np.float64], count: int, wanted: list[int]
+) -> NDArray[np.intp]:
     information, total = _scaled(information)
     unit = np.broadcast_to(np.eye(len(total)), information.shape)
 
@@ -206,7 +228,9 @@ def _start(problem: Problem) -> NDArray[np.float64]:
     return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
 
 
-def _information(problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]) -> NDArray[np.float64]:
+def _information(
+    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+) -> NDArray[np.float64]:
     """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
     x, floor, lines = item
     block = problem.block(x, lines)

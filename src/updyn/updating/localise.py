@@ -1,12 +1,13 @@
 """Which group's error explains what a fit leaves: energy of the error in the constitutive relations, and score tests.
 
-The energy says where an error would have to sit if it is to be small: the fields that balance the forces and come close
-to the measurement break stress-strain and force-acceleration relations somewhere, and the least energy of that breach
-is shared out among the groups (error in constitutive relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983)
-485; for vibration tests Ladeveze, Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement
-Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score says how much of the
-misfit a change of one quantity would take away, all unknowns of the fit adapting to it (Rao, Proc. Camb. Phil. Soc. 44
-(1948) 50).
+The energy says where an error would have to sit if it is to be small: the fields that balance the
+forces and come close to the measurement break stress-strain and force-acceleration relations
+somewhere, and the least energy of that breach is shared out among the groups (error in constitutive
+relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze,
+Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze &
+Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score says how much of the misfit a
+change of one quantity would take away, all unknowns of the fit adapting to it (Rao, Proc. Camb.
+Phil. Soc. 44 (1948) 50).
 """
 
 from __future__ import annotations
@@ -37,11 +38,14 @@ _MOST_TRIED, _KEPT = 240, 8
 _MOST_SENSORS = 80
 #: Lines at which the energy is looked at: the worst.
 _MOST_LINES = 60
-#: A suspect explains at least this share of what is left, and at least so many squared standard deviations.
+#: A suspect explains at least this share of what is left, and at least so many squared standard
+#: deviations.
 _LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
 
 
-def constitutive_weights(system: AffineSystem, state: State, omega: _Real) -> tuple[_Complex, _Real]:
+def constitutive_weights(
+    system: AffineSystem, state: State, omega: _Real
+) -> tuple[_Complex, _Real]:
     """Return the coefficients of Z and those of the energy in which its breach is measured.
 
     Parameters
@@ -58,8 +62,9 @@ def constitutive_weights(system: AffineSystem, state: State, omega: _Real) -> tu
     c : ndarray of complex, shape (n_terms, n_f)
         Of Z.
     w : ndarray of float, shape (n_terms, n_f)
-        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous). With an energy of
-        u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from those of u by W lambda.
+        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
+        With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from
+        those of u by W lambda.
     """
     c = system.coefficients(state, omega)
     elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]
@@ -90,10 +95,11 @@ def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines:
 
     Notes
     -----
-    Minimise lambda^H W lambda over fields that balance the forces, plus the misfit that is left over in units of the
-    noise. With P = Z^-1 on the responses and C = Sigma + theta S, S = P^T W conj(P), the solution is lambda = -theta
-    conj(P) C^-1 (h - h_X): the receptances' misfit as if forces of covariance W had caused it, plus noise. theta is set
-    at every line so that both together are as large as the misfit.
+    Minimise lambda^H W lambda over fields that balance the forces, plus the misfit that is left
+    over in units of the noise. With P = Z^-1 on the responses and C = Sigma + theta S, S = P^T W
+    conj(P), the solution is lambda = -theta conj(P) C^-1 (h - h_X): the receptances' misfit as if
+    forces of covariance W had caused it, plus noise. theta is set at every line so that both
+    together are as large as the misfit.
     """
     freq = problem.frf.freq[lines]
     omega = 2.0 * np.pi * freq
@@ -139,8 +145,8 @@ def localise(
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
         For each part, the residual there over its standard deviation; NaN for what is not there.
     beyond : float or None
-        How much of the sum of squares the noise does not explain; None: not known, and told from how much is alike
-        from line to line.
+        How much of the sum of squares the noise does not explain; None: not known, and told from
+        how much is alike from line to line.
 
     Returns
     -------
@@ -155,7 +161,10 @@ def localise(
     wide = ParameterSet((*problem.coordinates.parameters.items, *tried))
     coordinates = replace(problem.coordinates, parameters=wide, box=None)
     task = together(
-        [replace(p, unknowns=Unknowns.find(p.solver.system, wide), coordinates=coordinates) for p in problem.parts]
+        [
+            replace(p, unknowns=Unknowns.find(p.solver.system, wide), coordinates=coordinates)
+            for p in problem.parts
+        ]
     )
     values = np.concatenate([problem.coordinates.to_values(x), [p.start for p in tried]])
     local = residual.local(task, coordinates.to_x(values))
@@ -188,7 +197,9 @@ def _alike(whitened: Sequence[_Complex]) -> float:
     return float(sum(np.maximum(p, 0.0).sum() for p in products))
 
 
-def _energies(problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex]) -> dict[tuple[str, str], float]:
+def _energies(
+    problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex]
+) -> dict[tuple[str, str], float]:
     """Return the energy of the breach by group and matrix, each line counted by its misfit."""
     out: dict[tuple[str, str], float] = {}
     for i, part in enumerate(problem.parts):
@@ -236,7 +247,12 @@ def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> lis
         if quantity == "stiffness" and (group, "loss_factor") not in free and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
-    driven = {d.name for p in problem.coordinates.parameters for d in p.acts_on if d.quantity == "loss_factor"}
+    driven = {
+        d.name
+        for p in problem.coordinates.parameters
+        for d in p.acts_on
+        if d.quantity == "loss_factor"
+    }
     items = [p for p in items if p.quantity != "loss_factor" or p.name not in driven]
     return (_sensors(problem, free) + items)[:_MOST_TRIED]
 
@@ -244,4 +260,8 @@ def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> lis
 def _sensors(problem: Task, free: set[tuple[str, str]]) -> list[Parameter]:
     """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
     tried = calibration([part.frf for part in problem.parts], references="all")
-    return [p for p in tried if (p.group, p.quantity) not in free] if len(tried) <= _MOST_SENSORS else []
+    return (
+        [p for p in tried if (p.group, p.quantity) not in free]
+        if len(tried) <= _MOST_SENSORS
+        else []
+    )

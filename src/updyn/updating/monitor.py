@@ -49,7 +49,8 @@ class Monitor:
     problem : Task
         What is fitted.
     callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; returning True stops the fit.
+        Called with a `Progress` after every step and between blocks of lines; returning True stops
+        the fit.
 
     Attributes
     ----------
@@ -126,7 +127,9 @@ class Monitor:
         """Show where the fit is; return whether it should stop."""
         session = self.problem.session
         if self.callback is not None:
-            number, cost = (self.history[-1].number, self.history[-1].cost) if self.history else (0, np.nan)
+            number, cost = (
+                (self.history[-1].number, self.history[-1].cost) if self.history else (0, np.nan)
+            )
             progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped

@@ -17,7 +17,8 @@ from updyn.model import Model
 
 __all__ = ["CHANNELS", "Drive", "Parameter", "ParameterSet", "finite"]
 
-#: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is one of.
+#: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is
+#: one of.
 CHANNELS = {"calibration": "response", "force_calibration": "reference"}
 _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
@@ -29,15 +30,17 @@ class Drive:
     Parameters
     ----------
     group, quantity : str
-        Where; of a calibration factor (`updyn.calibration`) the label of the sensor. What is a value (loss factor,
-        Rayleigh coefficients) is set to the unknown's; anything else is multiplied by value**power.
+        Where; of a calibration factor (`updyn.calibration`) the label of the sensor. What is a
+        value (loss factor, Rayleigh coefficients) is set to the unknown's; anything else is
+        multiplied by value**power.
     power : float
         The exponent; 1 for a value.
 
     Raises
     ------
     ParameterError
-        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for a value.
+        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for
+        a value.
     """
 
     group: str
@@ -46,11 +49,15 @@ class Drive:
 
     def __post_init__(self) -> None:
         if self.quantity not in _QUANTITIES:
-            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}")
+            raise ParameterError(
+                f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
+            )
         object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
         if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
             said = self.quantity.replace("_", " ")
-            expected = f"1, as a {said} is a value" if self.quantity in VALUES else "a number other than 0"
+            expected = (
+                f"1, as a {said} is a value" if self.quantity in VALUES else "a number other than 0"
+            )
             raise ParameterError(f"{self.name!r}: power {self.power:g}; expected {expected}")
 
     @property
@@ -66,13 +73,14 @@ class Parameter:
     Parameters
     ----------
     group, quantity : str
-        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start; ``loss_factor``,
-        ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a linked unknown: what it is called.
+        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start;
+        ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a
+        linked unknown: what it is called.
     start, lower, upper : float
         Start and bounds, in the unit of the unknown.
     prior_std : float, optional
-        Standard deviation of a Gaussian prior about `start`, in its unit; of the logarithm for a factor, so that 0.3
-        means about 30 %.
+        Standard deviation of a Gaussian prior about `start`, in its unit; of the logarithm for a
+        factor, so that 0.3 means about 30 %.
     drives : tuple of Drive
         What a linked unknown acts on (`updyn.link`); empty: on its own group and quantity.
     nominal : float, optional
@@ -83,8 +91,8 @@ class Parameter:
     Raises
     ------
     ParameterError
-        If the quantity is not known, a number is not finite, bounds are out of order or do not fit the quantity, the
-        start lies outside, or the drives do not fit together.
+        If the quantity is not known, a number is not finite, bounds are out of order or do not fit
+        the quantity, the start lies outside, or the drives do not fit together.
     """
 
     group: str
@@ -101,46 +109,74 @@ class Parameter:
         object.__setattr__(self, "drives", tuple(self.drives))
         self._check_drives()
         for what in ("start", "lower", "upper"):
-            object.__setattr__(self, what, finite(getattr(self, what), f"unknown {self.name!r}: {what}"))
+            object.__setattr__(
+                self, what, finite(getattr(self, what), f"unknown {self.name!r}: {what}")
+            )
         if not self.lower < self.upper:
             raise ParameterError(
-                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the lower one first"
+                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the"
+                " lower one first"
             )
         if not self.lower <= self.start <= self.upper:
             raise ParameterError(
-                f"unknown {self.name!r} starts at {self.start:g}, outside its bounds ({self.lower:g}, {self.upper:g})"
+                f"unknown {self.name!r} starts at {self.start:g}, outside its bounds"
+                f" ({self.lower:g}, {self.upper:g})"
             )
         if self.is_factor and self.lower <= 0:
-            raise ParameterError(f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0")
+            raise ParameterError(
+                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0"
+            )
         if not self.is_factor and self.lower < 0:
             raise ParameterError(
-                f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound {self.lower:g}"
+                f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound"
+                f" {self.lower:g}"
             )
         if self.prior_std is not None:
-            object.__setattr__(self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std"))
+            object.__setattr__(
+                self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std")
+            )
             if self.prior_std <= 0:
-                raise ParameterError(f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number above 0")
+                raise ParameterError(
+                    f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number"
+                    " above 0"
+                )
         elif self.is_channel:
-            raise ParameterError(f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05")
+            raise ParameterError(
+                f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05"
+            )
         if self.nominal is not None:
-            object.__setattr__(self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal"))
+            object.__setattr__(
+                self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal")
+            )
             if not self.is_factor or self.nominal <= 0:
-                expected = "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
-                raise ParameterError(f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}")
+                expected = (
+                    "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
+                )
+                raise ParameterError(
+                    f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}"
+                )
 
     def _check_drives(self) -> None:
         if not self.drives and self.quantity not in _QUANTITIES:
-            raise ParameterError(f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}")
+            raise ParameterError(
+                f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
+            )
         names = [d.name for d in self.drives]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
-            raise ParameterError(f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers")
+            raise ParameterError(
+                f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers"
+            )
         if len({d.quantity in CHANNELS for d in self.drives}) > 1:
-            raise ParameterError(f"unknown {self.name!r} acts on sensors and on the model; use two unknowns")
+            raise ParameterError(
+                f"unknown {self.name!r} acts on sensors and on the model; use two unknowns"
+            )
         kinds = {d.quantity if d.quantity in VALUES else "" for d in self.drives}
         if len(kinds) > 1:
             value = max(kinds).replace("_", " ")
-            raise ParameterError(f"unknown {self.name!r} acts on {value}s and on other quantities; use two unknowns")
+            raise ParameterError(
+                f"unknown {self.name!r} acts on {value}s and on other quantities; use two unknowns"
+            )
 
     @property
     def name(self) -> str:
@@ -223,7 +259,9 @@ class ParameterSet(Sequence[Parameter]):
         for p in self.items:
             for d in p.acts_on:
                 if d.quantity in VALUES and values.setdefault(d.name, p.name) != p.name:
-                    raise ParameterError(f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}")
+                    raise ParameterError(
+                        f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}"
+                    )
         if not names:
             raise ParameterError("there is nothing to update: no unknown is chosen")
 
@@ -293,7 +331,9 @@ class ParameterSet(Sequence[Parameter]):
             new = [values.get(p.name, p.start) for p in self.items]
         else:
             new = self._vector(values, "start values").tolist()
-        return ParameterSet(tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True)))
+        return ParameterSet(
+            tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True))
+        )
 
     def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
         """Return a copy in which some factors stand for quantities.
@@ -318,7 +358,10 @@ class ParameterSet(Sequence[Parameter]):
         for name in nominal.keys() - set(self.names):
             raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
         return ParameterSet(
-            tuple(replace(p, nominal=nominal[p.name], unit=unit) if p.name in nominal else p for p in self.items)
+            tuple(
+                replace(p, nominal=nominal[p.name], unit=unit) if p.name in nominal else p
+                for p in self.items
+            )
         )
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
@@ -385,7 +428,9 @@ class ParameterSet(Sequence[Parameter]):
 
 def finite(given: Any, what: str) -> float:
     """Return a number, or refuse what is none or not finite as `what`."""
-    number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(given, bool)
+    number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(
+        given, bool
+    )
     if not (number and np.isfinite(given)):
         raise ParameterError(f"{what}: expected a finite number, found {given!r}")
     return float(given)

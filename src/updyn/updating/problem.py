@@ -29,10 +29,11 @@ _RELAXED = -0.5
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
 
-#: A block of lines stays in the processor's cache; it is also what the user may have to wait for after Ctrl-C.
+#: A block of lines stays in the processor's cache; it is also what the user may have to wait for
+#: after Ctrl-C.
 _BLOCK_BYTES = 6 * 2**20
-#: Operations of one evaluation from which spreading its lines pays, and from which it is long to wait for; some tenth
-#: of a second and some ten seconds.
+#: Operations of one evaluation from which spreading its lines pays, and from which it is long to
+#: wait for; some tenth of a second and some ten seconds.
 _SPREAD, _LONG = 5e8, 5e10
 
 
@@ -40,8 +41,9 @@ _SPREAD, _LONG = 5e8, 5e10
 class Coordinates:
     """The optimiser's coordinates x: logarithms of positive factors; for damping, the loss factor that it amounts to.
 
-    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one frequency, the same for all
-    tests of a run: alpha / omega and omega beta. So all x are of the size of one, whatever the band.
+    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
+    frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
+    size of one, whatever the band.
 
     Parameters
     ----------
@@ -52,7 +54,8 @@ class Coordinates:
     within : ndarray of float, shape (n, k), optional
         Orthonormal directions: x moves from the unknowns' start along them only.
     unit : float, optional
-        The standard deviation against which priors count, where the spread of a residual would say it.
+        The standard deviation against which priors count, where the spread of a residual would say
+        it.
     omega : float
         That frequency in rad/s.
     """
@@ -68,11 +71,15 @@ class Coordinates:
     def __post_init__(self) -> None:
         units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
         object.__setattr__(self, "_factor", self.parameters.is_factor)
-        object.__setattr__(self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters]))
+        object.__setattr__(
+            self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters])
+        )
 
     def to_x(self, values: _Vector) -> _Vector:
         """Return x for the unknowns' values, both shape (n,)."""
-        return np.where(self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit)
+        return np.where(
+            self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit
+        )
 
     def to_values(self, x: _Vector) -> _Vector:
         """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
@@ -91,8 +98,8 @@ class Coordinates:
     def relaxed_lower(self) -> _Vector:
         """Lower bounds in x that let damping turn negative on the way, shape (n,).
 
-        The true loss factor of a lightly damped part lies on its bound at zero, and a search that may not step across
-        gets caught there.
+        The true loss factor of a lightly damped part lies on its bound at zero, and a search that
+        may not step across gets caught there.
         """
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
         return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
@@ -152,12 +159,13 @@ class Problem:
     sign : ndarray of float, shape (n_i, n_j)
         Product of the signs of response and reference.
     session : Session
-        Where the lines are solved, and what is remembered of them. A copy sent to another process has a plain one.
+        Where the lines are solved, and what is remembered of them. A copy sent to another process
+        has a plain one.
     name : str
         Which test, where there are several.
     as_read : bool
-        Whether the model's FRFs are those that the sensors read, times their calibration factors; else those of the
-        structure.
+        Whether the model's FRFs are those that the sensors read, times their calibration factors;
+        else those of the structure.
     """
 
     solver: FieldSolver
@@ -238,12 +246,20 @@ class Problem:
             Itself where it has no more lines than that.
         """
         stride = -(-len(self.frf.freq) // largest)
-        return self if stride <= 1 else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
+        return (
+            self
+            if stride <= 1
+            else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
+        )
 
     def lowest(self, share: float) -> Problem:
         """Return the problem on a share of its lines, from the lowest; at least four of them."""
         n = max(4, round(share * self.n_lines))
-        return self if n >= self.n_lines else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
+        return (
+            self
+            if n >= self.n_lines
+            else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
+        )
 
     @property
     def parts(self) -> tuple[Problem, ...]:
@@ -287,7 +303,11 @@ class Problem:
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
         # Sparse: as measured on three-dimensional solids of 10k to 300k DOFs.
-        solve = 8.0 / 3.0 * n**3 + 8.0 * n**2 * columns if self.solver.tier != "sparse" else 50.0 * n**1.75
+        solve = (
+            8.0 / 3.0 * n**3 + 8.0 * n**2 * columns
+            if self.solver.tier != "sparse"
+            else 50.0 * n**1.75
+        )
         return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
 
     @property
@@ -343,7 +363,9 @@ class Problem:
             self._digest.append(digest((self.name, self.solver.label, *parts)))
         return [kind, self._digest[0], x, *about]
 
-    def recall(self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object) -> Record:
+    def recall(
+        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+    ) -> Record:
         """Return the result of an evaluation at x, from memory where it is known.
 
         Parameters
@@ -357,7 +379,11 @@ class Problem:
         *about : bytes, str or ndarray
             What else it follows from.
         """
-        return compute() if self.session.memory is None else self.session.recall(self.key(kind, x, *about), compute)
+        return (
+            compute()
+            if self.session.memory is None
+            else self.session.recall(self.key(kind, x, *about), compute)
+        )
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
         """Return model and measurement at a block of lines; calibration factors are on the model's side.
@@ -369,7 +395,13 @@ class Problem:
         """
         freq = self.frf.freq[lines]
         H, dH = sensitivity.receptance(
-            self.solver, self.unknowns, self.values(x), freq, self.rows, self.columns, derivatives=derivatives
+            self.solver,
+            self.unknowns,
+            self.values(x),
+            freq,
+            self.rows,
+            self.columns,
+            derivatives=derivatives,
         )
         factor = self.sign * ((2j * np.pi * freq) ** QUANTITIES[self.frf.quantity])[:, None, None]
         if dH is not None:
@@ -400,7 +432,11 @@ class Problem:
         """
 
         def compute() -> Record:
-            return (np.concatenate(list(self.each(_responses, [(x, lines) for lines in self.partition()]))),)
+            return (
+                np.concatenate(
+                    list(self.each(_responses, [(x, lines) for lines in self.partition()]))
+                ),
+            )
 
         return self.recall("responses", x, compute)[0]
 

@@ -1,13 +1,14 @@
 """Fitting inside a reduced model that is proved where the fit ends.
 
-A basis made at one point answers exactly there, and worse the further the unknowns move. So the fit is made inside the
-basis of its start, and not too far from there; where it ends, the full residual says whether the basis still holds; if
-not, a new one is made there and the fit goes on. As values and slopes are those of the whole model at the point of the
-basis, few rounds suffice.
+A basis made at one point answers exactly there, and worse the further the unknowns move. So the fit
+is made inside the basis of its start, and not too far from there; where it ends, the full residual
+says whether the basis still holds; if not, a new one is made there and the fit goes on. As values
+and slopes are those of the whole model at the point of the basis, few rounds suffice.
 
-A search goes further than that, and what it finds in the basis of the start can be far off. Where the fit does not
-settle from there, the search is made again, through a wider basis with a few motions at points around the start:
-nowhere exact, but good enough to find the basin by (benchmarks/accuracy.py --tier reduced).
+A search goes further than that, and what it finds in the basis of the start can be far off. Where
+the fit does not settle from there, the search is made again, through a wider basis with a few
+motions at points around the start: nowhere exact, but good enough to find the basin by
+(benchmarks/accuracy.py --tier reduced).
 """
 
 from __future__ import annotations
@@ -42,25 +43,42 @@ _DOFS, _LINES = 20_000, 40
 #: Why some methods need the exact model.
 _NEED_EXACT = {
     "equation-error": NOT_CONDENSED,
-    "rfm": "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'",
-    "complex-rfm": "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier 'sparse'",
-    "frf-sensitivity": "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length; use "
-    "tier 'sparse', or method 'output-error'",
-    "force-residual": "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier 'sparse'",
-    "constitutive": "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier 'sparse'",
-    "modal": "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use tier 'sparse'",
+    "rfm": (
+        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
+    ),
+    "complex-rfm": (
+        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
+        " 'sparse'"
+    ),
+    "frf-sensitivity": (
+        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
+        " use tier 'sparse', or method 'output-error'"
+    ),
+    "force-residual": (
+        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
+        " 'sparse'"
+    ),
+    "constitutive": (
+        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
+        " 'sparse'"
+    ),
+    "modal": (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    ),
     "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
 }
-#: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or half their value), and
-#: make so many steps while it has not yet arrived.
+#: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
+#: half their value), and make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
 _ROUNDS = 12
 #: A basis from within this share of that is enriched; from further off a new one is smaller.
 _NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
-#: A second search looks through motions at so many further points, so far from the start in the logarithms of factors,
-#: at no more than so many lines; unless that makes a basis that is too large to search in.
+#: A second search looks through motions at so many further points, so far from the start in the
+#: logarithms of factors, at no more than so many lines; unless that makes a basis that is too large
+#: to search in.
 _POINTS, _AWAY, _SEARCHED, _WIDEST = 8, 0.8, 200, 450
 #: So many DOFs without a sensor are kept track of, for advice.
 _ELSEWHERE = 200
@@ -89,7 +107,9 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
 
 
-def reduction_of(problem: Problem, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
+def reduction_of(
+    problem: Problem, accuracy: float, others: NDArray[np.intp] | None = None
+) -> Reduction:
     """Return the reduction of a problem's model for its responses, references and band, not made yet.
 
     Parameters
@@ -127,7 +147,10 @@ class _Part:
     @classmethod
     def of(cls, problem: Problem, accuracy: float) -> _Part:
         others = problem.solver.others(np.union1d(problem.rows, problem.columns))
-        return cls(problem, reduction_of(problem, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]))
+        return cls(
+            problem,
+            reduction_of(problem, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]),
+        )
 
     def build(self, x: _Vector) -> None:
         state = self.exact.state(x)
@@ -142,7 +165,9 @@ class _Part:
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector, *, enrich: bool) -> None:
-        self.certificate = self.reduction.certify(self.exact.state(x), self.exact.frf.freq, enrich=enrich)
+        self.certificate = self.reduction.certify(
+            self.exact.state(x), self.exact.frf.freq, enrich=enrich
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -205,9 +230,13 @@ class Reducing:
     def inside(self, problem: Task) -> Task:
         """Return a problem with the latest reduced models."""
         pairs = zip(problem.parts, self._parts, strict=True)
-        return together([replace(p, solver=made.solver) for p, made in pairs if made.solver is not None])
+        return together(
+            [replace(p, solver=made.solver) for p, made in pairs if made.solver is not None]
+        )
 
-    def fit(self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor) -> tuple[Task, Fit]:
+    def fit(
+        self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[Task, Fit]:
         """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
 
         Parameters
@@ -225,7 +254,9 @@ class Reducing:
             The last fit, or the one before where that was better.
         """
         x = strategy.search(problem, monitor)
-        found, fit = self._rounds(problem, strategy, noises, monitor, x, far=_outside(x, self._box()))
+        found, fit = self._rounds(
+            problem, strategy, noises, monitor, x, far=_outside(x, self._box())
+        )
         if fit.reason not in ("max-iterations", "stalled") or not self._may_search(strategy):
             return found, fit
         try:
@@ -248,21 +279,32 @@ class Reducing:
 
     def _may_search(self, strategy: Method) -> bool:
         """Whether a method looks for a basin, was given steps enough, and a wider basis is not too large for it."""
-        starts = getattr(getattr(strategy, "method", strategy), "starts", 0)  # of a regularised one: what it wraps
+        starts = getattr(
+            getattr(strategy, "method", strategy), "starts", 0
+        )  # of a regularised one: what it wraps
         size = max(part.reduction.size_with(_POINTS) for part in self._parts)
         return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
 
     def _around(self, problem: Task) -> Task:
         """Return a problem with reduced models that hold, roughly, around the start."""
         far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
-        points = np.clip(scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds)
+        points = np.clip(
+            scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds
+        )
         self._make(self._home)
         for part in self._parts:
             part.widen(points)
         return self.inside(problem).thinned(_SEARCHED)
 
     def _rounds(
-        self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector, *, far: bool
+        self,
+        problem: Task,
+        strategy: Method,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: _Vector,
+        *,
+        far: bool,
     ) -> tuple[Task, Fit]:
         """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
         near, left = False, strategy.max_iterations
@@ -319,8 +361,8 @@ class Reducing:
         if error is None or self.proved or fit.reason in ("stopped", "failed"):
             return fit
         note = (
-            f"The reduced model could not be proved where the fit ended: its error there may be {error:.1g} of "
-            f"the largest receptance of a line, not {self.accuracy:g}."
+            "The reduced model could not be proved where the fit ended: its error there may be"
+            f" {error:.1g} of the largest receptance of a line, not {self.accuracy:g}."
         )
         reason = "max-iterations" if fit.reason == "converged" else fit.reason
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
@@ -337,7 +379,9 @@ class Reducing:
         return {
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
-            "error": max(c.error for c in found) if self.proved else "not checked where the fit ended",
+            "error": (
+                max(c.error for c in found) if self.proved else "not checked where the fit ended"
+            ),
             "lines checked": sum(len(c.lines) for c in found),
             "factorisations": sum(c.factorisations for c in found),
             **fallback(used, self._parts[0].reduction.backend),

@@ -1,8 +1,9 @@
 """Regularisation of a fit: pulled to the start of the unknowns, or kept to directions that the data determine.
 
-The strength is found along with the unknowns: the problem is linearised where a fit has ended, the strength chosen
-there on all its singular values at once, and the fit repeated from that point, until the strength settles (for
-generalised cross-validation of nonlinear problems Haber & Oldenburg, Comput. Geosci. 4 (2000) 41).
+The strength is found along with the unknowns: the problem is linearised where a fit has ended, the
+strength chosen there on all its singular values at once, and the fit repeated from that point,
+until the strength settles (for generalised cross-validation of nonlinear problems Haber &
+Oldenburg, Comput. Geosci. 4 (2000) 41).
 """
 
 from __future__ import annotations
@@ -41,16 +42,19 @@ _STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
 CHOICES = (*_STRENGTHS, "tsvd")
 #: Methods that minimise one sum of squares within bounds, to which a pull can be added.
 METHODS = ("maximum-likelihood", "log", "output-error", "equation-error")
-#: The strength from which a choice starts, and the smallest that it may make: a prior of a factor e.
+#: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
+#: e.
 WEAKEST = 1.0
-#: How often a fit is repeated, with a new strength or other directions; and what has settled: a strength that changed
-#: by less than this, directions whose cosine is above that.
+#: How often a fit is repeated, with a new strength or other directions; and what has settled: a
+#: strength that changed by less than this, directions whose cosine is above that.
 _ROUNDS, _TURNS, _SETTLED, _SAME = 8, 4, 0.05, 1.0 - 1e-4
 #: Points of the curve in the record.
 _POINTS = 41
 
 
-def check_regularise(regularise: str | float | None, method: str, *, reducing: bool = False) -> None:
+def check_regularise(
+    regularise: str | float | None, method: str, *, reducing: bool = False
+) -> None:
     """Check the option.
 
     Parameters
@@ -72,18 +76,27 @@ def check_regularise(regularise: str | float | None, method: str, *, reducing: b
     if isinstance(regularise, str):
         if regularise not in CHOICES and re.fullmatch(r"tsvd:[1-9]\d*", regularise) is None:
             raise OptionError(
-                f"regularise {regularise!r}: {suggest(regularise, CHOICES)}; or 'tsvd:N' with a whole number N, or a "
-                "strength above 0"
+                f"regularise {regularise!r}: {suggest(regularise, CHOICES)}; or 'tsvd:N' with a"
+                " whole number N, or a strength above 0"
             )
-    elif isinstance(regularise, bool) or not isinstance(regularise, int | float) or not 0.0 < regularise < np.inf:
-        raise OptionError(f"regularise = {regularise!r}: expected a strength above 0, or one of {', '.join(CHOICES)}")
+    elif (
+        isinstance(regularise, bool)
+        or not isinstance(regularise, int | float)
+        or not 0.0 < regularise < np.inf
+    ):
+        raise OptionError(
+            f"regularise = {regularise!r}: expected a strength above 0, or one of"
+            f" {', '.join(CHOICES)}"
+        )
     if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
         raise OptionError(
-            f"regularise {regularise!r} keeps to directions from the start, a reduced model to where its basis was "
-            "made; use tier 'sparse', or 'gcv'"
+            f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
+            " where its basis was made; use tier 'sparse', or 'gcv'"
         )
     if method not in METHODS:
-        raise OptionError(f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}")
+        raise OptionError(
+            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}"
+        )
 
 
 def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
@@ -144,19 +157,22 @@ class Regularised:
         Raises
         ------
         OptionError
-            If every unknown has a prior of its own, or more directions are asked for than there are unknowns.
+            If every unknown has a prior of its own, or more directions are asked for than there are
+            unknowns.
         """
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
-            raise OptionError("regularise: every unknown has a prior of its own; nothing is left to regularise")
+            raise OptionError(
+                "regularise: every unknown has a prior of its own; nothing is left to regularise"
+            )
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
         run = _Run(problem, once, monitor, free)
         if isinstance(self.how, str) and self.how.startswith("tsvd"):
             number = int(self.how[5:]) if ":" in self.how else None
             if number is not None and number > free.sum():
                 raise OptionError(
-                    f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each unknown without a "
-                    "prior"
+                    f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
+                    " unknown without a prior"
                 )
             return run.truncated(noises, x, number)
         if isinstance(self.how, str):
@@ -177,9 +193,11 @@ class _Run:
     monitor : Monitor
         Who watches.
     free : ndarray of bool, shape (n,)
-        The unknowns without a prior of their own; the others keep theirs and nothing else holds them.
+        The unknowns without a prior of their own; the others keep theirs and nothing else holds
+        them.
     unit : float or None
-        What the residual is measured in, once a first fit has told; all strengths count against that.
+        What the residual is measured in, once a first fit has told; all strengths count against
+        that.
     """
 
     problem: Task
@@ -196,7 +214,11 @@ class _Run:
             return first
         run = self._after(first)
         fit = run._pulled(run._held(noises, first), first.x, strength)
-        return fit if _broken(fit) else run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
+        return (
+            fit
+            if _broken(fit)
+            else run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
+        )
 
     def chosen(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
         """Fit with the strength that a criterion chooses where the fit ends."""
@@ -215,7 +237,11 @@ class _Run:
                 break
             strength = wanted
             fit = run._pulled(noises, fit.x, strength)
-        return fit if _broken(fit) else run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
+        return (
+            fit
+            if _broken(fit)
+            else run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
+        )
 
     def _pulled(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
@@ -227,10 +253,14 @@ class _Run:
             replace(p, prior_std=p.prior_std or float(u) / strength)
             for p, u in zip(coordinates.parameters, units, strict=True)
         ]
-        pulled = self._with(replace(coordinates, parameters=ParameterSet(tuple(items)), unit=self.unit))
+        pulled = self._with(
+            replace(coordinates, parameters=ParameterSet(tuple(items)), unit=self.unit)
+        )
         return self.method.fit(pulled, noises, self.monitor, x)
 
-    def _tikhonov(self, fit: Fit, strength: float, how: str, tried: list[float], settled: bool = True) -> Fit:
+    def _tikhonov(
+        self, fit: Fit, strength: float, how: str, tried: list[float], settled: bool = True
+    ) -> Fit:
         spectrum = self._spectrum(fit)
         low, high = _range(spectrum)
         low, high = min(low, strength), max(high, strength)
@@ -252,17 +282,23 @@ class _Run:
 
     def _said(self, how: str, strength: float, spectrum: Spectrum, settled: bool) -> str:
         if how != "stated" and strength <= 1.01 * WEAKEST:
-            return f"Regularisation ({how}) finds that nothing has to be held: the data determine the unknowns."
+            return (
+                f"Regularisation ({how}) finds that nothing has to be held: the data determine the"
+                " unknowns."
+            )
         said = (
-            f"Regularised ({how}): values are pulled to their start as by priors of standard deviation "
-            f"{1.0 / strength:.3g}; standard deviations count that as prior knowledge, the bias is not in them."
+            f"Regularised ({how}): values are pulled to their start as by priors of standard"
+            f" deviation {1.0 / strength:.3g}; standard deviations count that as prior knowledge,"
+            " the bias is not in them."
         )
         if not settled:
             said += " The strength had not settled after the last of its rounds."
-        if how == "l-curve" and spectrum.gcv(spectrum.passed(strength)) > spectrum.gcv(spectrum.passed(WEAKEST)):
+        if how == "l-curve" and spectrum.gcv(spectrum.passed(strength)) > spectrum.gcv(
+            spectrum.passed(WEAKEST)
+        ):
             said += (
-                " The corner of the L-curve raises the misfit by more than the noise asks for: such a pull costs what "
-                "the data know well; 'gcv' does not."
+                " The corner of the L-curve raises the misfit by more than the noise asks for: such"
+                " a pull costs what the data know well; 'gcv' does not."
             )
         return said
 
@@ -300,8 +336,9 @@ class _Run:
             **_curve(spectrum, shares, "numbers", numbers, spectrum.kept(kept)),
         }
         note = (
-            f"Regularised (tsvd): {kept} of {int(self.free.sum())} directions are fitted; along the others the "
-            "unknowns stay at their start, and the standard deviations take that for certain."
+            f"Regularised (tsvd): {kept} of {int(self.free.sum())} directions are fitted; along the"
+            " others the unknowns stay at their start, and the standard deviations take that for"
+            " certain."
         )
         if not settled:
             note += " The directions had not settled after the last of their rounds."
@@ -322,8 +359,12 @@ class _Run:
         lower, upper = self.problem.coordinates.bounds
         home = np.clip(home, lower, upper)
         with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(way > 0, (upper - home) / way, np.where(way < 0, (lower - home) / way, np.inf))
-        return np.asarray(np.clip(home + min(1.0, float(room.min(initial=np.inf))) * way, lower, upper))
+            room = np.where(
+                way > 0, (upper - home) / way, np.where(way < 0, (lower - home) / way, np.inf)
+            )
+        return np.asarray(
+            np.clip(home + min(1.0, float(room.min(initial=np.inf))) * way, lower, upper)
+        )
 
     # -- what both need ------------------------------------------------------------------------------------
     def _with(self, coordinates: Coordinates) -> Task:
@@ -339,7 +380,9 @@ class _Run:
         n, n_values = self.problem.n, self.problem.n_values
         try:
             return [
-                _Held(noise.refit(part.responses(fit.x), part.frf, -(-n * part.n_values // n_values)))
+                _Held(
+                    noise.refit(part.responses(fit.x), part.frf, -(-n * part.n_values // n_values))
+                )
                 for part, noise in zip(self.problem.parts, noises, strict=True)
             ]
         except Stopped:  # the next fit will see that, too

@@ -1,7 +1,8 @@
 """Residuals between model and measurement, each a small object, and their reduction block by block.
 
-A residual turns a block of lines into real residuals and their Jacobian. The blocks are stacked by QR factors, so that
-the Jacobian of all lines need never be held, and the normal equations are never formed.
+A residual turns a block of lines into real residuals and their Jacobian. The blocks are stacked by
+QR factors, so that the Jacobian of all lines need never be held, and the normal equations are never
+formed.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ class _ByLine(Residual, Protocol):
 class LogError:
     """r = ln(H_A / H_X): difference of log magnitude and of phase.
 
-    Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide. Values that are
-    exactly zero on either side have no logarithm and are given weight zero.
+    Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide.
+    Values that are exactly zero on either side have no logarithm and are given weight zero.
     """
 
     name: str = "log"
@@ -110,7 +111,9 @@ class LogError:
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
         H = np.where(usable, block.H, 1.0)
-        return np.log(H / np.where(usable, block.measured, 1.0)), block.dH * np.where(usable, 1.0 / H, 0.0)
+        return np.log(H / np.where(usable, block.measured, 1.0)), block.dH * np.where(
+            usable, 1.0 / H, 0.0
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,9 +204,10 @@ class Each(EachOf[OutputError]):
 class EquationError:
     """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
 
-    Every reference has to be measured as a response too: its unit force stands on a retained DOF. With measured noise
-    the estimate is biased, as H_X stands on both sides. Where translations and rotations were measured, forces and
-    moments are brought to one scale by the levels of the data (`_same_unit`); otherwise it is the paper's as it stands.
+    Every reference has to be measured as a response too: its unit force stands on a retained DOF.
+    With measured noise the estimate is biased, as H_X stands on both sides. Where translations and
+    rotations were measured, forces and moments are brought to one scale by the levels of the data
+    (`_same_unit`); otherwise it is the paper's as it stands.
     """
 
     name: str = "equation-error"
@@ -228,12 +232,14 @@ class EquationError:
         if not driven.all():
             missing = problem.frf.references[int(np.flatnonzero(~driven)[0])]
             raise DataError(
-                f"equation error: reference {missing} is not among the responses; the force has to stand on a retained "
-                "DOF. Measure the drive point, or use another method"
+                f"equation error: reference {missing} is not among the responses; the force has to"
+                " stand on a retained DOF. Measure the drive point, or use another method"
             )
         quantity = problem.frf.quantity
         if QUANTITIES[quantity] and problem.frf.freq[0] == 0.0:
-            raise DataError(f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out")
+            raise DataError(
+                f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
+            )
 
     def blocks(self, problem: Problem, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
@@ -265,9 +271,16 @@ class EquationError:
         freq, slope = problem.frf.freq[lines], problem.coordinates.slope(x)
         unit = _drive_points(problem)
         weight = _same_unit(problem, unit)
-        factor = problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
+        factor = (
+            problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
+        )
         product, derivative = sensitivity.condensed_product(
-            problem.solver, problem.unknowns, problem.values(x), freq, problem.rows, problem.frf.values[lines] * factor
+            problem.solver,
+            problem.unknowns,
+            problem.values(x),
+            freq,
+            problem.rows,
+            problem.frf.values[lines] * factor,
         )
         assert derivative is not None
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
@@ -281,8 +294,8 @@ def _drive_points(problem: Problem) -> _Matrix:
 def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
     """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
 
-    The residual at a rotation is a moment per force. Times the level of the motion there, over the level of the motion
-    at the force, it becomes a share of work, whatever the unit of length.
+    The residual at a rotation is a moment per force. Times the level of the motion there, over the
+    level of the motion at the force, it becomes a share of work, whatever the unit of length.
     """
     level = level_by_unit(problem.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
@@ -315,8 +328,11 @@ def _triangle(block: _Matrix) -> _Matrix:
     """Return the R of the QR factors, shape (min(m, n), n); of a block stored by columns, which is overwritten."""
     if min(block.shape) == 0:
         return block[:0]
-    # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy and scipy call.
-    factors, _, info = lapack.dgeqrt(min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True)
+    # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy
+    # and scipy call.
+    factors, _, info = lapack.dgeqrt(
+        min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True
+    )
     assert info == 0
     return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)
 
@@ -327,7 +343,9 @@ def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     if not weight.any():
         return local
     residual = weight * (x - centre)
-    return joined([local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n)
+    return joined(
+        [local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n
+    )
 
 
 def joined(locals_: Sequence[Local], n: int) -> Local:
@@ -371,7 +389,9 @@ def _kind(residual: _ByLine) -> str:
 
 def _local(residual: _ByLine | EachOf[Any], problem: Task, x: _Vector) -> Local | None:
     try:
-        return joined([solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n)
+        return joined(
+            [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
+        )
     except SolverError:
         return None
 

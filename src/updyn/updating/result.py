@@ -26,7 +26,8 @@ class Iteration:
     Attributes
     ----------
     stage : str
-        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``, ...).
+        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
+        ...).
     number : int
         Counted from 0 (the start) through all stages.
     cost : float
@@ -61,16 +62,20 @@ class Identifiability:
     n_parameters : int
         Number of unknowns.
     condition : float
-        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is short by arithmetic).
+        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is
+        short by arithmetic).
     singular_values : tuple of float
         Of the Jacobian with columns scaled to unit norm, falling.
     null_directions : list of dict of str to float
-        Each combination that the data leave open, as weights by unknown: moving all of them together by these
-        weights changes nothing that was measured. Largest weight 1; weights below 1e-3 left out.
+        Each combination that the data leave open, as weights by unknown: moving all of them
+        together by these weights changes nothing that was measured. Largest weight 1; weights below
+        1e-3 left out.
     determined_directions : list of dict of str to float
-        Among the unknowns that take part in an open combination, the combinations that the data do determine.
+        Among the unknowns that take part in an open combination, the combinations that the data do
+        determine.
     collinearity : float
-        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in practice).
+        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
+        practice).
     advice : str
         What to do about it, in a sentence or two.
     """
@@ -131,11 +136,13 @@ class UpdateResult:
     history : tuple of Iteration
         Every step.
     noise : dict
-        The noise model used: ``kind`` (how known), ``relative``, ``floor`` where they apply, ``chi_square`` (reduced;
-        1 where the noise explains the residual), ``inflation`` (factor on the standard deviations).
+        The noise model used: ``kind`` (how known), ``relative``, ``floor`` where they apply,
+        ``chi_square`` (reduced; 1 where the noise explains the residual), ``inflation`` (factor on
+        the standard deviations).
     correlation : dict
-        ``before``, ``after`` and, where something was held out, ``validation`` (itself with ``before``, ``after``):
-        each a flat dict of figures (``frac_median``, ``db_error_median``, ``csac_mean``, ...).
+        ``before``, ``after`` and, where something was held out, ``validation`` (itself with
+        ``before``, ``after``): each a flat dict of figures (``frac_median``, ``db_error_median``,
+        ``csac_mean``, ...).
     timing_s : dict of str to float
         Seconds by stage, and ``total``.
     versions : dict of str to str
@@ -143,8 +150,9 @@ class UpdateResult:
     title : str
         For the record.
     adequacy : Adequacy or None
-        Whether what is left is noise, or what the model cannot follow, and what would explain it; None where it was not
-        tested: the fit did not settle, rounding is seen, or the record is an old one.
+        Whether what is left is noise, or what the model cannot follow, and what would explain it;
+        None where it was not tested: the fit did not settle, rounding is seen, or the record is an
+        old one.
     """
 
     status: str
@@ -184,13 +192,19 @@ class UpdateResult:
         return sum(1 for h in self.history if h.accepted and h.number > 0 and h.step > 0)
 
     def __repr__(self) -> str:
-        return f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns, {self.iterations} iterations)"
+        return (
+            f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns,"
+            f" {self.iterations} iterations)"
+        )
 
     def summary(self) -> str:
         """Return the outcome as text: verdict, unknowns with their standard deviations, what is not determined."""
         width = max(28, *(len(p.name) + 2 for p in self.parameters))
         lines = [
-            f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations ({self.method})",
+            (
+                f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations"
+                f" ({self.method})"
+            ),
             self.message + (f" {self.remedy}" if self.remedy else ""),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
@@ -205,10 +219,15 @@ class UpdateResult:
             if p.value_unit:
                 note = f"in {p.value_unit}" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
-            lines.append(f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip())
+            lines.append(
+                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip()
+            )
         ident = self.identifiability
         advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
-        lines += ["", f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip()]
+        lines += [
+            "",
+            f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip(),
+        ]
         for number, direction in enumerate(ident.null_directions, 1):
             lines.append(f"  open combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
@@ -216,16 +235,22 @@ class UpdateResult:
         if self.options.get("tier") == "reduced" and "basis" in self.options:
             error = self.options["error"]
             shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
-            lines.append(f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}.")
+            lines.append(
+                f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}."
+            )
         if self.adequacy is not None:
             lines += _left_over(self.adequacy, self.message)
         if any(p.is_channel for p in self.parameters):
-            lines.append("After: the updated model as the sensors read it, times their calibration factors.")
+            lines.append(
+                "After: the updated model as the sensors read it, times their calibration factors."
+            )
         held = self.correlation.get("validation", {})
         for what, table in (("fitted", self.correlation), ("held out", held)):
             for when in ("before", "after"):
                 if figures := table.get(when):
-                    shown = ", ".join(f"{k} {v:.3g}" for k, v in figures.items() if isinstance(v, float))
+                    shown = ", ".join(
+                        f"{k} {v:.3g}" for k, v in figures.items() if isinstance(v, float)
+                    )
                     lines.append(f"{what}, {when}: {shown}")
         return "\n".join(lines)
 
@@ -237,8 +262,8 @@ class JointResult:
     Parameters
     ----------
     results : mapping of str to UpdateResult
-        By test, each with its model, data and agreement. What belongs to the unknowns (values, deviations, history,
-        status) is the same in all of them.
+        By test, each with its model, data and agreement. What belongs to the unknowns (values,
+        deviations, history, status) is the same in all of them.
     title : str
         For the record.
     """
@@ -291,19 +316,27 @@ class JointResult:
     def summary(self) -> str:
         """Return the outcome as text: unknowns once, agreement test by test."""
         lines = self.first.summary().splitlines()
-        at = next((i for i, line in enumerate(lines) if line.startswith("fitted, before")), len(lines))
+        at = next(
+            (i for i, line in enumerate(lines) if line.startswith("fitted, before")), len(lines)
+        )
         first = _left_over(self.first.adequacy, self.first.message)
         head = [line for line in lines[:at] if line not in first]
         head[0] = head[0].replace(self.first.title or "Update", self.title or "Update", 1)
         for name, result in self.results.items():
-            own = [line for line in result.summary().splitlines() if line.startswith(("fitted,", "held out,"))]
+            own = [
+                line
+                for line in result.summary().splitlines()
+                if line.startswith(("fitted,", "held out,"))
+            ]
             own += [line.strip() for line in _left_over(result.adequacy, result.message)]
             head += [f"{name}: {line}" for line in own]
         return "\n".join(head)
 
 
 def _combination(direction: Mapping[str, float]) -> str:
-    return ", ".join(f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1])))
+    return ", ".join(
+        f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1]))
+    )
 
 
 def _left_over(found: Adequacy | None, message: str) -> list[str]:
@@ -314,7 +347,9 @@ def _left_over(found: Adequacy | None, message: str) -> list[str]:
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
         over = f", alike over {place.alike:.0f} lines" if place.kind == "structure" else ""
-        where = f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
+        where = (
+            f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
+        )
         lines.append(f"  {where}: {place.misfit:.3g} {unit}{over}")
     for suspect in found.explained_by[:3]:
         lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")

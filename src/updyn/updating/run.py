@@ -99,7 +99,8 @@ def run(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of another run.
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of
+        another run.
     SolverError
         If a model cannot be solved at a line where it starts.
     """
@@ -107,12 +108,17 @@ def run(
     strategy = make_method(method, options)
     driver = regularised(strategy, method, regularise)
     chosen = Selection.of(parameters)
-    parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
+    parameters, tests = (
+        chosen.parameters,
+        [replace(test, model=chosen.start_of(test.model)) for test in tests],
+    )
     check(tests, parameters)
     check_method(parameters, method, strategy)
     held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
     splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
-    noises = [choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)]
+    noises = [
+        choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)
+    ]
     with ExitStack() as ending:
         session = Session(_engine(engine, ending), Recent())
         largest = max(test.model.n_dofs for test in tests)
@@ -131,19 +137,25 @@ def run(
             for test, split in zip(tests, splits, strict=True)
         ]
         whole = together(problems)
-        all_data = together([p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)])
+        all_data = together(
+            [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
+        )
         reduced = Reducing(all_data, accuracy) if reducing else None
         used = [
             {
                 **{k: getattr(strategy, k) for k in options_of(method)},
-                "lines": test.lines if isinstance(test.lines, str) or test.lines is None else "list",
+                "lines": (
+                    test.lines if isinstance(test.lines, str) or test.lines is None else "list"
+                ),
                 "tier": "reduced" if reducing else problem.solver.tier,
                 "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
             }
             for test, problem in zip(tests, problems, strict=True)
         ]
         if checkpoint is not None:
-            decisive: dict[str, object] = {k: v for k, v in used[0].items() if k != "max_iterations"}
+            decisive: dict[str, object] = {
+                k: v for k, v in used[0].items() if k != "max_iterations"
+            }
             decisive |= {"method": method, "accuracy": accuracy}
             decisive |= {} if regularise is None else {"regularise": regularise}
             decisive["lines"] = [_listed(test.lines) for test in tests]
@@ -154,7 +166,9 @@ def run(
         elif resume:
             raise OptionError("resume: name the checkpoint to go on from")
         monitor = Monitor(whole, callback)
-        problem, fit = _fitted(whole, [test.lines for test in tests], driver, noises, monitor, reduced)
+        problem, fit = _fitted(
+            whole, [test.lines for test in tests], driver, noises, monitor, reduced
+        )
         with monitor.stage("judge"):
             found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
@@ -183,7 +197,9 @@ def run(
         "method": method,
         "parameters": parameters,
         "values": dict(zip(parameters.names, values.tolist(), strict=True)),
-        "std": dict(zip(parameters.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)),
+        "std": dict(
+            zip(parameters.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
+        ),
         "covariance": found.covariance,
         "at_bound": found.at_bound,
         "identifiability": replace(found.analysis.report, advice=found.advice),
@@ -201,7 +217,10 @@ def run(
         UpdateResult(
             **common,
             title=f"{title}: {test.name}".removeprefix(": ") if test.name else title,
-            options=used[i] | {"engine": session.engine.name} | _solved(problems[i], reduced) | more,
+            options=used[i]
+            | {"engine": session.engine.name}
+            | _solved(problems[i], reduced)
+            | more,
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
             frf=test.frf,
@@ -223,9 +242,14 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     Raises
     ------
     InputError
-        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is no DOF of its model.
+        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is
+        no DOF of its model.
     """
-    kinds = [(test.model, Model) for test in tests] + [(test.frf, FRF) for test in tests] + [(parameters, ParameterSet)]
+    kinds = (
+        [(test.model, Model) for test in tests]
+        + [(test.frf, FRF) for test in tests]
+        + [(parameters, ParameterSet)]
+    )
     for given, kind in kinds:
         if not isinstance(given, kind):
             raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
@@ -235,7 +259,9 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
                 check_channel(d.group, d.quantity, [test.frf for test in tests], p.name)
             elif not any(_has(test.model, d.group, d.quantity) for test in tests):
                 tests[0].model.group(d.group)  # names the nearest where there is none
-                raise ParameterError(f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model")
+                raise ParameterError(
+                    f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
+                )
     for test in tests:
         test.model.dofs.match(test.frf.responses, "response")
         test.model.dofs.match(test.frf.references, "reference")
@@ -257,7 +283,10 @@ def _warn_of_axes(test: Test) -> None:
         cosine = float(told[axis] @ (np.eye(3) if own is None else own)[axis])
         if cosine < _ALONG:
             angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-            text = f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as it points"
+            text = (
+                f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as"
+                " it points"
+            )
             warnings.warn(text, UpdynWarning, stacklevel=4)
             return
 
@@ -287,7 +316,9 @@ def _has(model: Model, group: str, quantity: str) -> bool:
 
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
     """Return what of the changes is in a model: a configuration may lack a group."""
-    own = {g: {q: v for q, v in change.items() if _has(model, g, q)} for g, change in changes.items()}
+    own = {
+        g: {q: v for q, v in change.items() if _has(model, g, q)} for g, change in changes.items()
+    }
     return {g: change for g, change in own.items() if change}
 
 
@@ -297,7 +328,9 @@ def _listed(lines: _Lines) -> object:
 
 def _solved(problem: Problem, reduced: Reducing | None) -> dict[str, Any]:
     """Return, for the record, how it was solved beyond what was asked for."""
-    return fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
+    return (
+        fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
+    )
 
 
 def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
@@ -323,14 +356,18 @@ def _fitted(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = together([on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)])
+            problem = together(
+                [on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)]
+            )
             monitor.problem = problem
             for part in problem.parts:
                 part.responses(x)  # a start that cannot be solved is the user's to know
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)
-            return problem, strategy.fit(problem, noises, monitor, strategy.search(problem, monitor))
+            return problem, strategy.fit(
+                problem, noises, monitor, strategy.search(problem, monitor)
+            )
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))
     except Stopped:

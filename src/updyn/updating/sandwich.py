@@ -20,9 +20,11 @@ from updyn.updating.trust_region import Local
 __all__ = ["Sandwich", "sandwich"]
 
 _Matrix = NDArray[np.float64]
-#: Directions that the data hardly see keep the Jacobian's own length, beyond this share of what rounding leaves.
+#: Directions that the data hardly see keep the Jacobian's own length, beyond this share of what
+#: rounding leaves.
 _CLEAR = 10.0 * RANK_TOLERANCE
-#: Noise over |H| from which the logarithm of a value is off by its curvature; the share of such values worth a word.
+#: Noise over |H| from which the logarithm of a value is off by its curvature; the share of such
+#: values worth a word.
 _LOUD, _MANY = 0.5, 0.02
 
 
@@ -46,15 +48,20 @@ class Sandwich:
 
 
 def sandwich(
-    problem: Task, residual: LogError | Each, local: Local, x: NDArray[np.float64], noises: Sequence[NoiseModel] = ()
+    problem: Task,
+    residual: LogError | Each,
+    local: Local,
+    x: NDArray[np.float64],
+    noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
     """Return the covariance of a fit, or None where there is none or the user does not wait for it.
 
-    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the estimate has the
-    covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221; White, Econometrica 48 (1980) 817).
-    S is that of the noise model, not squares of the residuals themselves: these are too few where single peaks
-    carry a fit (`benchmarks/sandwich.py`). Where the weighted misfit exceeds what S explains, S grows to it, and by the
-    lines over which the residual is correlated.
+    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
+    estimate has the covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
+    White, Econometrica 48 (1980) 817). S is that of the noise model, not squares of the residuals
+    themselves: these are too few where single peaks carry a fit (`benchmarks/sandwich.py`). Where
+    the weighted misfit exceeds what S explains, S grows to it, and by the lines over which the
+    residual is correlated.
 
     Parameters
     ----------
@@ -81,18 +88,28 @@ def sandwich(
 
 
 def _sandwich(
-    problem: Task, residual: LogError | Each, local: Local, x: NDArray[np.float64], noises: Sequence[NoiseModel]
+    problem: Task,
+    residual: LogError | Each,
+    local: Local,
+    x: NDArray[np.float64],
+    noises: Sequence[NoiseModel],
 ) -> Sandwich | None:
     looked, weights, spreads, total, loud = [], [], [], 0.0, []
     for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
         H, frf = part.responses(x), part.frf
-        noise = given.base if isinstance(given, Robust) else given  # its weights are not those of this fit
+        noise = (
+            given.base if isinstance(given, Robust) else given
+        )  # its weights are not those of this fit
         noise = noise.refit(H, frf, -(-problem.n * part.n_values // problem.n_values))
         variance = noise.variance(H, frf)
         size = np.abs(H)
         seen = (size > 0.0) & (frf.values != 0.0)
         safe = np.where(seen, size, 1.0)
-        weight = np.where(seen, 1.0 / safe, 0.0) if isinstance(residual, LogError) else residual.of(i).weight
+        weight = (
+            np.where(seen, 1.0 / safe, 0.0)
+            if isinstance(residual, LogError)
+            else residual.of(i).weight
+        )
         total += float(np.sum(weight**2 * variance))
         looked.append(noise)
         weights.append(weight)
@@ -105,7 +122,9 @@ def _sandwich(
     scale = np.where(norms > 0.0, norms, 1.0)
     _, s, Vt = np.linalg.svd(local.R / scale)
     clear = s > _CLEAR * max(s[0], np.finfo(float).tiny)
-    along = (meat.R / scale) @ Vt[clear].T / s[clear]  # its square: J^T S J where J has unit directions
+    along = (
+        (meat.R / scale) @ Vt[clear].T / s[clear]
+    )  # its square: J^T S J where J has unit directions
     expected = total - float(np.sum(along**2))
     misfit = 2.0 * local.cost / expected if expected > 1e-3 * total else 1.0
     known = known_length(problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values))
@@ -117,8 +136,15 @@ def _sandwich(
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
     taken = looked[0].kind.startswith("estimated")  # from this very residual
     spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
-    record = {"chi_square": 1.0 if taken else float(misfit), "spread": spread, **known, "inflation": inflation}
-    return Sandwich(R, tuple({"kind": n.kind, **n.figures(), **record} for n in looked), _note(residual, loud))
+    record = {
+        "chi_square": 1.0 if taken else float(misfit),
+        "spread": spread,
+        **known,
+        "inflation": inflation,
+    }
+    return Sandwich(
+        R, tuple({"kind": n.kind, **n.figures(), **record} for n in looked), _note(residual, loud)
+    )
 
 
 def _note(residual: LogError | Each, loud: Sequence[Any]) -> str:
@@ -126,6 +152,7 @@ def _note(residual: LogError | Each, loud: Sequence[Any]) -> str:
     if not isinstance(residual, LogError) or share <= _MANY:
         return ""
     return (
-        f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is biased, and the "
-        "standard deviations do not show it; maximum-likelihood weighs them rightly."
+        f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is"
+        " biased, and the standard deviations do not show it; maximum-likelihood weighs them"
+        " rightly."
     )

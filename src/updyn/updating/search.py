@@ -1,16 +1,17 @@
 """Finding the right basin: where a local fit may safely start.
 
-The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened by two things. Loss
-factors start inflated, so that the model's resonances are broad enough to overlap the measured ones, and may pass
-through negative values on the way: a wall at zero stops most searches for lightly damped parts, whose true values lie
-on it. And a basin is believed only when further tries, with other inflations and then from random points, end in it
-too. All but the first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
-are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common factor on all
-stiffnesses, chosen beforehand so that the frequency axes agree, finds no more.)
+The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
+by two things. Loss factors start inflated, so that the model's resonances are broad enough to
+overlap the measured ones, and may pass through negative values on the way: a wall at zero stops
+most searches for lightly damped parts, whose true values lie on it. And a basin is believed only
+when further tries, with other inflations and then from random points, end in it too. All but the
+first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
+are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common
+factor on all stiffnesses, chosen beforehand so that the frequency axes agree, finds no more.)
 
-Where there are several workers and the lines of one evaluation are too few to be worth spreading, whole tries run in
-them, ahead of their turn. What they evaluated is remembered, and the tries are then made here as ever: the answer and
-its history do not depend on the workers.
+Where there are several workers and the lines of one evaluation are too few to be worth spreading,
+whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are
+then made here as ever: the answer and its history do not depend on the workers.
 """
 
 from __future__ import annotations
@@ -41,14 +42,16 @@ _Start: TypeAlias = "tuple[_Vector, bool]"
 _Points: TypeAlias = "Generator[_Start, None, None]"
 _Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Start]], _Found]"
 
-#: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it is sought.
+#: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
+#: is sought.
 SEARCH_LINES = 400
 #: Steps of a try: one that needs more has lost its way.
 SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: Shares of the lines, from the lowest, that a try with continuation descends on before it takes all.
+#: Shares of the lines, from the lowest, that a try with continuation descends on before it takes
+#: all.
 _STAGES = (1 / 3, 2 / 3)
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
@@ -165,21 +168,26 @@ class Search:
         loss = ~problem.coordinates.parameters.is_factor
         inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
         for i, level in enumerate(inflated[: self.starts]):
-            # A user's own start that is already higher is not lowered, and a user's bounds are kept.
+            # A user's own start that is already higher is not lowered, and a user's bounds are
+            # kept.
             x = np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
             yield x, self.continuation and i > 0
         rest = self.starts - len(inflated)
         if rest > 0:
             for i, moved in enumerate(scattered(start, self.spread, rest, self.seed)):
                 level = inflated[i % len(inflated)]
-                yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper), self.continuation
+                yield (
+                    np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper),
+                    self.continuation,
+                )
 
     def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
 
-        Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each such unknown is moved
-        alone, well outside its own standard deviation, and all are fitted again from there. Moving one unknown by
-        itself leaves the ridge of the misfit; steps along the ridge were measured to fall back.
+        Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each
+        such unknown is moved alone, well outside its own standard deviation, and all are fitted
+        again from there. Moving one unknown by itself leaves the ridge of the misfit; steps along
+        the ridge were measured to fall back.
         """
         best: Outcome | None = None
         try:
@@ -188,7 +196,9 @@ class Search:
             best = self._descend(problem, x, monitor)
             for _ in range(_ROUNDS):
                 before = best.local.cost
-                with closing(self._ahead(_descend, problem, self._neighbours(problem, best))) as points:
+                with closing(
+                    self._ahead(_descend, problem, self._neighbours(problem, best))
+                ) as points:
                     for start, _ in points:
                         if monitor.stopped:
                             return best.x
@@ -218,7 +228,11 @@ class Search:
     def _believed(problem: Task, best: _Vector, costs: list[float]) -> bool:
         """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
         agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
-        return agree >= 3 or Search._rms(problem, best) < _EXACT or (agree == 2 and Search._is_noise(problem, best))
+        return (
+            agree >= 3
+            or Search._rms(problem, best) < _EXACT
+            or (agree == 2 and Search._is_noise(problem, best))
+        )
 
     @staticmethod
     def _rms(problem: Task, x: _Vector) -> float:
@@ -268,7 +282,11 @@ def _log_misfits(problem: Task, x: _Vector) -> list[NDArray[np.complex128]]:
     for part in problem.parts:
         H, measured = part.responses(x), part.frf.values
         usable = (H != 0) & (measured != 0)
-        out.append(np.where(usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0))
+        out.append(
+            np.where(
+                usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0
+            )
+        )
     return out
 
 

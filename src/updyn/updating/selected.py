@@ -24,7 +24,8 @@ class Selection:
     parameters : ParameterSet
         The unknowns to fit, in the order in which they were given.
     order : tuple of str
-        The same, the most telling first: each the one that the data see best beside those before it.
+        The same, the most telling first: each the one that the data see best beside those before
+        it.
     left_out : dict of str to str
         Why each of the others is left out.
     held : tuple of Parameter
@@ -38,7 +39,8 @@ class Selection:
     singular_values : tuple of float
         Of the Jacobian of the chosen unknowns with unit columns, falling.
     collinearity : float
-        Collinearity index of the chosen unknowns (Brun, Reichert & Kuensch 2001): 1 / the last of these.
+        Collinearity index of the chosen unknowns (Brun, Reichert & Kuensch 2001): 1 / the last of
+        these.
     """
 
     parameters: ParameterSet
@@ -70,13 +72,19 @@ class Selection:
     def note(self) -> str:
         """What was joined and left out, in sentences; empty where nothing was."""
         parts = [
-            f"{_listed(members)} were joined into the one unknown {name}, as the data see them alike (cosine "
-            f"{self.cosines[name]:.4f} or more)."
+            f"{_listed(members)} were joined into the one unknown {name}, as the data see them"
+            f" alike (cosine {self.cosines[name]:.4f} or more)."
             for name, members in self.merged.items()
         ]
         if self.left_out:
-            were, they = ("was", "it stays at its") if len(self.left_out) == 1 else ("were", "they stay at their")
-            parts.append(f"{_listed(list(self.left_out))} {were} left out before the fit: {they} start.")
+            were, they = (
+                ("was", "it stays at its")
+                if len(self.left_out) == 1
+                else ("were", "they stay at their")
+            )
+            parts.append(
+                f"{_listed(list(self.left_out))} {were} left out before the fit: {they} start."
+            )
         return " ".join(parts)
 
     @property
@@ -99,8 +107,8 @@ class Selection:
     def summary(self) -> str:
         """Return the selection as text: how many, how separable, what was joined and left out, and why."""
         lines = [
-            f"{len(self.parameters)} unknowns are fitted (collinearity index {self.collinearity:.3g}): "
-            + ", ".join(self.order or self.parameters.names)
+            f"{len(self.parameters)} unknowns are fitted (collinearity index"
+            f" {self.collinearity:.3g}): " + ", ".join(self.order or self.parameters.names)
         ]
         lines += [
             f"  joined: {name} = {', '.join(members)} (cosine {self.cosines[name]:.4f} or more)"
@@ -126,13 +134,19 @@ class Selection:
         for p in self.held:
             for d in p.acts_on:
                 group = model.groups.get(d.group)
-                if group is None or p.is_channel or not group.has(d.quantity):  # a configuration may lack it
+                if (
+                    group is None or p.is_channel or not group.has(d.quantity)
+                ):  # a configuration may lack it
                     continue
                 if p.start != (1.0 if p.is_factor else getattr(group, d.quantity)):
                     own = changes.setdefault(d.group, {})
-                    own[d.quantity] = own.get(d.quantity, 1.0) * p.start**d.power if p.is_factor else p.start
+                    own[d.quantity] = (
+                        own.get(d.quantity, 1.0) * p.start**d.power if p.is_factor else p.start
+                    )
         return model.scaled(changes) if changes else model
 
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:
-    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    return ", ".join(names[:_NAMED]) + (
+        f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    )

@@ -28,9 +28,11 @@ __all__ = ["ALIKE", "MAX_COLLINEARITY", "cluster", "cluster_jointly", "select", 
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 
-#: The collinearity index above which unknowns trade against each other: 10 to 15 (Brun, Reichert & Kuensch 2001).
+#: The collinearity index above which unknowns trade against each other: 10 to 15 (Brun, Reichert &
+#: Kuensch 2001).
 MAX_COLLINEARITY = 15.0
-#: Cosine from which two unknowns count as one: a tenth of the effect of either, 8 degrees, is its own.
+#: Cosine from which two unknowns count as one: a tenth of the effect of either, 8 degrees, is its
+#: own.
 ALIKE = 0.99
 #: Names of joined groups are written one by one up to so many letters.
 _LONG = 40
@@ -54,18 +56,20 @@ def select(
     model : Model
         The model where the unknowns start.
     frf : FRF
-        The measurement. Its values count only where the noise follows them; the model's own derivatives decide.
+        The measurement. Its values count only where the noise follows them; the model's own
+        derivatives decide.
     parameters : ParameterSet or Selection
         All unknowns that might be fitted; or what `cluster` made of them.
     n : int or "rank", optional
-        How many to keep: so many; or as many as there are combinations that the data determine above the noise. By
-        default as many as keep the collinearity index at most `max_collinearity`, each known, beside those chosen
-        before it, to better than a factor e (a loss factor: than 1).
+        How many to keep: so many; or as many as there are combinations that the data determine
+        above the noise. By default as many as keep the collinearity index at most
+        `max_collinearity`, each known, beside those chosen before it, to better than a factor e (a
+        loss factor: than 1).
     max_collinearity : float
         Largest collinearity index of the chosen ones; it does not count where `n` is given.
     lines, noise
-        As for `updyn.update`. Where nothing says how noisy the data are, 5 % of |H| and a floor of 0.1 % of the rms are
-        assumed, as for `updyn check`.
+        As for `updyn.update`. Where nothing says how noisy the data are, 5 % of |H| and a floor of
+        0.1 % of the rms are assumed, as for `updyn check`.
 
     Returns
     -------
@@ -75,18 +79,21 @@ def select(
     Raises
     ------
     InputError
-        If model, data, unknowns or options do not fit together, or the data see none of the unknowns.
+        If model, data, unknowns or options do not fit together, or the data see none of the
+        unknowns.
     SolverError
         If the model cannot be solved at a line.
 
     Notes
     -----
-    QR factors with column pivoting of the Jacobian whitened by the noise (Golub & Van Loan, Matrix Computations, 4th
-    ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese, Proc. IEEE Conf. Control Applications 1995,
-    991; one by one, too, but by what they explain of a residual, Lallement & Piranda, Proc. IMAC VIII, 1990, 579): each
-    next unknown is the one whose effect is least explained by those before it. One that lifts the collinearity index
-    (Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the index
-    of a larger set is never smaller. Effects are those of a change by a factor e, or of a loss factor by 1.
+    QR factors with column pivoting of the Jacobian whitened by the noise (Golub & Van Loan, Matrix
+    Computations, 4th ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese, Proc. IEEE
+    Conf. Control Applications 1995, 991; one by one, too, but by what they explain of a residual,
+    Lallement & Piranda, Proc. IMAC VIII, 1990, 579): each next unknown is the one whose effect is
+    least explained by those before it. One that lifts the collinearity index (Brun, Reichert &
+    Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the
+    index of a larger set is never smaller. Effects are those of a change by a factor e, or of a
+    loss factor by 1.
     """
     return select_jointly([Test(model, frf, "", lines, noise)], parameters, n, max_collinearity)
 
@@ -113,28 +120,42 @@ def select_jointly(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the data see none of the unknowns.
+        If models, data, unknowns or options do not fit together, or the data see none of the
+        unknowns.
     SolverError
         If a model cannot be solved at a line.
     """
     before = Selection.of(parameters)
     given = before.parameters
-    if not (n is None or n == "rank" or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))):
-        raise OptionError(f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None")
+    if not (
+        n is None
+        or n == "rank"
+        or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))
+    ):
+        raise OptionError(
+            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None"
+        )
     if isinstance(max_collinearity, bool) or not max_collinearity >= 1.0:
-        raise OptionError(f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1")
+        raise OptionError(
+            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1"
+        )
     R = _sensitivity(tests, before)
     count = analyse(R, given.names).report.rank if n == "rank" else n
     order, why = subset(R, given.names, count, max_collinearity)
     if not order:
-        raise ParameterError(f"select: the data see none of the {len(given)} unknowns; nothing would be left to fit")
+        raise ParameterError(
+            f"select: the data see none of the {len(given)} unknowns; nothing would be left to fit"
+        )
     kept = ParameterSet(tuple(p for i, p in enumerate(given) if i in order))
     s = np.linalg.svd(unit(R[:, order]), compute_uv=False)
     return replace(
         before,
         parameters=kept,
         order=tuple(given.names[i] for i in order),
-        left_out={**before.left_out, **{given.names[i]: reason for i, reason in sorted(why.items())}},
+        left_out={
+            **before.left_out,
+            **{given.names[i]: reason for i, reason in sorted(why.items())},
+        },
         held=(*before.held, *(given[i] for i in sorted(why))),
         singular_values=tuple(s.tolist()),
         collinearity=index(s),
@@ -157,15 +178,17 @@ def cluster(
     model, frf, parameters
         As for `select`.
     threshold : float
-        Cosine between the whitened derivatives from which two unknowns are alike. In a cluster every two are.
+        Cosine between the whitened derivatives from which two unknowns are alike. In a cluster
+        every two are.
     lines, noise
         As for `select`.
 
     Returns
     -------
     Selection
-        Its merged unknowns multiply all their groups by one factor (or give them one loss factor). Unknowns with
-        opposite effects, of different quantities, or with different starts are not joined: `remarks` names them.
+        Its merged unknowns multiply all their groups by one factor (or give them one loss factor).
+        Unknowns with opposite effects, of different quantities, or with different starts are not
+        joined: `remarks` names them.
 
     Raises
     ------
@@ -176,13 +199,16 @@ def cluster(
 
     Notes
     -----
-    Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index 1 / sqrt(1 - cosine) is 10 at
+    Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index 1 / sqrt(1 -
+    cosine) is 10 at
     0.99). A merged unknown has the bounds that all its members share and the narrowest of their priors.
     """
     return cluster_jointly([Test(model, frf, "", lines, noise)], parameters, threshold)
 
 
-def cluster_jointly(tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = ALIKE) -> Selection:
+def cluster_jointly(
+    tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = ALIKE
+) -> Selection:
     """Join unknowns whose effects on the data of several tests together are alike; see `cluster`.
 
     Parameters
@@ -206,7 +232,10 @@ def cluster_jointly(tests: Sequence[Test], parameters: ParameterSet | Selection,
     before = Selection.of(parameters)
     given = before.parameters
     if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
-        raise OptionError(f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as {ALIKE}")
+        raise OptionError(
+            f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
+            f" {ALIKE}"
+        )
     R = _sensitivity(tests, before)
     cosine = _cosines(R)
     kinds = [None if (kind := _kind(p)) is None else f"{kind} from {p.start!r}" for p in given]
@@ -245,7 +274,11 @@ def _kind(p: Parameter) -> str | None:
     if p.is_channel:
         return None
     quantities = {d.quantity for d in p.acts_on}
-    return quantities.pop() if len(quantities) == 1 and all(d.power == 1.0 for d in p.acts_on) else None
+    return (
+        quantities.pop()
+        if len(quantities) == 1 and all(d.power == 1.0 for d in p.acts_on)
+        else None
+    )
 
 
 def _joinable(given: ParameterSet, members: list[int]) -> bool:
@@ -258,7 +291,9 @@ def _joinable(given: ParameterSet, members: list[int]) -> bool:
 
 def _joined(given: ParameterSet, members: list[int], taken: set[str]) -> Parameter:
     own = [given[i] for i in members]
-    quantity = own[0].quantity if len({p.quantity for p in own}) == 1 else own[0].acts_on[0].quantity
+    quantity = (
+        own[0].quantity if len({p.quantity for p in own}) == 1 else own[0].acts_on[0].quantity
+    )
     stem = "+".join(p.group for p in own)
     if len(stem) > _LONG:
         stem = f"{own[0].group}+{len(own) - 1} more"
@@ -280,10 +315,16 @@ def _joined(given: ParameterSet, members: list[int], taken: set[str]) -> Paramet
     )
 
 
-def _remarks(given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]) -> list[str]:
+def _remarks(
+    given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]
+) -> list[str]:
     """Name what is alike, or opposite, and was not joined."""
     home = {i: number for number, members in enumerate(clusters) for i in members}
-    out = [f"the data do not see {p.name}" for i, p in enumerate(given) if not np.isfinite(cosine[i, i])]
+    out = [
+        f"the data do not see {p.name}"
+        for i, p in enumerate(given)
+        if not np.isfinite(cosine[i, i])
+    ]
     seen: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
         # Of a cluster, one pair with an outsider tells it all.
@@ -296,11 +337,15 @@ def _remarks(given: ParameterSet, cosine: _Matrix, threshold: float, clusters: l
         why = (
             "opposite effects, the data see only what one does against the other"
             if cosine[i, j] < 0
-            else "not of one quantity"
-            if kinds[0] is None or kinds[0] != kinds[1]
-            else "they start differently; give them one start to have them joined"
-            if a.start != b.start
-            else "not alike with all of the others, or without bounds in common"
+            else (
+                "not of one quantity"
+                if kinds[0] is None or kinds[0] != kinds[1]
+                else (
+                    "they start differently; give them one start to have them joined"
+                    if a.start != b.start
+                    else "not alike with all of the others, or without bounds in common"
+                )
+            )
         )
         out.append(f"{a.name} and {b.name} are not joined (cosine {cosine[i, j]:+.4f}): {why}")
     return out
@@ -312,7 +357,9 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    parts = [on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
+    parts = [
+        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
+    ]
     noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
     return local_at_start(together(parts), noises)[0].R
 

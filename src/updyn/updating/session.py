@@ -1,8 +1,9 @@
 """What a run carries along: where its work is done, what it remembers of it, and whether it is to stop.
 
-Every evaluation of a problem is a pure function of its inputs, and every method is deterministic. So a run is repeated
-exactly by answering its evaluations from memory: after an interruption (`updyn.updating.journal`), or with what other
-processes have evaluated ahead (`Session.remember`). No method needs to know.
+Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
+So a run is repeated exactly by answering its evaluations from memory: after an interruption
+(`updyn.updating.journal`), or with what other processes have evaluated ahead (`Session.remember`).
+No method needs to know.
 """
 
 from __future__ import annotations
@@ -139,7 +140,13 @@ class Session:
                 self.memory.put(key, record)
 
     def map(
-        self, function: Callable[[S, T], R], shared: S, items: Sequence[T], *, spread: bool, long: bool = False
+        self,
+        function: Callable[[S, T], R],
+        shared: S,
+        items: Sequence[T],
+        *,
+        spread: bool,
+        long: bool = False,
     ) -> Generator[R, None, None]:
         """Yield ``function(shared, item)`` in the order of the items, and ask in between whether to stop.
 
@@ -161,7 +168,9 @@ class Session:
         """
         if self.stopped and long:
             raise Stopped
-        asked_before = self.stopped  # what is short and begun after that is what the user still wants to see
+        asked_before = (
+            self.stopped
+        )  # what is short and begun after that is what the user still wants to see
         results = (self.engine if spread else _SERIAL).map(function, shared, items)
         try:
             for i, result in enumerate(results, 1):
@@ -202,7 +211,9 @@ def digest(parts: Iterable[object]) -> bytes:
     for part in parts:
         if isinstance(part, np.ndarray):
             about = f"{part.dtype.str}{part.shape}"
-            content: Any = np.ascontiguousarray(part).reshape(-1).view(np.uint8).data if part.size else b""
+            content: Any = (
+                np.ascontiguousarray(part).reshape(-1).view(np.uint8).data if part.size else b""
+            )
         else:
             content = part if isinstance(part, bytes) else str(part).encode()
             about = str(len(content))

@@ -48,7 +48,12 @@ class Spectrum:
 
     @classmethod
     def of(
-        cls, A: NDArray[np.float64], b: _Vector, rest: float = 0.0, n_values: float = 0.0, fixed: int = 0
+        cls,
+        A: NDArray[np.float64],
+        b: _Vector,
+        rest: float = 0.0,
+        n_values: float = 0.0,
+        fixed: int = 0,
     ) -> Spectrum:
         """Return the spectrum of a problem.
 
@@ -71,7 +76,9 @@ class Spectrum:
         """
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         beta = U.T @ b
-        beyond = b - U @ beta  # not |b|^2 - |beta|^2, which is rounding where A reaches nearly all of b
+        beyond = (
+            b - U @ beta
+        )  # not |b|^2 - |beta|^2, which is rounding where A reaches nearly all of b
         return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
     def passed(self, strength: float) -> _Vector:
@@ -100,13 +107,17 @@ class Spectrum:
 
     def gcv(self, shares: _Vector) -> float:
         """Return the function of generalised cross-validation (Golub, Heath & Wahba, Technometrics 21 (1979) 215)."""
-        return self.n_values * self.misfit(shares) ** 2 / max(self.n_values - self.freedom(shares), 1e-6) ** 2
+        return (
+            self.n_values
+            * self.misfit(shares) ** 2
+            / max(self.n_values - self.freedom(shares), 1e-6) ** 2
+        )
 
     def curvature(self, strength: float) -> float:
         """Return the curvature of the L-curve, log |z| over log |A z - b|, positive at its corner.
 
-        Hansen & O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487; here from the derivatives of the filter by
-        t = log(strength): df/dt = -2 f (1 - f).
+        Hansen & O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487; here from the derivatives of the
+        filter by t = log(strength): df/dt = -2 f (1 - f).
         """
         f = self.passed(strength)
         g, squared = 1.0 - f, self.beta**2
@@ -164,10 +175,11 @@ def corner(spectrum: Spectrum, low: float, high: float) -> float:
 def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
     """Return the largest strength at which the misfit has grown no more than the noise explains.
 
-    What the unknowns can change of the residual holds as many numbers as there are unknowns. Of these, a fit has to
-    leave the noise of the freedom that it gives up, their number less the effective number of unknowns, and may leave
-    one standard deviation more: the compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010,
-    section 5.2) on this part alone. What no unknown changes would only add its own scatter, sqrt(2 n_values).
+    What the unknowns can change of the residual holds as many numbers as there are unknowns. Of
+    these, a fit has to leave the noise of the freedom that it gives up, their number less the
+    effective number of unknowns, and may leave one standard deviation more: the compensated
+    discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2) on this part
+    alone. What no unknown changes would only add its own scatter, sqrt(2 n_values).
 
     Parameters
     ----------
@@ -192,7 +204,11 @@ def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
     if not within.size:
         return low
     last = int(within[-1])
-    return high if last == _GRID - 1 else float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
+    return (
+        high
+        if last == _GRID - 1
+        else float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
+    )
 
 
 def _best(cost: Callable[[float], float], low: float, high: float) -> float:
@@ -202,5 +218,7 @@ def _best(cost: Callable[[float], float], low: float, high: float) -> float:
     logs = np.linspace(np.log(low), np.log(high), _GRID)
     at = int(np.argmin([cost(float(np.exp(t))) for t in logs]))
     bounds = logs[max(at - 1, 0)], logs[min(at + 1, _GRID - 1)]
-    found = minimize_scalar(lambda t: cost(float(np.exp(t))), bounds=bounds, method="bounded", options={"xatol": 1e-8})
+    found = minimize_scalar(
+        lambda t: cost(float(np.exp(t))), bounds=bounds, method="bounded", options={"xatol": 1e-8}
+    )
     return float(np.exp(found.x if found.fun <= cost(float(np.exp(logs[at]))) else logs[at]))

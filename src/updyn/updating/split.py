@@ -61,12 +61,16 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
         return Split(frf, frf)
     if all(isinstance(v, int | float) for v in given):
         if len(given) != 2:
-            raise DataError(f"validation {given!r}: expected two frequencies in Hz, or response labels")
+            raise DataError(
+                f"validation {given!r}: expected two frequencies in Hz, or response labels"
+            )
         low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
         held = frf.select(band=(low, high))
         kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
         if kept.size == 0:
-            raise DataError(f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit")
+            raise DataError(
+                f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit"
+            )
         return Split(frf, frf.select(lines=kept), band=(low, high), held=held)
     chosen = DofSet(given)  # type: ignore[arg-type]
     at = np.sort(frf.responses.match(chosen, "validation response").index)
@@ -74,4 +78,9 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
     if rest.size == 0:
         raise DataError("validation holds out all responses: nothing is left to fit")
     held_set, fitted_set = frf.responses[at], frf.responses[rest]
-    return Split(frf, frf.select(responses=fitted_set), tuple(held_set.labels), held=frf.select(responses=held_set))
+    return Split(
+        frf,
+        frf.select(responses=fitted_set),
+        tuple(held_set.labels),
+        held=frf.select(responses=held_set),
+    )

@@ -15,7 +15,8 @@ __all__ = ["alike", "index", "subset", "unit"]
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 
-#: Of the unknowns that explain another, those are named whose share is at least so much of the largest.
+#: Of the unknowns that explain another, those are named whose share is at least so much of the
+#: largest.
 _SHARE = 0.2
 _NAMED = 3
 
@@ -34,7 +35,8 @@ def subset(
     n : int, optional
         How many; by default as many as the noise and `max_collinearity` allow.
     max_collinearity : float
-        Largest 1 / smallest singular value of the chosen columns at unit length, where `n` is not given.
+        Largest 1 / smallest singular value of the chosen columns at unit length, where `n` is not
+        given.
 
     Returns
     -------
@@ -77,7 +79,8 @@ class _Pivoting:
         return np.asarray(np.linalg.norm(self.rest, axis=0))
 
     def take(self, i: int) -> None:
-        # Once more against the basis: rounding of the earlier projections counts where columns are nearly dependent.
+        # Once more against the basis: rounding of the earlier projections counts where columns are
+        # nearly dependent.
         fresh = self.rest[:, i] - self.basis @ (self.basis.T @ self.rest[:, i])
         fresh = fresh / np.linalg.norm(fresh)
         self.basis = np.column_stack([self.basis, fresh])
@@ -92,14 +95,21 @@ class _Pivoting:
         length = float(np.linalg.norm(self.rest[:, i]))
         gamma = index(np.linalg.svd(unit(self.R[:, [*self.order, i]]), compute_uv=False))
         if gamma > limit:
-            return f"its effect is explained by {self.explained_by(i)} (collinearity index {gamma:.3g})"
+            return (
+                f"its effect is explained by {self.explained_by(i)} (collinearity index"
+                f" {gamma:.3g})"
+            )
         if length * WIDEST <= 1.0:
             return f"beside {self.explained_by(i)} it would be known only to ±{1.0 / length:.2g}"
         return ""
 
     def explained_by(self, i: int) -> str:
         weight = np.linalg.lstsq(unit(self.R[:, self.order]), self.R[:, i], rcond=None)[0]
-        most = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= _SHARE * np.abs(weight).max()][:_NAMED]
+        most = [
+            j
+            for j in np.argsort(-np.abs(weight))
+            if abs(weight[j]) >= _SHARE * np.abs(weight).max()
+        ][:_NAMED]
         return ", ".join(self.names[self.order[j]] for j in most)
 
 
@@ -132,7 +142,11 @@ def alike(cosine: _Matrix, kinds: Sequence[str | None], threshold: float) -> lis
         distance = 0.5 * (distance + distance.T)
         np.fill_diagonal(distance, 0.0)
         label = fcluster(linkage(squareform(distance), "complete"), 1.0 - threshold, "distance")
-        out += [[at[j] for j in np.flatnonzero(label == c)] for c in np.unique(label) if (label == c).sum() > 1]
+        out += [
+            [at[j] for j in np.flatnonzero(label == c)]
+            for c in np.unique(label)
+            if (label == c).sum() > 1
+        ]
     return sorted(out)
 
 

@@ -1,9 +1,9 @@
 """Nonlinear least squares with bounds: a trust region on the reduced Jacobian.
 
-The problem is met only through its reduced form at a point: the triangle R of the QR factors of the stacked, weighted
-Jacobian and the projected residual. A step minimises |R p + q| within a ball, on the unknowns that no bound holds.
-The normal equations are never formed (More 1978, "The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4
-and 10).
+The problem is met only through its reduced form at a point: the triangle R of the QR factors of the
+stacked, weighted Jacobian and the projected residual. A step minimises |R p + q| within a ball, on
+the unknowns that no bound holds. The normal equations are never formed (More 1978, "The
+Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ class TrustRegion:
     radius : float
         First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
     fall, relative_fall : float
-        Converged, too, when the linear model promises no larger fall of the cost, absolute or as a share of it.
+        Converged, too, when the linear model promises no larger fall of the cost, absolute or as a
+        share of it.
     """
 
     max_iterations: int = 100
@@ -129,8 +130,9 @@ class TrustRegion:
         Parameters
         ----------
         evaluate : callable
-            Returns the local problem at a point, or None where the model cannot be solved. If it raises `Stopped` once
-            the start has been evaluated, the iteration ends as stopped, at its best point.
+            Returns the local problem at a point, or None where the model cannot be solved. If it
+            raises `Stopped` once the start has been evaluated, the iteration ends as stopped, at
+            its best point.
         x, lower, upper : ndarray of float, shape (n,)
             Start, which must be possible to evaluate, and bounds.
         observe : callable, optional
@@ -149,28 +151,47 @@ class TrustRegion:
         for _ in range(self.max_iterations):
             p, fall, limited = _step(here, x, lower, upper, radius, within)
             length = float(np.abs(p).max(initial=0.0))
-            # What a step gains that the radius cuts short says nothing about how far the minimum is.
-            if length == 0.0 or fall <= 0.0 or (not limited and fall <= max(self.fall, self._share * here.cost)):
+            # What a step gains that the radius cuts short says nothing about how far the minimum
+            # is.
+            if (
+                length == 0.0
+                or fall <= 0.0
+                or (not limited and fall <= max(self.fall, self._share * here.cost))
+            ):
                 return Outcome(x, here, "converged")
             trial = np.clip(x + p, lower, upper)
             try:
                 there = evaluate(trial)
             except Stopped:
                 return Outcome(x, here, "stopped")
-            gain = -1.0 if there is None or not np.isfinite(there.cost) else (here.cost - there.cost) / fall
+            gain = (
+                -1.0
+                if there is None or not np.isfinite(there.cost)
+                else (here.cost - there.cost) / fall
+            )
             accepted = gain > 1e-4
             stop = observe is not None and observe(Step(trial, there, length, accepted))
             size = float(np.linalg.norm(p))
             if accepted and there is not None:
-                small = length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
+                small = (
+                    length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
+                )
                 x, here = trial, there
-                radius = max(radius, 2.0 * size) if gain > 0.75 else radius if gain > 0.25 else 0.5 * size
+                radius = (
+                    max(radius, 2.0 * size)
+                    if gain > 0.75
+                    else radius
+                    if gain > 0.25
+                    else 0.5 * size
+                )
                 if small and gain > 0.25 and not limited:
                     return Outcome(x, here, "converged")
             else:
-                # A whole Gauss-Newton step this small that still does not help: only rounding is left.
+                # A whole Gauss-Newton step this small that still does not help: only rounding is
+                # left.
                 if length <= _ROUNDING and not limited:
-                    # Costs that agree to rounding cannot choose between the two points; what is left to gain can.
+                    # Costs that agree to rounding cannot choose between the two points; what is
+                    # left to gain can.
                     if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
                         left = _step(there, trial, lower, upper, radius, within)[1]
                         x, here = (trial, there) if left < fall else (x, here)
@@ -202,7 +223,13 @@ def _step(
     p[free], damping = _ball_step(here.R[:, free], here.q, radius)
     if ((x + p < lower) | (x + p > upper)).any():
         damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))]) if damping else here.R
-        p = _box_step(damped, np.append(here.q, np.zeros(len(damped) - len(here.q))), lower - x, upper - x, free)
+        p = _box_step(
+            damped,
+            np.append(here.q, np.zeros(len(damped) - len(here.q))),
+            lower - x,
+            upper - x,
+            free,
+        )
     # The model is convex: on the way from 0 to its minimum within the bounds it only falls.
     size = float(np.linalg.norm(p))
     if size > radius:
@@ -212,7 +239,12 @@ def _step(
 
 
 def _step_within(
-    here: Local, x: _Vector, lower: _Vector, upper: _Vector, radius: float, within: NDArray[np.float64]
+    here: Local,
+    x: _Vector,
+    lower: _Vector,
+    upper: _Vector,
+    radius: float,
+    within: NDArray[np.float64],
 ) -> tuple[_Vector, float, bool]:
     """Return the same for steps along given directions: up to the first bound; from one, along it."""
     held = np.zeros(len(x), dtype=np.bool_)
@@ -234,11 +266,14 @@ def _step_within(
     return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or share < 1.0
 
 
-def _box_step(R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]) -> _Vector:
+def _box_step(
+    R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]
+) -> _Vector:
     """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
 
-    Unknowns are put on the bound that they meet first and let go when the gradient pulls them off it (Stark & Parker,
-    Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so that the loop may end at any.
+    Unknowns are put on the bound that they meet first and let go when the gradient pulls them off
+    it (Stark & Parker, Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so
+    that the loop may end at any.
     """
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)
@@ -257,7 +292,9 @@ def _box_step(R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, f
             continue
         r = R @ p + q
         pull = R.T @ r
-        inward = np.where(p <= low, -pull, np.where(p >= high, pull, 0.0)) / np.where(norms > 0, norms, 1.0)
+        inward = np.where(p <= low, -pull, np.where(p >= high, pull, 0.0)) / np.where(
+            norms > 0, norms, 1.0
+        )
         inward[free] = 0.0
         best = int(np.argmax(inward))
         if inward[best] <= 1e-12 * np.linalg.norm(q):
@@ -284,7 +321,8 @@ def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vect
         return full, 0.0
     U, s, Vt = np.linalg.svd(R, full_matrices=False)
     b = U.T @ q
-    # |p(damping)| falls monotonically: bisect, in the logarithm, the damping that puts p on the sphere.
+    # |p(damping)| falls monotonically: bisect, in the logarithm, the damping that puts p on the
+    # sphere.
     high = max(float(np.linalg.norm(s * b)) / radius, np.finfo(float).tiny)
     low = high * 1e-40
     while high > 1.05 * low:

@@ -60,48 +60,53 @@ def update(
     frf : FRF
         The measurement. Every response and reference has to be a DOF of the model.
     parameters : ParameterSet or Selection
-        The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of them.
+        The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of
+        them.
     method : str
-        ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"`` (the paper's); or one
-        of the field's, for comparison (docs/methods.md).
+        ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"``
+        (the paper's); or one of the field's, for comparison (docs/methods.md).
     lines : None, str or array_like of float
-        Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns, ``"a-optimal:40:shaft.*"``, or
-        a list in Hz.
+        Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns,
+        ``"a-optimal:40:shaft.*"``, or a list in Hz.
     noise : None, str or mapping
-        None: from the data's variance, else coherence, else estimated from the residual. A mapping with ``relative``
-        and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``,
-        ``"estimated"``, ``"estimated-by-channel"`` force one source, as does ``source`` in a mapping.
-        ``robust="student-t"`` in a mapping gives outliers less weight, whatever the source.
+        None: from the data's variance, else coherence, else estimated from the residual. A mapping
+        with ``relative`` and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2;
+        ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one
+        source, as does ``source`` in a mapping. ``robust="student-t"`` in a mapping gives outliers
+        less weight, whatever the source.
     engine : None, int, dask.distributed Client or Engine
-        Where lines, and the tries of the search, are worked on: here one after the other, in so many processes on this
-        machine, or on a cluster. The result does not depend on it.
+        Where lines, and the tries of the search, are worked on: here one after the other, in so
+        many processes on this machine, or on a cluster. The result does not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; returning True stops the run, with status
-        ``"stopped"`` and the best values so far.
+        Called with a `Progress` after every step and between blocks of lines; returning True stops
+        the run, with status ``"stopped"`` and the best values so far.
     validation : iterable of str or Dof, or (float, float), optional
         Responses, or a band in Hz, held out of the fit and scored afterwards.
     title : str
         For the record.
     tier : {"dense", "sparse", "reduced"}, optional
-        How the model is solved; by default chosen by size. ``"reduced"`` (above 20,000 DOFs) fits inside a reduced
-        model whose error is bounded where the fit ends.
+        How the model is solved; by default chosen by size. ``"reduced"`` (above 20,000 DOFs) fits
+        inside a reduced model whose error is bounded where the fit ends.
     backend : str, optional
         Sparse factorisation.
     accuracy : float
-        Of the reduced tier: the largest error of a receptance, as a share of the largest of its line.
+        Of the reduced tier: the largest error of a receptance, as a share of the largest of its
+        line.
     checkpoint : path, optional
-        File that receives every evaluation as it is made (read `resume`). It stays; remove it once the result is safe.
+        File that receives every evaluation as it is made (read `resume`). It stays; remove it once
+        the result is safe.
     resume : bool
-        Go on with the run that `checkpoint` holds, however it ended: with the same answer, to the last bit, as if it
-        had not been interrupted. Everything has to be as it was but `engine` and ``max_iterations``.
+        Go on with the run that `checkpoint` holds, however it ended: with the same answer, to the
+        last bit, as if it had not been interrupted. Everything has to be as it was but `engine` and
+        ``max_iterations``.
     regularise : None, str or float, optional
-        Pull the unknowns without a prior to their start, by a common strength: ``"gcv"``, ``"l-curve"`` or
-        ``"discrepancy"`` choose it, a number states it (1 / standard deviation of a prior). ``"tsvd"`` fits only along
-        the directions that the data determine, ``"tsvd:12"`` along 12. Methods maximum-likelihood, log, output-error
-        and equation-error.
+        Pull the unknowns without a prior to their start, by a common strength: ``"gcv"``,
+        ``"l-curve"`` or ``"discrepancy"`` choose it, a number states it (1 / standard deviation of
+        a prior). ``"tsvd"`` fits only along the directions that the data determine, ``"tsvd:12"``
+        along 12. Methods maximum-likelihood, log, output-error and equation-error.
     **options
-        Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed`` (maximum-likelihood, log);
-        ``solver`` (equation-error).
+        Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed``
+        (maximum-likelihood, log); ``solver`` (equation-error).
 
     Returns
     -------
@@ -111,7 +116,8 @@ def update(
     Raises
     ------
     InputError
-        If model, data, unknowns or options do not fit together, or the checkpoint to resume is of another run.
+        If model, data, unknowns or options do not fit together, or the checkpoint to resume is of
+        another run.
     SolverError
         If the model cannot be solved at a line where it starts.
     """
@@ -152,16 +158,19 @@ def update_jointly(
 ) -> JointResult:
     """Find the unknowns with which several models answer as one structure does in several tests.
 
-    The same structure is tested in several configurations: rotor locked and free, dish up and down, with and without an
-    added mass. Each has its model, with the same group names, its data and its noise; there is one set of unknowns.
+    The same structure is tested in several configurations: rotor locked and free, dish up and down,
+    with and without an added mass. Each has its model, with the same group names, its data and its
+    noise; there is one set of unknowns.
 
     Parameters
     ----------
     tests : sequence of Test
-        At least one; names differ. What an unknown acts on has to be in the model of one of them, not of all.
+        At least one; names differ. What an unknown acts on has to be in the model of one of them,
+        not of all.
     parameters : ParameterSet or Selection
         The unknowns.
-    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, regularise, **options
+    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, regularise,
+    **options
         As for `update`. The reduced tier is chosen by the largest of the models.
 
     Returns
@@ -172,15 +181,22 @@ def update_jointly(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of another run.
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of
+        another run.
     SolverError
         If a model cannot be solved at a line where it starts.
     """
     listed = list(tests)
     if not listed or not all(isinstance(test, Test) for test in listed):
         raise OptionError("update_jointly: expected a sequence of at least one Test")
-    named = [replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)]
-    twice = [test.name for i, test in enumerate(named) if test.name in [other.name for other in named[:i]]]
+    named = [
+        replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
+    ]
+    twice = [
+        test.name
+        for i, test in enumerate(named)
+        if test.name in [other.name for other in named[:i]]
+    ]
     if twice:
         raise OptionError(f"update_jointly: two tests are called {twice[0]!r}")
     results = run(
@@ -198,7 +214,9 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
-    return JointResult({test.name: result for test, result in zip(named, results, strict=True)}, title)
+    return JointResult(
+        {test.name: result for test, result in zip(named, results, strict=True)}, title
+    )
 
 
 def identifiability(
@@ -213,8 +231,8 @@ def identifiability(
     Parameters
     ----------
     model, frf, parameters, lines, noise
-        As for `update`. Where neither `noise` nor the data say how noisy they are, 5 % of |H| and a floor of 0.1 % of
-        the rms are assumed.
+        As for `update`. Where neither `noise` nor the data say how noisy they are, 5 % of |H| and a
+        floor of 0.1 % of the rms are assumed.
 
     Returns
     -------
@@ -230,7 +248,9 @@ def identifiability(
     return joint_identifiability([Test(model, frf, "", lines, noise)], parameters)
 
 
-def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Identifiability:
+def joint_identifiability(
+    tests: Sequence[Test], parameters: ParameterSet | Selection
+) -> Identifiability:
     """Say what several tests together could determine, at the start of the unknowns and before any fit.
 
     Parameters
@@ -252,9 +272,14 @@ def joint_identifiability(tests: Sequence[Test], parameters: ParameterSet | Sele
         If a model cannot be solved at a line.
     """
     chosen = Selection.of(parameters)
-    parameters, tests = chosen.parameters, [replace(test, model=chosen.start_of(test.model)) for test in tests]
+    parameters, tests = (
+        chosen.parameters,
+        [replace(test, model=chosen.start_of(test.model)) for test in tests],
+    )
     check(tests, parameters)
-    parts = [on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
+    parts = [
+        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
+    ]
     noises = [choose_noise(test.noise, test.frf) for test in tests]
     analysis, advice = at_start(together(parts), noises)
     return replace(analysis.report, advice=advice)

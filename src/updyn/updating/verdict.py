@@ -15,13 +15,17 @@ __all__ = ["verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
 _ALIKE = 3.0
-#: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called weak.
+#: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called
+#: weak.
 _WEAK = 0.3
 #: A reduced chi-square from which the noise no longer explains the misfit.
 _MISFIT = 2.0
 #: A typical misfit that is called a miss where nobody says how noisy the data are.
 _FAR = 0.3
-_LOOK = "Check units, calibration and labels; look at the channels with the lowest FRAC; free other groups."
+_LOOK = (
+    "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
+    " groups."
+)
 
 
 def verdict(
@@ -59,7 +63,11 @@ def verdict(
     """
     status, message, remedy = _ended(fit, analysis, names, advice, misfit)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
-        told = {k: a for k, a in (adequacy or {}).items() if a is not None and a.outcome in ("structure", "excess")}
+        told = {
+            k: a
+            for k, a in (adequacy or {}).items()
+            if a is not None and a.outcome in ("structure", "excess")
+        }
         for name, found in told.items():
             message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
         if status == "converged" and told:
@@ -76,12 +84,20 @@ def _free(found: list[Adequacy]) -> str:
     return f"Free {suspects[0].name} if it can be wrong, and run again." if suspects else ""
 
 
-def _ended(fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float) -> tuple[str, str, str]:
+def _ended(
+    fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float
+) -> tuple[str, str, str]:
     if fit.reason == "failed":
-        remedy = "Start closer; or use the default method, or solver 'trust-region' where this one has it."
+        remedy = (
+            "Start closer; or use the default method, or solver 'trust-region' where this one"
+            " has it."
+        )
         return "failed", f"The fit broke down. {fit.note}".strip(), remedy
     if fit.reason == "stopped":
-        message = "Stopped before it had converged and been judged; the values are those of the best step so far."
+        message = (
+            "Stopped before it had converged and been judged; the values are those of the best step"
+            " so far."
+        )
         if not fit.R.any():
             message += " What the data determine is not known."
         return "stopped", message, "Run it again; with a checkpoint it goes on from here."
@@ -104,8 +120,8 @@ def _open(analysis: Analysis, names: list[str]) -> str:
     blind = np.isinf(report.condition)
     how = "without changing anything" if blind else "with no change, above the noise, of anything"
     return (
-        f"the data determine only {report.rank} of {report.n_parameters} unknowns: {', '.join(involved)} can change "
-        f"together {how} that was measured."
+        f"the data determine only {report.rank} of {report.n_parameters} unknowns:"
+        f" {', '.join(involved)} can change together {how} that was measured."
     )
 
 
@@ -121,20 +137,21 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
     length = float(noise.get("correlation_length", 1.0))
     if length > _ALIKE:
         message += (
-            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather than noise; the "
-            f"standard deviations were widened {np.sqrt(length):.2g} times for it."
+            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather"
+            f" than noise; the standard deviations were widened {np.sqrt(length):.2g} times for it."
         )
     known = ("stated", "variance", "coherence")
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
         message += (
-            f" But the model still misses the data: half of the values are off by more than {100 * misfit:.0f} %."
+            " But the model still misses the data: half of the values are off by more than"
+            f" {100 * misfit:.0f} %."
         )
         remedy = f"{_LOOK} {fit.note}".strip()
     chi_square = float(noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
         message += (
-            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model cannot follow the "
-            "data, and the standard deviations were widened by as much."
+            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
+            " cannot follow the data, and the standard deviations were widened by as much."
         )
         remedy = f"{_LOOK} {fit.note}".strip()
     return message, remedy

@@ -15,13 +15,16 @@ __all__ = ["adjusted", "bands", "clipped", "serial_p"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): what stays alike over a few lines counts.
+#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): what stays alike over a few
+#: lines counts.
 _LAGS = np.array([0.75, 0.5, 0.25])
 #: Fewer values than this say nothing about correlation.
 _FEWEST = 5
-#: Values beyond this many standard deviations are cut back before correlations are formed; 1 % of Gaussian ones are.
+#: Values beyond this many standard deviations are cut back before correlations are formed; 1 % of
+#: Gaussian ones are.
 _CUT = 3.0
-#: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many points.
+#: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many
+#: points.
 _LONG = 512
 #: Smallest band, in lines; and most bands.
 _LEAST, _MOST = 8, 24
@@ -38,7 +41,8 @@ def clipped(values: _Complex) -> _Complex:
     Returns
     -------
     ndarray of complex, same shape
-        The typical size is the median magnitude, which is 1.18 standard deviations of each part of a Gaussian value.
+        The typical size is the median magnitude, which is 1.18 standard deviations of each part of
+        a Gaussian value.
     """
     size = np.abs(values)
     missing = np.isnan(size)
@@ -47,7 +51,9 @@ def clipped(values: _Complex) -> _Complex:
     middle = np.take_along_axis(order, np.maximum((count[None] - 1) // 2, 0), axis=0)
     limit = _CUT * np.where(np.isfinite(middle), middle, 0.0) / np.sqrt(2.0 * np.log(2.0))
     with np.errstate(invalid="ignore"):
-        return np.asarray(values * np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0))
+        return np.asarray(
+            values * np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0)
+        )
 
 
 def serial_p(values: _Complex) -> _Real:
@@ -56,7 +62,8 @@ def serial_p(values: _Complex) -> _Real:
     Parameters
     ----------
     values : ndarray of complex, shape (m, n)
-        Columns of circular values at neighbouring lines, of equal variance in a column; NaN for what is missing.
+        Columns of circular values at neighbouring lines, of equal variance in a column; NaN for
+        what is missing.
 
     Returns
     -------
@@ -65,12 +72,13 @@ def serial_p(values: _Complex) -> _Real:
 
     Notes
     -----
-    The statistic is r = e^H T e / e^H e with T Toeplitz, 0 on the diagonal and 3/4, 1/2, 1/4 beside it: a weighted sum
-    of autocorrelations. The scale of the noise drops out. For Gaussian noise P(r > r0) is that of a sum of exponential
-    variables with weights (eigenvalue of T - r0) being positive; its tail is taken by the saddlepoint approximation of
-    Lugannani and Rice in the form of Barndorff-Nielsen, good to a per cent even far out (Butler, Saddlepoint
-    Approximations, 2007, sections 1.2 and 3.1). One-sided: what windows do to neighbouring lines is not taken
-    for structure where it makes them unlike.
+    The statistic is r = e^H T e / e^H e with T Toeplitz, 0 on the diagonal and 3/4, 1/2, 1/4 beside
+    it: a weighted sum of autocorrelations. The scale of the noise drops out. For Gaussian noise P(r
+    > r0) is that of a sum of exponential variables with weights (eigenvalue of T - r0) being
+    positive; its tail is taken by the saddlepoint approximation of Lugannani and Rice in the form
+    of Barndorff-Nielsen, good to a per cent even far out (Butler, Saddlepoint Approximations, 2007,
+    sections 1.2 and 3.1). One-sided: what windows do to neighbouring lines is not taken for
+    structure where it makes them unlike.
     """
     out = np.ones(values.shape[1])
     there = np.isfinite(values)
@@ -120,8 +128,9 @@ def _form(diagonals: _Real, e: _Complex) -> _Real:
 def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
     """Return eigenvalues of T, rising, and how often each counts.
 
-    Those of a long Toeplitz matrix are spread like the values of its symbol, 2 sum of t_d cos(d theta), at equal steps
-    of theta (Szegő's theorem; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
+    Those of a long Toeplitz matrix are spread like the values of its symbol, 2 sum of t_d cos(d
+    theta), at equal steps of theta (Szegő's theorem; Gray, Toeplitz and Circulant Matrices, 2006,
+    theorem 4.1).
     """
     m = diagonals.shape[1]
     if m <= _LONG or gaps:
@@ -161,8 +170,8 @@ def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
 def adjusted(p: _Real) -> _Real:
     """Return p-values adjusted for their number, so that those below q hold at most a share q of false alarms.
 
-    Where there is nothing to find, any alarm is false, and one is raised in at most a share q of cases (Benjamini &
-    Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
+    Where there is nothing to find, any alarm is false, and one is raised in at most a share q of
+    cases (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
 
     Parameters
     ----------
@@ -187,19 +196,23 @@ def bands(level: _Real) -> list[slice]:
     Parameters
     ----------
     level : ndarray of float, shape (n_f,)
-        Mean logarithm of the model's |H| at the lines. The data have no say in it, so that the tests stay what they
-        are.
+        Mean logarithm of the model's |H| at the lines. The data have no say in it, so that the
+        tests stay what they are.
 
     Returns
     -------
     list of slice
-        In order, without gaps. Cuts lie in the valleys between peaks; bands of fewer than eight lines are joined to
-        the neighbour behind the shallower cut, those of more than a quarter of all lines are cut
-        where the level is lowest.
+        In order, without gaps. Cuts lie in the valleys between peaks; bands of fewer than eight
+        lines are joined to the neighbour behind the shallower cut, those of more than a quarter of
+        all lines are cut where the level is lowest.
     """
     n = len(level)
     inner = level[1:-1]
-    peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:])) if n > 2 else np.zeros(0, dtype=np.intp)
+    peaks = (
+        1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
+        if n > 2
+        else np.zeros(0, dtype=np.intp)
+    )
     cuts = [a + int(np.argmin(level[a : b + 1])) for a, b in pairwise(peaks.tolist())]
     edges = [0, *cuts, n]
     while len(edges) > 2:

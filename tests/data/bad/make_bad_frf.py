@@ -2,8 +2,8 @@
 
     python tests/data/bad/make_bad_frf.py
 
-`tests/io/test_bad_frf.py` says what is expected of each, and that the files are what this script writes.
-"""
+`tests/io/test_bad_frf.py` says what is expected of each, and that the files are what this script
+writes."""
 
 import sys
 from pathlib import Path
@@ -75,15 +75,21 @@ def uffs() -> dict[str, bytes]:
         "abscissa_time.uff": uff.ascii58(Y, types=(17, 12, 13), units=("s", "NONE", "NONE")),
         "abscissa_rpm.uff": uff.ascii58(Y, units=("rpm", "NONE", "NONE")),
         "node_garbled.uff": uff.text(58, *uff.records((7777, 3)), "1.0").replace(b"7777", b"7x77"),
-        "direction_garbled.uff": uff.text(58, *uff.records((7777, 3)), "1.0").replace(b"7777   3", b"7777  +Z"),
+        "direction_garbled.uff": (
+            uff.text(58, *uff.records((7777, 3)), "1.0").replace(b"7777   3", b"7777  +Z")
+        ),
         "direction_9.uff": uff.ascii58(Y, (1, 9)),
         "direction_0.uff": uff.ascii58(Y, (17, 0)),
-        "node_not_in_geometry.uff": NODES.replace(b"5         8", b"0         8") + uff.ascii58(Y, (3, 1)),
+        "node_not_in_geometry.uff": (
+            NODES.replace(b"5         8", b"0         8") + uff.ascii58(Y, (3, 1))
+        ),
         "oblique.uff": TILTED + NODES + uff.ascii58(Y, (2, 1), (1, 1)),
         "system_not_defined.uff": NODES + uff.ascii58(Y, (2, 1), (1, 1)),
         "system_not_orthogonal.uff": uff.systems2420((5, 0, np.ones((3, 3)), (0, 0, 0))) + TEXT,
         "node_twice.uff": uff.nodes15((1, 0, 0, 0, 0, 0), (1, 0, 0, 1, 0, 0)) + TEXT,
-        "node_position_garbled.uff": swapped(uff.nodes15((1, 0, 0, 0.5, 0, 0)), "5.0", "5.x") + TEXT,
+        "node_position_garbled.uff": (
+            swapped(uff.nodes15((1, 0, 0, 0.5, 0, 0)), "5.0", "5.x") + TEXT
+        ),
         "trace_line_to_nowhere.uff": uff.nodes15((1, 0, 0, 0, 0, 0)) + uff.trace82(1, 4) + TEXT,
         "units_contradict.uff": uff.units(1, 1000.0, 1000.0) + TEXT,
         "units_change.uff": uff.units(1, 1.0, 1.0) + uff.units(5, 1000.0, 1000.0) + TEXT,
@@ -95,7 +101,9 @@ def uffs() -> dict[str, bytes]:
         "motion_over_motion.uff": uff.ascii58(Y, types=(18, 12, 12)),
         "magnitude_only.uff": uff.ascii58(np.abs(Y)),
         "duplicate_pair.uff": uff.ascii58(Y, (4, 1)) + uff.ascii58(2 * Y, (4, -1)),
-        "matrix_incomplete.uff": b"".join(uff.ascii58(Y, (a, 3), (b, 3)) for a, b in ((1, 1), (2, 1), (1, 2))),
+        "matrix_incomplete.uff": b"".join(
+            uff.ascii58(Y, (a, 3), (b, 3)) for a, b in ((1, 1), (2, 1), (1, 2))
+        ),
         "lines_differ.uff": uff.ascii58(Y) + uff.ascii58(Y, (2, 3), step=0.25),
         "lines_differ_in_number.uff": uff.ascii58(Y) + uff.ascii58(Y[:3], (2, 3)),
         "coherence_above_1.uff": TEXT + uff.ascii58([1.0, 1.2, 0.5, 0.5], kind=6, types=(18, 0, 0)),
@@ -107,7 +115,14 @@ def uffs() -> dict[str, bytes]:
 def table(*columns: str, row: str | None = None) -> str:
     """One line of numbers under columns such as "1:Z/1:Z re"."""
     names = [f"H({pair}) {kind}" for pair, kind in (c.split() for c in columns)]
-    return "\n".join(["# quantity: mobility", ",".join(["freq_Hz", *names]), row or "1" + ",0.5" * len(names), ""])
+    return "\n".join(
+        [
+            "# quantity: mobility",
+            ",".join(["freq_Hz", *names]),
+            row or "1" + ",0.5" * len(names),
+            "",
+        ]
+    )
 
 
 def tables() -> dict[str, bytes]:

@@ -88,7 +88,9 @@ class Around:
             w = np.append(-self.C, 1.0) / self.D
             z = -w / damping
             z[-1] -= stiffness / damping
-            A = np.vstack([np.hstack([self.A, np.zeros((len(self.A), 1))]) + np.outer(self.B, w), z])
+            A = np.vstack(
+                [np.hstack([self.A, np.zeros((len(self.A), 1))]) + np.outer(self.B, w), z]
+            )
         return np.asarray(np.linalg.eigvals(A), dtype=np.complex128)
 
 
@@ -113,7 +115,8 @@ def around(
     at : str or (str, str)
         Output and input of the plant between which it acts.
     names : mapping
-        ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and ``measured`` of others; None: to find.
+        ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and ``measured`` of
+        others; None: to find.
     pade : int
         Order for the dead time.
 
@@ -124,28 +127,37 @@ def around(
     Raises
     ------
     OptionError
-        If a name is not there or not told, or the output is not of the kind that the nonlinearity reads.
+        If a name is not there or not told, or the output is not of the kind that the nonlinearity
+        reads.
     ModelError
         If the plant is a sampled one, or does not take the nonlinearity as its own torque.
     """
     if not isinstance(plant, Plant):
-        raise OptionError(f"expected a Plant, found {type(plant).__name__}; make one with updyn.plant")
+        raise OptionError(
+            f"expected a Plant, found {type(plant).__name__}; make one with updyn.plant"
+        )
     if not isinstance(nonlinearity, Backlash | CoulombFriction):
-        raise OptionError(f"expected a Backlash or a CoulombFriction, found {type(nonlinearity).__name__}")
+        raise OptionError(
+            f"expected a Backlash or a CoulombFriction, found {type(nonlinearity).__name__}"
+        )
     if plant.dt is not None:
         raise ModelError(
-            f"the plant is sampled every {plant.dt:g} s; a nonlinearity acts in between: give the continuous one"
+            f"the plant is sampled every {plant.dt:g} s; a nonlinearity acts in between: give the"
+            " continuous one"
         )
     ends = (at, at) if isinstance(at, str) else tuple(at)
     if len(ends) != 2:
-        raise OptionError(f"at={at!r}: expected the name of an output and an input, or (output, input)")
+        raise OptionError(
+            f"at={at!r}: expected the name of an output and an input, or (output, input)"
+        )
     output, entry = ends
     i, j = _named(output, plant.outputs, "output"), _named(entry, plant.inputs, "input")
     if plant.quantities[i] != nonlinearity.quantity:
         kind = "twists" if isinstance(nonlinearity, Backlash) else "velocities"
         raise OptionError(
-            f"{type(nonlinearity).__name__} reads {kind}, and output {output!r} of the plant is of quantity "
-            f"{plant.quantities[i]!r}; make the plant with {nonlinearity.quantity!r} for it"
+            f"{type(nonlinearity).__name__} reads {kind}, and output {output!r} of the plant is of"
+            f" quantity {plant.quantities[i]!r}; make the plant with {nonlinearity.quantity!r}"
+            " for it"
         )
     closed = _closed(plant, controller, (output, entry), names, pade)
     system, series = closed
@@ -173,25 +185,30 @@ def around(
 
 def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
     """Return the residual flexibility across a mesh; what rounding leaves of none is none."""
-    return 0.0 if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING else D
+    return (
+        0.0
+        if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING
+        else D
+    )
 
 
 def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:
     if isinstance(nonlinearity, Backlash):
         if system.D < 0.0:
             raise ModelError(
-                f"output {system.output!r} gives way against input {system.input!r}: they are not the two ends of one "
-                "port; use the same Port for both"
+                f"output {system.output!r} gives way against input {system.input!r}: they are not"
+                " the two ends of one port; use the same Port for both"
             )
         return
     if np.any(system.G[: n_u + 1]):
         raise ModelError(
-            f"output {system.output!r} follows a torque at once; friction needs the velocity of an inertia"
+            f"output {system.output!r} follows a torque at once; friction needs the velocity of an"
+            " inertia"
         )
     if not push > 0.0:
         raise ModelError(
-            f"a torque at {system.input!r} does not accelerate {system.output!r}: friction needs input and output of "
-            "one Port, with inertia there"
+            f"a torque at {system.input!r} does not accelerate {system.output!r}: friction needs"
+            " input and output of one Port, with inertia there"
         )
 
 
@@ -205,7 +222,10 @@ def _closed(
     if controller is None:
         _unused(names, ("torque", "velocity", "position", "measured"), "without a controller")
         blank = StateSpace(
-            own.A, np.hstack([own.B, np.zeros((len(own.A), 1))]), own.C, np.hstack([own.D, np.zeros((n_y, 1))])
+            own.A,
+            np.hstack([own.B, np.zeros((len(own.A), 1))]),
+            own.C,
+            np.hstack([own.D, np.zeros((n_y, 1))]),
         )
         return blank, plant.outputs
     torque = _torque(plant, ends[1], names.get("torque"))
@@ -213,7 +233,9 @@ def _closed(
     if isinstance(controller, Controller):
         _unused(names, ("measured",), "of a Controller; it has velocity= and position=")
         if controller.dead_time and not (is_number(pade) and 1 <= pade <= 12):
-            raise OptionError(f"pade={pade!r}: expected an order from 1 to 12 for the dead time of the controller")
+            raise OptionError(
+                f"pade={pade!r}: expected an order from 1 to 12 for the dead time of the controller"
+            )
         block = controller.state_space(pade)
         own, rows, weights = _cascade(plant, own, controller, ends[0], names)
         led = np.array([[1.0 if controller.kv is None else controller.kv]])
@@ -249,7 +271,9 @@ def _cascade(
     if plant.quantities[p] == "receptance":
         return own, [at, p], np.array([[-1.0, -controller.kv]])
     if plant.quantities[p] != "mobility":
-        raise OptionError(f"position {position!r} is an acceleration; expected a displacement or a velocity")
+        raise OptionError(
+            f"position {position!r} is an acceleration; expected a displacement or a velocity"
+        )
     # The integral of a velocity, as one more state.
     n = len(own.A)
     A = np.block([[own.A, np.zeros((n, 1))], [plant.C[[p]], np.zeros((1, 1))]])
@@ -264,11 +288,13 @@ def _velocity(plant: Plant, name: str) -> tuple[_Real, _Real]:
     if plant.quantities[i] == "mobility":
         return plant.C[[i]], plant.D[[i]]
     if plant.quantities[i] != "receptance":
-        raise OptionError(f"velocity {name!r} is an acceleration; expected a velocity or a displacement")
+        raise OptionError(
+            f"velocity {name!r} is an acceleration; expected a velocity or a displacement"
+        )
     if np.any(plant.D[i]):
         raise OptionError(
-            f"velocity {name!r} is a displacement with residual flexibility, whose derivative is not proper; make the "
-            "plant with quantity 'mobility' for it"
+            f"velocity {name!r} is a displacement with residual flexibility, whose derivative is"
+            " not proper; make the plant with quantity 'mobility' for it"
         )
     return plant.C[[i]] @ plant.A, plant.C[[i]] @ plant.B
 
@@ -280,19 +306,22 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
         try:
             A, B, C, D = (np.atleast_2d(np.asarray(m, dtype=np.float64)) for m in given)
         except (TypeError, ValueError) as error:
-            raise OptionError(f"controller: expected a Controller, (A, B, C, D) or None, found {given!r}") from error
+            raise OptionError(
+                f"controller: expected a Controller, (A, B, C, D) or None, found {given!r}"
+            ) from error
         n = 0 if A.size == 0 else len(A)
         block = StateSpace(A.reshape(n, n), B.reshape(n, D.shape[1]), C.reshape(D.shape[0], n), D)
     if measured is None:
         raise OptionError(
-            f"controller (A, B, C, D): say measured=, the outputs that it reads; {suggest('', plant.outputs)}"
+            "controller (A, B, C, D): say measured=, the outputs that it reads;"
+            f" {suggest('', plant.outputs)}"
         )
     wanted: Sequence[str] = [measured] if isinstance(measured, str) else list(measured)
     rows = [_named(name, plant.outputs, "output") for name in wanted]
     if block.B.shape[1] != len(rows) or block.C.shape[0] != 1:
         raise OptionError(
-            f"controller (A, B, C, D): {block.B.shape[1]} inputs and {block.C.shape[0]} outputs; expected "
-            f"{len(rows)} (measured) and 1 (torque)"
+            f"controller (A, B, C, D): {block.B.shape[1]} inputs and {block.C.shape[0]} outputs;"
+            f" expected {len(rows)} (measured) and 1 (torque)"
         )
     return block, rows
 
@@ -302,16 +331,25 @@ def _torque(plant: Plant, skip: str, name: Any) -> str:
         return plant.inputs[_named(name, plant.inputs, "input")]
     left = [n for n in plant.inputs if n != skip]
     if len(left) != 1:
-        raise OptionError(f"say torque=, the input that the controller drives; {suggest('', plant.inputs)}")
+        raise OptionError(
+            f"say torque=, the input that the controller drives; {suggest('', plant.inputs)}"
+        )
     return left[0]
 
 
 def _measured(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:
     if name is not None:
         return plant.outputs[_named(name, plant.outputs, "output")]
-    of_kind = [n for n, q in zip(plant.outputs, plant.quantities, strict=True) if q == quantity and n != skip]
+    of_kind = [
+        n
+        for n, q in zip(plant.outputs, plant.quantities, strict=True)
+        if q == quantity and n != skip
+    ]
     if len(of_kind) != 1:
-        raise OptionError(f"say {what}=, the output that the controller takes as {what}; {suggest('', plant.outputs)}")
+        raise OptionError(
+            f"say {what}=, the output that the controller takes as {what};"
+            f" {suggest('', plant.outputs)}"
+        )
     return of_kind[0]
 
 

@@ -1,12 +1,14 @@
 """`limit_cycles`: oscillations that a nonlinearity keeps up in a loop, by harmonic balance.
 
-With the nonlinearity pulled out, z = S(s) w and w = -N(A, omega) z, an oscillation z = A sin(omega t) needs
+With the nonlinearity pulled out, z = S(s) w and w = -N(A, omega) z, an oscillation z = A sin(omega
+t) needs
 
     N(A, omega) = -1 / S(i omega).
 
 |N| falls or rises steadily with A, so that each frequency has at most one amplitude at which the moduli agree; what is
-left is one equation, of the phases, along the frequency axis, whose roots are all found by a scan and refined (Gelb &
-Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, chapter 3).
+left is one equation, of the phases, along the frequency axis, whose roots are all found by a scan
+and refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design,
+1968, chapter 3).
 """
 
 from __future__ import annotations
@@ -47,21 +49,22 @@ class LimitCycle:
     frequency : float
         In Hz.
     stable : bool
-        Whether the loop returns to it: by Loeb's criterion, and no other pole of the loop under it is unstable. An
-        unstable one is a border: what starts below dies out, or falls to the next stable one, and what starts above
-        grows; or the other way round.
+        Whether the loop returns to it: by Loeb's criterion, and no other pole of the loop under it
+        is unstable. An unstable one is a border: what starts below dies out, or falls to the next
+        stable one, and what starts above grows; or the other way round.
     loeb : bool
         Loeb's criterion alone.
     gain : complex
         Describing function there.
     third : float
-        Third harmonic that the loop would add to what the nonlinearity reads, as a share of the amplitude:
+        Third harmonic that the loop would add to what the nonlinearity reads, as a share of the
+        amplitude:
         |S(3 i omega) T_3| / A. The prediction takes it for 0.
     unit : str
         Of the amplitude.
     doubt : str
-        Why it may be off by more than a tenth, or not be there at all, so that only a simulation tells; empty where
-        there is no such reason.
+        Why it may be off by more than a tenth, or not be there at all, so that only a simulation
+        tells; empty where there is no such reason.
     """
 
     amplitude: float
@@ -87,13 +90,16 @@ class LimitCycles(tuple[LimitCycle, ...]):
     band : (float, float)
         Where they were looked for, in Hz.
     linear_stable : bool
-        Whether the loop is stable without the nonlinearity: with the mesh in contact throughout, or without friction.
+        Whether the loop is stable without the nonlinearity: with the mesh in contact throughout, or
+        without friction.
     """
 
     band: tuple[float, float]
     linear_stable: bool
 
-    def __new__(cls, cycles: Iterable[LimitCycle], band: tuple[float, float], linear_stable: bool) -> LimitCycles:
+    def __new__(
+        cls, cycles: Iterable[LimitCycle], band: tuple[float, float], linear_stable: bool
+    ) -> LimitCycles:
         """Take cycles, the band in Hz and the stability of the loop without the nonlinearity."""
         out = super().__new__(cls, cycles)
         out.band, out.linear_stable = band, linear_stable
@@ -110,10 +116,16 @@ class LimitCycles(tuple[LimitCycle, ...]):
         str
         """
         where = f"from {self.band[0]:.4g} to {self.band[1]:.4g} Hz"
-        loop = f"The loop without the nonlinearity is {'stable' if self.linear_stable else 'unstable'}."
+        loop = (
+            "The loop without the nonlinearity is"
+            f" {'stable' if self.linear_stable else 'unstable'}."
+        )
         if not self:
             return f"Harmonic balance predicts no limit cycle {where}. {loop}"
-        lines = [f"Harmonic balance predicts {len(self)} limit cycle(s) {where}:", *(f"  {c}" for c in self)]
+        lines = [
+            f"Harmonic balance predicts {len(self)} limit cycle(s) {where}:",
+            *(f"  {c}" for c in self),
+        ]
         return "\n".join([*lines, loop])
 
 
@@ -135,22 +147,26 @@ def limit_cycles(
     Parameters
     ----------
     plant : Plant
-        Continuous. For backlash the mesh is open in it (`opened`) and its twist is an output (displacement), the torque
-        across it an input; for friction the velocity is an output and the torque there an input.
+        Continuous. For backlash the mesh is open in it (`opened`) and its twist is an output
+        (displacement), the torque across it an input; for friction the velocity is an output and
+        the torque there an input.
     controller : Controller, StateSpace, tuple or None
-        What closes the loop: a cascade with negative feedback; or x' = A x + B y, torque = C x + D y, the sign of the
-        feedback in it, from the `measured` outputs; or None where the plant is closed already.
+        What closes the loop: a cascade with negative feedback; or x' = A x + B y, torque = C x + D
+        y, the sign of the feedback in it, from the `measured` outputs; or None where the plant is
+        closed already.
     nonlinearity : Backlash or CoulombFriction
         What acts.
     at : str or (str, str)
         Output and input of the plant between which it acts; one name where both have it.
     torque, velocity, position : str, optional
-        Input that the controller drives, outputs that a `Controller` takes as velocity and position (a displacement is
-        differentiated, a velocity integrated). None: the only one that it can be.
+        Input that the controller drives, outputs that a `Controller` takes as velocity and position
+        (a displacement is differentiated, a velocity integrated). None: the only one that it can
+        be.
     measured : str or sequence of str, optional
         Outputs that an (A, B, C, D) controller reads, in its order.
     band : (float, float), optional
-        Where to look, in Hz. None: from a hundredth of the lowest to ten times the highest frequency of the loop.
+        Where to look, in Hz. None: from a hundredth of the lowest to ten times the highest
+        frequency of the loop.
     pade : int
         Order of the Pade approximation of the controller's dead time.
 
@@ -168,9 +184,9 @@ def limit_cycles(
 
     Notes
     -----
-    Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0 (Gelb & Vander
-    Velde 1968, chapter 3). Describing functions take the oscillation for a sine, without bias; a breakaway torque is
-    not in them.
+    Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0
+    (Gelb & Vander Velde 1968, chapter 3). Describing functions take the oscillation for a sine,
+    without bias; a breakaway torque is not in them.
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
     system = around(plant, controller, nonlinearity, at, names, pade)
@@ -178,13 +194,21 @@ def limit_cycles(
     poles = np.concatenate([np.linalg.eigvals(system.A), system.under(*whole)])
     limits = _limits(band, poles)
     scan = _scan(limits, poles)
-    found = [_cycle(system, nonlinearity, omega) for omega in _roots(system, nonlinearity, scan, poles)]
-    return LimitCycles(found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.under(*whole)))
+    found = [
+        _cycle(system, nonlinearity, omega) for omega in _roots(system, nonlinearity, scan, poles)
+    ]
+    return LimitCycles(
+        found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.under(*whole))
+    )
 
 
 def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
     """Return stiffness and damping across, without the nonlinearity."""
-    return (nonlinearity.stiffness, nonlinearity.damping) if isinstance(nonlinearity, Backlash) else (0.0, 0.0)
+    return (
+        (nonlinearity.stiffness, nonlinearity.damping)
+        if isinstance(nonlinearity, Backlash)
+        else (0.0, 0.0)
+    )
 
 
 def _stable(poles: _Complex) -> bool:
@@ -230,7 +254,9 @@ def _mismatch(system: Around, nonlinearity: Nonlinearity, omega: _Real) -> tuple
     return phase, A
 
 
-def _roots(system: Around, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex) -> list[float]:
+def _roots(
+    system: Around, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex
+) -> list[float]:
     """Return all frequencies in rad/s at which the phases agree."""
 
     def at(w: float) -> float:
@@ -242,17 +268,26 @@ def _roots(system: Around, nonlinearity: Nonlinearity, omega: _Real, poles: _Com
     for i in range(len(omega) - 1):
         a, b = phase[i], phase[i + 1]
         if np.isfinite(a) and np.isfinite(b) and a * b < 0 and abs(a - b) < np.pi:
-            roots.append(float(brentq(at, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13)))
+            roots.append(
+                float(brentq(at, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13))
+            )
     for i in range(1, len(omega) - 1):
         a, b, c = phase[i - 1 : i + 2]
-        if np.isfinite([a, b, c]).all() and a * b > 0 and b * c > 0 and abs(b) < min(abs(a), abs(c), _NEAR):
+        if (
+            np.isfinite([a, b, c]).all()
+            and a * b > 0
+            and b * c > 0
+            and abs(b) < min(abs(a), abs(c), _NEAR)
+        ):
             roots += _touching(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
     return sorted(set(roots))
 
 
 def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
     """Return two roots between points of one sign, where the phase comes close to agreement between them."""
-    best = minimize_scalar(lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low})
+    best = minimize_scalar(
+        lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low}
+    )
     if side * at(float(best.x)) >= 0:
         return []
     return [float(brentq(at, low, best.x, rtol=1e-13)), float(brentq(at, best.x, high, rtol=1e-13))]
@@ -267,11 +302,19 @@ def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCyc
     third = float(abs(S3)) * nonlinearity.third(A, omega) / A
     loeb = _loeb(system, nonlinearity, A, omega)
     rest = system.under(N.real, N.imag / omega if abs(N.imag) > 1e-12 * abs(N) else 0.0)
-    # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything else grows.
+    # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything
+    # else grows.
     for target in (1j * omega, -1j * omega):
         rest = np.delete(rest, np.argmin(np.abs(rest - target)))
     return LimitCycle(
-        A, omega / _TWO_PI, loeb and _stable(rest), loeb, N, third, system.unit, nonlinearity.doubt(A, third)
+        A,
+        omega / _TWO_PI,
+        loeb and _stable(rest),
+        loeb,
+        N,
+        third,
+        system.unit,
+        nonlinearity.doubt(A, third),
     )
 
 

@@ -1,7 +1,8 @@
 """`Backlash` and `CoulombFriction`: what they put on the structure, and their describing functions.
 
-Both act between one output z of a plant and one input w: w = -T, with T the torque that the twist z, or the velocity z,
-calls forth. The describing function N(A, omega) is the first harmonic of T over that of z = A sin(omega t).
+Both act between one output z of a plant and one input w: w = -T, with T the torque that the twist
+z, or the velocity z, calls forth. The describing function N(A, omega) is the first harmonic of T
+over that of z = A sin(omega t).
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ _THIRD = 0.3  # of the first harmonic
 class Backlash:
     """An elastic mesh with a gap: no torque inside, a spring and a damper at either flank, and no pull.
 
-    With z the twist and z_s that of the shaft, z - z_s lies between -gap / 2 and gap / 2. At a flank the torque is
-    T = k z_s + c z_s'; where it would pull, the flank lets go and the shaft relaxes, k z_s + c z_s' = 0 (Nordin &
-    Gutman, Automatica 38 (2002) 1633-1649). Without damping that is the dead zone T = k (z -+ gap / 2).
+    With z the twist and z_s that of the shaft, z - z_s lies between -gap / 2 and gap / 2. At a
+    flank the torque is T = k z_s + c z_s'; where it would pull, the flank lets go and the shaft
+    relaxes, k z_s + c z_s' = 0 (Nordin & Gutman, Automatica 38 (2002) 1633-1649). Without damping
+    that is the dead zone T = k (z -+ gap / 2).
 
     Parameters
     ----------
@@ -82,10 +84,10 @@ class Backlash:
 
         Notes
         -----
-        The exact first harmonic of the law. For damping that is light against the stiffness, c omega << k, it is
-        (k + i c omega) (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2 A): the dead zone (Slotine & Li, Applied
-        Nonlinear Control, 1991, chapter 5; Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear
-        System Design, 1968, appendix B).
+        The exact first harmonic of the law. For damping that is light against the stiffness, c
+        omega << k, it is (k + i c omega) (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
+        A): the dead zone (Slotine & Li, Applied Nonlinear Control, 1991, chapter 5; Gelb & Vander
+        Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, appendix B).
         """
         touches, d, a, psi1, psi2 = self._contact(amplitude, omega)
         sin2 = 0.5 * (psi2 - psi1) - 0.25 * (np.sin(2 * psi2) - np.sin(2 * psi1))
@@ -131,12 +133,18 @@ class Backlash:
         str
         """
         if amplitude < _REACH * self.half:
-            return f"the twist reaches only {amplitude / self.half:.3g} half gaps: bounces, not a sine"
+            return (
+                f"the twist reaches only {amplitude / self.half:.3g} half gaps: bounces, not a sine"
+            )
         return ""
 
-    def _contact(self, amplitude: ArrayLike, omega: ArrayLike) -> tuple[NDArray[np.bool_], _Real, _Real, _Real, _Real]:
+    def _contact(
+        self, amplitude: ArrayLike, omega: ArrayLike
+    ) -> tuple[NDArray[np.bool_], _Real, _Real, _Real, _Real]:
         """Return whether there is contact, gap / (2 A), c omega / k, and the phases between which there is contact."""
-        A, w = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega, dtype=np.float64))
+        A, w = np.broadcast_arrays(
+            np.asarray(amplitude, dtype=np.float64), np.asarray(omega, dtype=np.float64)
+        )
         touches = np.asarray(self.half < A)
         d = np.where(touches, self.half / np.where(A > 0, A, 1.0), 1.0)
         a = self.damping * w / self.stiffness
@@ -160,11 +168,14 @@ class Backlash:
         ndarray of float
             In rad.
         """
-        wanted, w = np.broadcast_arrays(np.asarray(modulus, dtype=np.float64), np.asarray(omega, dtype=np.float64))
+        wanted, w = np.broadcast_arrays(
+            np.asarray(modulus, dtype=np.float64), np.asarray(omega, dtype=np.float64)
+        )
         out = np.full(wanted.shape, np.nan)
         there = (wanted > 0) & (wanted < np.abs(self.describing(self.half / _FAR, w)))
         wanted, w = wanted[there], w[there]
-        # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to almost 0.
+        # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to almost
+        # 0.
         low, high = np.full(wanted.shape, _FAR), np.ones(wanted.shape)
         for _ in range(_HALVINGS):
             mid = np.where(low < 1e-2 * high, np.sqrt(low * high), 0.5 * (low + high))
@@ -176,7 +187,9 @@ class Backlash:
 
 def _meeting(d: _Real, a: _Real, psi2: _Real) -> _Real:
     """Return the phase at which the flank is met, the shaft still relaxing from the other one: bisection."""
-    twist = np.sin(psi2) - d  # of the shaft over A, where the other flank let go, half a turn before
+    twist = (
+        np.sin(psi2) - d
+    )  # of the shaft over A, where the other flank let go, half a turn before
     low, high = psi2 - np.pi, np.full(np.shape(psi2), 0.5 * np.pi)
     safe = np.where(a > 0, a, 1.0)
     for _ in range(_HALVINGS):
@@ -214,8 +227,8 @@ class CoulombFriction:
             _number("friction: breakaway", self.breakaway, "N m")
             if self.breakaway < self.level:
                 raise OptionError(
-                    f"friction: breakaway {self.breakaway:g} is below level {self.level:g}; what sticks takes "
-                    "more to move"
+                    f"friction: breakaway {self.breakaway:g} is below level {self.level:g}; what"
+                    " sticks takes more to move"
                 )
 
     @property
@@ -302,4 +315,7 @@ Nonlinearity = Backlash | CoulombFriction
 
 def _number(what: str, value: Any, unit: str, *, zero: bool = False) -> None:
     if not is_number(value) or not np.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise OptionError(f"{what} is {value!r}; expected a number {'of at least' if zero else 'above'} 0, in {unit}")
+        raise OptionError(
+            f"{what} is {value!r}; expected a number {'of at least' if zero else 'above'} 0, in"
+            f" {unit}"
+        )

@@ -30,8 +30,8 @@ class Opened:
     model : Model
         Without the stiffness and the damping of the mesh; its inertias stay.
     port : Port
-        Across the mesh: the pair of torques that drives it apart, and its twist. Both an input and an output of the
-        plant.
+        Across the mesh: the pair of torques that drives it apart, and its twist. Both an input and
+        an output of the plant.
     stiffness : float
         Of the mesh, in N m per rad of twist at the DOF where the twist is counted.
     damping : float
@@ -57,8 +57,8 @@ class Opened:
         gap : float
             From flank to flank, in rad of twist at the DOF where it is counted.
         frequency : float, optional
-            In Hz: where the damper loses what the loss factor of the mesh does, which has no counterpart in time.
-            Needed where the mesh has one.
+            In Hz: where the damper loses what the loss factor of the mesh does, which has no
+            counterpart in time. Needed where the mesh has one.
 
         Returns
         -------
@@ -73,10 +73,15 @@ class Opened:
         if self.group.loss_factor:
             if frequency is None or not is_number(frequency) or not 0 < frequency < np.inf:
                 raise OptionError(
-                    f"mesh {self.name!r} has the loss factor {self.group.loss_factor:g}; say frequency=, in Hz, at "
-                    f"which a damper stands for it (that of the limit cycle), found {frequency!r}"
+                    f"mesh {self.name!r} has the loss factor {self.group.loss_factor:g}; say"
+                    " frequency=, in Hz, at which a damper stands for it (that of the limit"
+                    f" cycle), found {frequency!r}"
                 )
-            damping += self.group.loss_at(float(frequency), self.name) * self.stiffness / (2.0 * np.pi * frequency)
+            damping += (
+                self.group.loss_at(float(frequency), self.name)
+                * self.stiffness
+                / (2.0 * np.pi * frequency)
+            )
         return Backlash(self.stiffness, gap, damping)
 
 
@@ -85,8 +90,8 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
 
     The plant that backlash acts on is then made with the port as an input and an output::
 
-        gap = updyn.opened(model, "pinion", "7:RZ")
-        plant = updyn.plant(gap.model, ["1:RZ", gap.port], [Port.at("1:RZ", "speed"), "7:RZ", gap.port], band,
+        gap = updyn.opened(model, "pinion", "7:RZ") plant = updyn.plant(gap.model, ["1:RZ",
+        gap.port], [Port.at("1:RZ", "speed"), "7:RZ", gap.port], band,
                             quantity=["mobility", "receptance", "receptance"])
         cycles = updyn.limit_cycles(plant, controller, gap.backlash(2e-4, frequency=5.0), "gap")
 
@@ -97,7 +102,8 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     mesh : str
         Group of the mesh: one spring between any number of DOFs (a gear pair, a shaft, a coupling).
     at : str or Dof
-        Signed DOF at which the twist is counted, the others being held: the ring for a clearance in angles of the ring.
+        Signed DOF at which the twist is counted, the others being held: the ring for a clearance in
+        angles of the ring.
     name : str
         Of the port.
 
@@ -108,7 +114,8 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     Raises
     ------
     ModelError
-        If there is no such group, it is not one spring, or its viscous damping does not act along that spring.
+        If there is no such group, it is not one spring, or its viscous damping does not act along
+        that spring.
     DofError
         If the DOF is not in the model.
     OptionError
@@ -116,7 +123,9 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     """
     given = model.model if isinstance(model, UpdateResult) else model
     if not isinstance(given, Model):
-        raise OptionError(f"opened: expected a Model or an UpdateResult, found {type(model).__name__}")
+        raise OptionError(
+            f"opened: expected a Model or an UpdateResult, found {type(model).__name__}"
+        )
     group = given.group(mesh)
     match = given.dofs.match([Dof.parse(at)], "DOF of the twist")
     here, sign = int(match.index[0]), float(match.sign[0])
@@ -125,11 +134,17 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         raise ModelError(f"group {mesh!r} has no stiffness to open")
     k = float(K[here, here])
     if not k > 0:
-        raise ModelError(f"group {mesh!r} does not act on {Dof.parse(at)}; name one of {_own(given, K)}")
+        raise ModelError(
+            f"group {mesh!r} does not act on {Dof.parse(at)}; name one of {_own(given, K)}"
+        )
     row = sp.csr_array(K[[here]]) * (sign / k)
     _along(K, row, k, f"group {mesh!r} is not one spring: its stiffness")
     c = 0.0
-    parts = [m * s for m, s in ((group.viscous, 1.0), (K, group.stiffness_damping)) if m is not None and s]
+    parts = [
+        m * s
+        for m, s in ((group.viscous, 1.0), (K, group.stiffness_damping))
+        if m is not None and s
+    ]
     if parts:
         C = sum(parts[1:], parts[0])
         c = float(C[here, here])
@@ -140,7 +155,11 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         for i, v in zip(entries.coords[1], entries.data, strict=True)
         if abs(v) > 1e-12 * float(np.abs(entries.data).max())
     }
-    left = Group(stiffness=K * 0.0) if group.mass is None else Group(mass=group.mass, mass_damping=group.mass_damping)
+    left = (
+        Group(stiffness=K * 0.0)
+        if group.mass is None
+        else Group(mass=group.mass, mass_damping=group.mass_damping)
+    )
     rest = Model({**given.groups, mesh: left}, given.dofs, given.geometry, given.title)
     port = Port(name, weights, rotation=Dof.parse(at).direction.startswith("R"))
     return Opened(rest, port, k, c, group, mesh)
@@ -151,7 +170,8 @@ def _along(matrix: Any, row: Any, size: float, what: str) -> None:
     left = matrix - size * (row.T @ row)
     if abs(left).max() > _ONE * abs(matrix).max():
         raise ModelError(
-            f"{what} does more than twist one spring (its matrix is not of rank 1); put the mesh alone into a group"
+            f"{what} does more than twist one spring (its matrix is not of rank 1); put the mesh"
+            " alone into a group"
         )
 
 

@@ -1,7 +1,8 @@
 """A loop with backlash or friction as pieces, each linear, with the borders at which one gives way to the next.
 
-The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a 1 that carries
-constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X, are not negative.
+The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
+1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
+are not negative.
 """
 
 from __future__ import annotations
@@ -94,7 +95,9 @@ class BackwardsAndForwards(Rules):
         super().__init__(system, constant, int(damped))
         self.law, self.damped = law, damped
         self.pieces = {"gap": self._gap()} | {
-            f"contact {'+' if s > 0 else '-'}": self._contact(s, system.D, float(system.C @ system.B))
+            f"contact {'+' if s > 0 else '-'}": self._contact(
+                s, system.D, float(system.C @ system.B)
+            )
             for s in (1.0, -1.0)
         }
 
@@ -114,7 +117,8 @@ class BackwardsAndForwards(Rules):
         elif D == 0.0:
             T = (k * shaft + c * (self.read @ self.base)) / (1.0 + c * push)
         else:
-            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is a state of its own.
+            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is a state
+            # of its own.
             T = shaft / D
             T[self.n] -= 1.0 / D
         F = self.base - np.outer(self.push, T)
@@ -157,7 +161,11 @@ class StickAndSlip(Rules):
     def _slip(self, s: float, level: float) -> Piece:
         w = -s * level * self.one
         return Piece(
-            f"slip {'+' if s > 0 else '-'}", self.base + np.outer(self.push, w), s * self.read[None], w, self.read
+            f"slip {'+' if s > 0 else '-'}",
+            self.base + np.outer(self.push, w),
+            s * self.read[None],
+            w,
+            self.read,
         )
 
     def first(self, X: _Real) -> str:

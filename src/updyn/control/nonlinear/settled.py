@@ -60,7 +60,11 @@ def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
         return Settled("at rest")
     if not len(switches) or switches[-1] < t[0]:
         # Nothing touches any more: a swing within the gap, or a drift.
-        return _trend(t, y, whole) if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2]) else Settled("decays")
+        return (
+            _trend(t, y, whole)
+            if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2])
+            else Settled("decays")
+        )
     starts = _rises(t, y - 0.5 * (y.max() + y.min()))
     if len(starts) < 3:
         return _trend(t, y, whole)
@@ -68,10 +72,16 @@ def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
     tops = np.array([np.ptp(y[(t >= a) & (t <= b)]) / 2 for a, b in pairwise(starts)])
     n = min(len(lengths), 4 * _PERIODS)
     lengths, tops = lengths[-n:], tops[-n:]
-    if n >= _PERIODS and np.ptp(tops) <= _STEADY * tops[-1] and np.ptp(lengths) <= _STEADY * lengths[-1]:
+    if (
+        n >= _PERIODS
+        and np.ptp(tops) <= _STEADY * tops[-1]
+        and np.ptp(lengths) <= _STEADY * lengths[-1]
+    ):
         a, b = float(starts[-n - 1]), float(starts[-1])
         frequency = n / (b - a)
-        return Settled("limit cycle", _harmonic(t, y, a, b, frequency), float(tops.mean()), frequency, n)
+        return Settled(
+            "limit cycle", _harmonic(t, y, a, b, frequency), float(tops.mean()), frequency, n
+        )
     return _trend(t, y, whole)
 
 

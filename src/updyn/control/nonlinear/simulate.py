@@ -52,7 +52,8 @@ class Simulation:
     verdict : {"limit cycle", "decays", "at rest", "grows", "not settled"}
         What the end of it is.
     amplitude : float or None
-        First harmonic of `reading` over the last whole periods, of a limit cycle: what harmonic balance predicts.
+        First harmonic of `reading` over the last whole periods, of a limit cycle: what harmonic
+        balance predicts.
     peak : float or None
         Half of peak to peak over the same.
     frequency : float or None
@@ -83,7 +84,9 @@ class Simulation:
     def __getitem__(self, name: str) -> _Real:
         """Return a series by its name, shape (n_t,)."""
         if name not in self.names:
-            raise OptionError(f"the simulation has no series {name!r}; {suggest(str(name), self.names)}")
+            raise OptionError(
+                f"the simulation has no series {name!r}; {suggest(str(name), self.names)}"
+            )
         return self.series[:, self.names.index(name)]
 
     def summary(self) -> str:
@@ -96,8 +99,8 @@ class Simulation:
         head = f"{self.time[-1]:.5g} s, {len(self.switches)} changes of contact or sticking: "
         if self.verdict == "limit cycle":
             return (
-                f"{head}limit cycle, amplitude {self.amplitude:.5g} {self.unit} (first harmonic; half of peak to peak "
-                f"{self.peak:.5g}), {self.frequency:.5g} Hz"
+                f"{head}limit cycle, amplitude {self.amplitude:.5g} {self.unit} (first harmonic;"
+                f" half of peak to peak {self.peak:.5g}), {self.frequency:.5g} Hz"
             )
         return (
             head
@@ -129,8 +132,9 @@ def simulate(
 ) -> Simulation:
     """Simulate a loop with backlash or friction.
 
-    The loop is linear in pieces (gap and two flanks; rest and two senses of motion): each is stepped through by its
-    matrix exponential, and the instants at which one gives way to the next are found to rounding.
+    The loop is linear in pieces (gap and two flanks; rest and two senses of motion): each is
+    stepped through by its matrix exponential, and the instants at which one gives way to the next
+    are found to rounding.
 
     Parameters
     ----------
@@ -141,18 +145,18 @@ def simulate(
     at : str or (str, str)
         As for `limit_cycles`.
     start : LimitCycle or array_like of float, shape (n,), optional
-        Where it begins: on a predicted limit cycle; or with the states of the plant, or of plant and controller. None:
-        at rest in the middle.
+        Where it begins: on a predicted limit cycle; or with the states of the plant, or of plant
+        and controller. None: at rest in the middle.
     scale : float
         Factor on the start: 1.2 times a limit cycle begins outside of it.
     constant : mapping of str to float, optional
-        Inputs of the plant that are held, in their units (gravity, wind), and ``"reference"``, to which the controller
-        moves from time 0.
+        Inputs of the plant that are held, in their units (gravity, wind), and ``"reference"``, to
+        which the controller moves from time 0.
     torque, velocity, position, measured
         As for `limit_cycles`.
     step : float, optional
-        In s. None: a fortieth of the shortest period of the loop's pieces. Only what begins and ends within one step is
-        missed by a longer one.
+        In s. None: a fortieth of the shortest period of the loop's pieces. Only what begins and
+        ends within one step is missed by a longer one.
     pade : int
         As for `limit_cycles`.
 
@@ -176,11 +180,19 @@ def simulate(
     length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
     way = march(pieces, X, float(duration), length)
-    w_rows, z_rows = (np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z"))
+    w_rows, z_rows = (
+        np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z")
+    )
     w = np.einsum("tm,tm->t", way.states, w_rows[way.piece])
     z = np.einsum("tm,tm->t", way.states, z_rows[way.piece])
-    series = way.states[:, : pieces.n] @ system.series.T + np.outer(w, system.series_w) + system.series_e @ held
-    end: Settled = settled(way.time, z, way.switches, nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0)
+    series = (
+        way.states[:, : pieces.n] @ system.series.T
+        + np.outer(w, system.series_w)
+        + system.series_e @ held
+    )
+    end: Settled = settled(
+        way.time, z, way.switches, nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
+    )
     facts = {"step": length, "switches": len(way.switches), "constant": dict(constant or {})}
     for array in (way.time, z, w, series, way.switches):
         array.flags.writeable = False
@@ -206,20 +218,26 @@ def _held(system: Around, constant: Mapping[str, float] | None) -> _Real:
     out = np.zeros(len(system.entries))
     for name, value in (constant or {}).items():
         if name not in system.entries:
-            raise OptionError(f"simulation: no input {name!r} to hold; {suggest(str(name), system.entries)}")
+            raise OptionError(
+                f"simulation: no input {name!r} to hold; {suggest(str(name), system.entries)}"
+            )
         if not is_number(value) or not np.isfinite(value):
             raise OptionError(f"simulation: {name} held at {value!r}; expected a finite number")
         out[system.entries.index(name)] = value
     return out
 
 
-def _length(system: Around, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any) -> float:
+def _length(
+    system: Around, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any
+) -> float:
     for what, value in (("duration", duration), ("step", 1.0 if step is None else step)):
         if not is_number(value) or not 0 < value < np.inf:
             raise OptionError(f"simulation: {what} {value!r}; expected a number above 0, in s")
     if step is None:
         rates = [np.linalg.eigvals(p.F) for p in pieces.pieces.values()]
-        if isinstance(nonlinearity, Backlash):  # a flank bounces as fast without its damping, or faster
+        if isinstance(
+            nonlinearity, Backlash
+        ):  # a flank bounces as fast without its damping, or faster
             rates.append(system.under(nonlinearity.stiffness, 0.0))
         fastest = max(float(np.abs(r.imag).max(initial=0.0)) for r in rates)
         step = duration / _LEAST
@@ -227,13 +245,20 @@ def _length(system: Around, nonlinearity: Nonlinearity, pieces: Rules, duration:
             step = min(step, 2.0 * np.pi / fastest / _POINTS)
     if duration / step > _MOST:
         raise OptionError(
-            f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; at most {_MOST:g} are "
-            "taken: say a shorter duration, or a longer step="
+            f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; at most"
+            f" {_MOST:g} are taken: say a shorter duration, or a longer step="
         )
     return float(step)
 
 
-def _start(system: Around, plant: Plant, pieces: Rules, nonlinearity: Nonlinearity, start: Any, scale: float) -> _Real:
+def _start(
+    system: Around,
+    plant: Plant,
+    pieces: Rules,
+    nonlinearity: Nonlinearity,
+    start: Any,
+    scale: float,
+) -> _Real:
     if not is_number(scale) or not np.isfinite(scale):
         raise OptionError(f"simulation: scale {scale!r}; expected a finite number")
     n = len(system.A)
@@ -248,11 +273,13 @@ def _start(system: Around, plant: Plant, pieces: Rules, nonlinearity: Nonlineari
         try:
             given = np.asarray(start, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise OptionError(f"simulation: start {start!r}; expected a LimitCycle or numbers") from error
+            raise OptionError(
+                f"simulation: start {start!r}; expected a LimitCycle or numbers"
+            ) from error
         if given.shape not in ((n,), (plant.n_states,)) or not np.isfinite(given).all():
             raise OptionError(
-                f"simulation: start of shape {given.shape}; expected {plant.n_states} finite states of the plant, or "
-                f"{n} of plant and controller"
+                f"simulation: start of shape {given.shape}; expected {plant.n_states} finite states"
+                f" of the plant, or {n} of plant and controller"
             )
         x[: len(given)] = given
     return pieces.state(float(scale) * x)

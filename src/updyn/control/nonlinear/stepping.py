@@ -1,8 +1,8 @@
 """Exact steps through linear pieces: matrix exponentials between borders, and the borders by bisection.
 
-Within a piece the state at t + tau is expm(F tau) X(t), whatever the step: the step only has to be short enough that
-no piece is entered and left again within it. Where a border has been crossed, the time is found by halving the step
-with the exponentials of its halves, to 2^-44 of a step.
+Within a piece the state at t + tau is expm(F tau) X(t), whatever the step: the step only has to be
+short enough that no piece is entered and left again within it. Where a border has been crossed, the
+time is found by halving the step with the exponentials of its halves, to 2^-44 of a step.
 """
 
 from __future__ import annotations
@@ -58,7 +58,9 @@ class _Exact:
         for _ in range(_BLOCK - 1):
             powers.append(powers[-1] @ once)
         self.powers = np.array(powers)
-        self.halves = np.array([scipy.linalg.expm(piece.F * step * 0.5**i) for i in range(1, _HALVINGS + 1)])
+        self.halves = np.array(
+            [scipy.linalg.expm(piece.F * step * 0.5**i) for i in range(1, _HALVINGS + 1)]
+        )
 
     def crossing(self, X: _Real) -> tuple[float, _Real, int]:
         """Return the share of the step at which the first border is crossed, the state just after, and the border."""
@@ -97,7 +99,9 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
         return _followed(rules, exact, start, duration, step)
 
 
-def _followed(rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float) -> March:
+def _followed(
+    rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
+) -> March:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
@@ -122,11 +126,17 @@ def _followed(rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration:
             pieces.append(np.array([names.index(now)]))
             if len(switches) > _AT_ONCE and t - switches[-_AT_ONCE] < step:
                 raise SolverError(
-                    f"simulation: {_AT_ONCE} changes between {names[0]!r} and others within {step:.3g} s at {t:.6g} s: "
-                    "the loop chatters there"
+                    f"simulation: {_AT_ONCE} changes between {names[0]!r} and others within"
+                    f" {step:.3g} s at {t:.6g} s: the loop chatters there"
                 )
         if not np.isfinite(X).all():
-            raise SolverError(f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable")
+            raise SolverError(
+                f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable"
+            )
     return March(
-        np.concatenate(times), np.concatenate(states), np.concatenate(pieces).astype(np.intp), names, np.array(switches)
+        np.concatenate(times),
+        np.concatenate(states),
+        np.concatenate(pieces).astype(np.intp),
+        names,
+        np.array(switches),
     )

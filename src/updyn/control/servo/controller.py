@@ -36,14 +36,16 @@ _TWO_PI = 2.0 * np.pi
 class Notch:
     """A notch filter of second order, of gain 1 far from its frequency.
 
-        N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2),   w = 2 pi frequency
+        N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2),   w = 2 pi
+        frequency
 
     Parameters
     ----------
     frequency : float
         In Hz.
     zero_damping : float
-        Damping ratio of the zeros, 0 or above; the gain at `frequency` is zero_damping / pole_damping.
+        Damping ratio of the zeros, 0 or above; the gain at `frequency` is zero_damping /
+        pole_damping.
     pole_damping : float
         Damping ratio of the poles, above 0; it makes the width.
 
@@ -59,10 +61,17 @@ class Notch:
 
     def __post_init__(self) -> None:
         _positive("notch: frequency", self.frequency, "Hz")
-        _positive(f"notch at {self.frequency:g} Hz: pole_damping", self.pole_damping, "a damping ratio")
-        if not is_number(self.zero_damping) or not np.isfinite(self.zero_damping) or self.zero_damping < 0:
+        _positive(
+            f"notch at {self.frequency:g} Hz: pole_damping", self.pole_damping, "a damping ratio"
+        )
+        if (
+            not is_number(self.zero_damping)
+            or not np.isfinite(self.zero_damping)
+            or self.zero_damping < 0
+        ):
             raise OptionError(
-                f"notch at {self.frequency:g} Hz: zero_damping is {self.zero_damping!r}; expected 0 or above"
+                f"notch at {self.frequency:g} Hz: zero_damping is {self.zero_damping!r}; expected 0"
+                " or above"
             )
 
     @classmethod
@@ -74,7 +83,8 @@ class Notch:
         frequency : float
             In Hz.
         width : float
-            In Hz, between the points where a notch of depth 0 has gain 1 / sqrt(2): 2 pole_damping frequency.
+            In Hz, between the points where a notch of depth 0 has gain 1 / sqrt(2): 2 pole_damping
+            frequency.
         depth : float
             Gain at `frequency`; 0 takes it out altogether.
 
@@ -90,7 +100,9 @@ class Notch:
         _positive("notch: frequency", frequency, "Hz")
         _positive("notch: width", width, "Hz")
         if not is_number(depth) or not np.isfinite(depth) or depth < 0:
-            raise OptionError(f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above")
+            raise OptionError(
+                f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above"
+            )
         pole = 0.5 * width / frequency
         return cls(frequency, depth * pole, pole)
 
@@ -120,7 +132,9 @@ class Notch:
         s = np.asarray(s, dtype=np.complex128)
         w = _TWO_PI * self.frequency
         both = s**2 + w**2
-        return np.asarray((both + 2.0 * self.zero_damping * w * s) / (both + 2.0 * self.pole_damping * w * s))
+        return np.asarray(
+            (both + 2.0 * self.zero_damping * w * s) / (both + 2.0 * self.pole_damping * w * s)
+        )
 
     def state_space(self) -> StateSpace:
         """Return N as a state-space system of two states."""
@@ -159,7 +173,8 @@ class Controller:
     feed_forward : float
         Share of the reference's velocity that is added to the velocity command, 0 to 1.
     dead_time : float
-        Time in s by which the torque is late: computation, sampling (half an interval for the hold), current loop.
+        Time in s by which the torque is late: computation, sampling (half an interval for the
+        hold), current loop.
 
     Raises
     ------
@@ -177,21 +192,37 @@ class Controller:
     dead_time: float = 0.0
 
     def __post_init__(self) -> None:
-        _positive("controller: kp", self.kp, "N m per rad/s", "turn the port round where torque and velocity oppose")
-        for name, unit in (("ti", "s"), ("kv", "1/s"), ("low_pass", "Hz"), ("low_pass_damping", "a damping ratio")):
+        _positive(
+            "controller: kp",
+            self.kp,
+            "N m per rad/s",
+            "turn the port round where torque and velocity oppose",
+        )
+        for name, unit in (
+            ("ti", "s"),
+            ("kv", "1/s"),
+            ("low_pass", "Hz"),
+            ("low_pass_damping", "a damping ratio"),
+        ):
             if getattr(self, name) is not None:
                 _positive(f"controller: {name}", getattr(self, name), unit, "None for none")
         if self.low_pass_damping is not None and self.low_pass is None:
-            raise OptionError("controller: low_pass_damping without low_pass; give its corner in Hz")
+            raise OptionError(
+                "controller: low_pass_damping without low_pass; give its corner in Hz"
+            )
         for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
                 above = "0 or above, in s" if name == "dead_time" else "a share from 0 to 1"
                 raise OptionError(f"controller: {name} is {value!r}; expected {above}")
         if self.feed_forward and self.kv is None:
-            raise OptionError("controller: feed_forward without kv; it belongs to the position loop")
+            raise OptionError(
+                "controller: feed_forward without kv; it belongs to the position loop"
+            )
         notches = (self.notches,) if isinstance(self.notches, Notch) else self.notches
-        wrong = OptionError(f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each")
+        wrong = OptionError(
+            f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each"
+        )
         if not isinstance(notches, Iterable):
             raise wrong
         object.__setattr__(self, "notches", tuple(notches))
@@ -219,17 +250,20 @@ class Controller:
         plant : Plant or PlantFamily
             With rigid-body motion from `torque` to `velocity`; of a family its nominal plant.
         crossover : float
-            Where the gain of the velocity loop is to fall through 1, in Hz, as far as the rigid body and kp make it.
+            Where the gain of the velocity loop is to fall through 1, in Hz, as far as the rigid
+            body and kp make it.
         torque, velocity : str
             Names of the plant's input and output.
         ti_ratio : float or None
-            The ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a) without small time
-            constants, and arctan(a) - arctan(1 / a) with those for which it is optimal, of sum 1 / (a w). None: no
-            integral part.
+            The ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a)
+            without small time constants, and arctan(a) - arctan(1 / a) with those for which it is
+            optimal, of sum 1 / (a w). None: no integral part.
         kv_ratio : float or None
-            4: critical damping of s^2 + w s + w kv, the rigid body without the integral part. None: no position loop.
+            4: critical damping of s^2 + w s + w kv, the rigid body without the integral part. None:
+            no position loop.
         **others
-            Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the rule's.
+            Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the
+            rule's.
 
         Returns
         -------
@@ -244,11 +278,20 @@ class Controller:
 
         Notes
         -----
-        Symmetrical optimum: Kessler (1958), "Das symmetrische Optimum", Regelungstechnik 6, 395-400 and 432-436.
+        Symmetrical optimum: Kessler (1958), "Das symmetrische Optimum", Regelungstechnik 6, 395-400
+        and 432-436.
         """
         from updyn.control.servo.tuning import tuned
 
-        return tuned(plant, crossover, torque=torque, velocity=velocity, ti_ratio=ti_ratio, kv_ratio=kv_ratio, **others)
+        return tuned(
+            plant,
+            crossover,
+            torque=torque,
+            velocity=velocity,
+            ti_ratio=ti_ratio,
+            kv_ratio=kv_ratio,
+            **others,
+        )
 
     def torque(self, s: ArrayLike) -> _Complex:
         """Return torque over velocity error, the dead time exact.
@@ -291,7 +334,9 @@ class Controller:
         """
         out = StateSpace.gain(self.kp)
         if self.ti is not None:
-            integral = StateSpace(np.zeros((1, 1)), np.ones((1, 1)), np.array([[1.0 / self.ti]]), np.ones((1, 1)))
+            integral = StateSpace(
+                np.zeros((1, 1)), np.ones((1, 1)), np.array([[1.0 / self.ti]]), np.ones((1, 1))
+            )
             out = integral * out
         for notch in self.notches:
             out = notch.state_space() * out
@@ -328,13 +373,22 @@ class Controller:
         lines = [f"velocity loop  kp {self.kp:.6g} (torque or force per unit of velocity)"]
         lines[0] += ", no integral part" if self.ti is None else f", ti {self.ti:.6g} s"
         if self.kv is not None:
-            forward = f", {100 * self.feed_forward:g} % velocity feed-forward" if self.feed_forward else ""
+            forward = (
+                f", {100 * self.feed_forward:g} % velocity feed-forward"
+                if self.feed_forward
+                else ""
+            )
             lines.append(f"position loop  kv {self.kv:.6g} 1/s{forward}")
         lines += [
-            f"notch          {n.frequency:g} Hz, width {n.width:.4g} Hz, depth {n.depth:.3g}" for n in self.notches
+            f"notch          {n.frequency:g} Hz, width {n.width:.4g} Hz, depth {n.depth:.3g}"
+            for n in self.notches
         ]
         if self.low_pass is not None:
-            order = "first order" if self.low_pass_damping is None else f"damping {self.low_pass_damping:g}"
+            order = (
+                "first order"
+                if self.low_pass_damping is None
+                else f"damping {self.low_pass_damping:g}"
+            )
             lines.append(f"low-pass       {self.low_pass:g} Hz, {order}")
         if self.dead_time:
             lines.append(f"dead time      {1e3 * self.dead_time:g} ms")

@@ -1,9 +1,10 @@
 """`drive_figures`: locked- and free-rotor frequencies, inertias, gear ratio and stiffness of a drive, from its model.
 
-The zeros of torque to motor speed are the natural frequencies with the motor held, its poles those with the motor free.
-Of two inertias they are sqrt(k / J_L) and sqrt(k (1 / J_M' + 1 / J_L)), with the motor's inertia J_M' = n^2 J_M and the
-drive's stiffness k both seen at the load (Ellis & Lorenz, Resonant load control methods for industrial servo drives,
-IEEE Industry Applications Society Annual Meeting 2000, vol. 3, 1438-1445).
+The zeros of torque to motor speed are the natural frequencies with the motor held, its poles those
+with the motor free. Of two inertias they are sqrt(k / J_L) and sqrt(k (1 / J_M' + 1 / J_L)), with
+the motor's inertia J_M' = n^2 J_M and the drive's stiffness k both seen at the load (Ellis &
+Lorenz, Resonant load control methods for industrial servo drives, IEEE Industry Applications
+Society Annual Meeting 2000, vol. 3, 1438-1445).
 """
 
 from __future__ import annotations
@@ -65,13 +66,13 @@ def drive_figures(
     load : str or Dof
         Signed DOF of the ring, the tool or the dish.
     ratio : float, optional
-        Speed of the motor over that of the load as the drawings state it, with sign. Checked against the rigid-body
-        motion, or used as it is where the model has none.
+        Speed of the motor over that of the load as the drawings state it, with sign. Checked
+        against the rigid-body motion, or used as it is where the model has none.
     band : (float, float), optional
         Modes between these lines in Hz. None: the lowest ten, of a small model all.
     separation : float
-        A resonance and an antiresonance that differ by less than this share of their frequency cancel: the motor does
-        not see that mode.
+        A resonance and an antiresonance that differ by less than this share of their frequency
+        cancel: the motor does not see that mode.
 
     Returns
     -------
@@ -84,20 +85,24 @@ def drive_figures(
     OptionError
         If the ratio, the band or the separation cannot be used.
     ModelError
-        If the stated ratio contradicts the rigid-body motion, or nothing in the model joins motor and load.
+        If the stated ratio contradicts the rigid-body motion, or nothing in the model joins motor
+        and load.
     SolverError
         If modes cannot be computed.
 
     Notes
     -----
-    With the rigid-body modes phi_r, scaled to unit modal mass, the inertia at the motor is 1 / sum phi_r(motor)^2. The
-    stiffness between motor and load follows from the static condensation K_c onto both: K_c[0, 0] at the motor with
-    the load held, K_c[1, 1] at the load with the motor held. Of a train that can turn, K_c [n, 1] = 0, so that they
-    differ by n^2: the sum 1 / k = sum 1 / (k_i n_i^2) of a row of parts.
+    With the rigid-body modes phi_r, scaled to unit modal mass, the inertia at the motor is 1 / sum
+    phi_r(motor)^2. The stiffness between motor and load follows from the static condensation K_c
+    onto both: K_c[0, 0] at the motor with the load held, K_c[1, 1] at the load with the motor held.
+    Of a train that can turn, K_c [n, 1] = 0, so that they differ by n^2: the sum 1 / k = sum 1 /
+    (k_i n_i^2) of a row of parts.
     """
     given = model.model if isinstance(model, UpdateResult) else model
     if not isinstance(given, Model):
-        raise OptionError(f"drive figures: expected a Model or an UpdateResult, found {type(model).__name__}")
+        raise OptionError(
+            f"drive figures: expected a Model or an UpdateResult, found {type(model).__name__}"
+        )
     ends = _ends(given, motor, load)
     limits = _checked(ratio, band, separation)
     held = _held(given, [int(ends.index[0])])
@@ -116,9 +121,13 @@ def drive_figures(
     rest = None if turning.inertia is None else turning.inertia - own
     inertia_ratio = None if rest is None or own <= 0 else rest / own
     if rest is not None and own <= 0:
-        notes.append(f"The motor's DOF {motor} carries no inertia of its own: there is no inertia ratio.")
+        notes.append(
+            f"The motor's DOF {motor} carries no inertia of its own: there is no inertia ratio."
+        )
     elif inertia_ratio is not None and inertia_ratio < 0:
-        notes.append("The motor turns against a body that is free itself: there is no inertia ratio.")
+        notes.append(
+            "The motor turns against a body that is free itself: there is no inertia ratio."
+        )
         rest, inertia_ratio = None, None
     if not pairs:
         notes.append("The motor sees no antiresonance in the band: no bandwidth follows.")
@@ -154,7 +163,10 @@ def drive_figures(
 def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
     one, two = Dof.parse(motor), Dof.parse(load)
     if (one.node, one.direction) == (two.node, two.direction):
-        raise DofError(f"drive figures: motor and load are both {one}; expected two DOFs with the train between them")
+        raise DofError(
+            f"drive figures: motor and load are both {one}; expected two DOFs with the train"
+            " between them"
+        )
     for dof, what in ((one, "motor"), (two, "load")):
         model.dofs.match([dof], what)
     return model.dofs.match([one, two])
@@ -164,7 +176,9 @@ def _checked(ratio: Any, band: Any, separation: Any) -> tuple[float, float] | No
     if ratio is not None and not (is_number(ratio) and np.isfinite(ratio) and ratio != 0):
         raise OptionError(f"drive figures: ratio {ratio!r}; expected a finite number other than 0")
     if not (is_number(separation) and 0 <= separation < 1):
-        raise OptionError(f"drive figures: separation {separation!r}; expected a share from 0 to below 1")
+        raise OptionError(
+            f"drive figures: separation {separation!r}; expected a share from 0 to below 1"
+        )
     if band is None:
         return None
     try:
@@ -185,7 +199,10 @@ def _held(model: Model, at: Sequence[int]) -> Model:
     def cut(matrix: Any) -> Any:
         return None if matrix is None else matrix[left][:, left]
 
-    groups = {name: g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous)) for name, g in model.groups.items()}
+    groups = {
+        name: g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
+        for name, g in model.groups.items()
+    }
     return Model(groups, model.dofs[left], model.geometry, model.title)
 
 
@@ -196,7 +213,11 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     if there == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
     n = min(there, max(at_least, _COUNT))
-    tabled = {name: {"loss_table": None} for name, group in model.groups.items() if group.loss_table is not None}
+    tabled = {
+        name: {"loss_table": None}
+        for name, group in model.groups.items()
+        if group.loss_table is not None
+    }
     plain = model.with_damping(tabled) if tabled else model
     found = modes(plain, n)
     while np.isfinite(top) and n < there and found.frequency[-1] <= top:
@@ -236,8 +257,9 @@ def _pairs(
 ) -> tuple[tuple[ResonancePair, ...], tuple[float, ...]]:
     """Return what the motor sees, and the locked-rotor frequencies that it does not.
 
-    Poles and zeros of a response at the place of its force alternate (Ewins, Modal Testing, 2nd ed. 2000, chapter 2).
-    A neighbouring two that cancel leave the others alternating: each zero that is left pairs with the next pole.
+    Poles and zeros of a response at the place of its force alternate (Ewins, Modal Testing, 2nd ed.
+    2000, chapter 2). A neighbouring two that cancel leave the others alternating: each zero that is
+    left pairs with the next pole.
     """
     zeros, poles, hidden = _seen(locked, free, separation)
     out = []
@@ -246,7 +268,11 @@ def _pairs(
         if above and _wanted(locked.frequency[[i]], limits)[0]:
             j = above[0]
             a, r = locked.loss_factor[i] / 2, free.loss_factor[j] / 2
-            out.append(ResonancePair(float(locked.frequency[i]), float(free.frequency[j]), float(a), float(r)))
+            out.append(
+                ResonancePair(
+                    float(locked.frequency[i]), float(free.frequency[j]), float(a), float(r)
+                )
+            )
     unseen = locked.frequency[hidden]
     return tuple(out), tuple(unseen[_wanted(unseen, limits)].tolist())
 
@@ -255,7 +281,12 @@ def _seen(locked: Modes, free: Modes, separation: float) -> tuple[list[int], lis
     """Return the zeros and poles that do not cancel, and the zeros that do, by position."""
     zeros, poles, hidden = list(range(len(locked))), list(range(len(free))), []
     couples = sorted(
-        (abs(free.frequency[j] - locked.frequency[i]) / max(locked.frequency[i], np.finfo(np.float64).tiny), i, j)
+        (
+            abs(free.frequency[j] - locked.frequency[i])
+            / max(locked.frequency[i], np.finfo(np.float64).tiny),
+            i,
+            j,
+        )
         for i in zeros
         for j in poles
         if abs(free.frequency[j] - locked.frequency[i]) <= separation * locked.frequency[i]
@@ -268,10 +299,16 @@ def _seen(locked: Modes, free: Modes, separation: float) -> tuple[list[int], lis
     return zeros, poles, sorted(hidden)
 
 
-def _first(free: Modes, locked: Modes, separation: float, limits: tuple[float, float] | None) -> float | None:
+def _first(
+    free: Modes, locked: Modes, separation: float, limits: tuple[float, float] | None
+) -> float | None:
     """Return the resonance below the first antiresonance."""
     zeros, poles, _ = _seen(locked, free, separation)
-    below = [float(free.frequency[j]) for j in poles if not zeros or free.frequency[j] < locked.frequency[zeros[0]]]
+    below = [
+        float(free.frequency[j])
+        for j in poles
+        if not zeros or free.frequency[j] < locked.frequency[zeros[0]]
+    ]
     below = [f for f in below if _wanted(np.array([f]), limits)[0]]
     return below[0] if below else None
 
@@ -302,24 +339,34 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     size = np.abs(shapes).max(initial=0.0)
     if rigid == 0 or np.abs(here[0]).max() <= _STILL * size:
         which = (
-            "The model has no rigid-body motion" if rigid == 0 else "No rigid-body motion of the model turns the motor"
+            "The model has no rigid-body motion"
+            if rigid == 0
+            else "No rigid-body motion of the model turns the motor"
         )
-        return _Rigid(None, None, f"{which}: inertias at the motor and gear ratio do not follow from it.")
+        return _Rigid(
+            None, None, f"{which}: inertias at the motor and gear ratio do not follow from it."
+        )
     inertia = 1.0 / float(here[0] @ here[0])
     if np.abs(here[1]).max() <= _STILL * size:
-        return _Rigid(inertia, None, "Rigid-body motion that turns the motor leaves the load at rest: no gear ratio.")
+        return _Rigid(
+            inertia,
+            None,
+            "Rigid-body motion that turns the motor leaves the load at rest: no gear ratio.",
+        )
     n = float(here[0] @ here[1]) / float(here[1] @ here[1])
     if np.abs(here[0] - n * here[1]).max() > 1e-6 * np.abs(here[0]).max():
         return _Rigid(
             inertia,
             None,
-            f"The model has {rigid} rigid-body motions in which motor and load turn in different ratios: the gear "
-            "ratio is not determined; read the motor against its housing.",
+            f"The model has {rigid} rigid-body motions in which motor and load turn in different"
+            " ratios: the gear ratio is not determined; read the motor against its housing.",
         )
     return _Rigid(inertia, n, "")
 
 
-def _told(found: float | None, stated: float | None, notes: list[str], motor: str, load: str) -> float | None:
+def _told(
+    found: float | None, stated: float | None, notes: list[str], motor: str, load: str
+) -> float | None:
     """Return the gear ratio, after a check of the stated one."""
     if found is None or stated is None:
         if stated is not None:
@@ -329,30 +376,39 @@ def _told(found: float | None, stated: float | None, notes: list[str], motor: st
         return found
     if abs(found + stated) <= _AGREES * abs(found):
         raise ModelError(
-            f"ratio {stated:g}: in the model {motor} and {load} turn in the other sense, ratio {found:.6g}; state "
-            f"{-stated:g}, or turn one of the DOFs ({-Dof.parse(load)})"
+            f"ratio {stated:g}: in the model {motor} and {load} turn in the other sense, ratio"
+            f" {found:.6g}; state {-stated:g}, or turn one of the DOFs ({-Dof.parse(load)})"
         )
-    raise ModelError(f"ratio {stated:g}: in the model {motor} turns {found:.6g} times as fast as {load}")
+    raise ModelError(
+        f"ratio {stated:g}: in the model {motor} turns {found:.6g} times as fast as {load}"
+    )
 
 
 def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _Real:
     """Return the stiffness condensed onto motor and load, shape (2, 2).
 
-    Motions of the whole in which both rest bear no load; a statically determinate support of these changes nothing.
+    Motions of the whole in which both rest bear no load; a statically determinate support of these
+    changes nothing.
     """
     resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_STILL) if rigid.shape[1] else rigid
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)
         supports = [int(i) for i in order[: resting.shape[1]]]
-    bare = {name: Group(g.stiffness) for name, g in _held(model, supports).groups.items() if g.stiffness is not None}
+    bare = {
+        name: Group(g.stiffness)
+        for name, g in _held(model, supports).groups.items()
+        if g.stiffness is not None
+    }
     if not bare:
         raise ModelError("drive figures: the model has no stiffness")
     kept = model.dofs[np.setdiff1d(np.arange(model.n_dofs), supports)]
     Z = condense(Model(bare, kept), [0.0], DofSet(model.dofs[at])).Z[0].real
     if abs(Z[0, 1]) <= 1e-12 * np.sqrt(abs(Z[0, 0] * Z[1, 1])):
         motor, load = model.dofs[int(at[0])], model.dofs[int(at[1])]
-        raise ModelError(f"drive figures: no stiffness joins {motor} and {load}. {note}".rstrip(". ") + ".")
+        raise ModelError(
+            f"drive figures: no stiffness joins {motor} and {load}. {note}".rstrip(". ") + "."
+        )
     return np.asarray(Z)
 
 

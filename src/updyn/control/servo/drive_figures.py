@@ -19,7 +19,8 @@ class ResonancePair:
     antiresonance, resonance : float
         In Hz, without damping: a locked-rotor and a free-rotor frequency.
     antiresonance_damping, resonance_damping : float
-        Damping ratios, half the modal loss factors; nan above a band that the tables of loss factors end with.
+        Damping ratios, half the modal loss factors; nan above a band that the tables of loss
+        factors end with.
     """
 
     antiresonance: float
@@ -39,8 +40,9 @@ class Bandwidth:
     position : (float, float)
         Usual bandwidth of the position loop, in Hz: a third and a half of the same frequency.
     damping : float or None
-        Damping ratio of all four poles of a PI velocity loop on two inertias that places them at the antiresonance,
-        sqrt(R) / 2 with the inertia ratio R; 1 or more: all can be real. None: no inertia ratio is known.
+        Damping ratio of all four poles of a PI velocity loop on two inertias that places them at
+        the antiresonance, sqrt(R) / 2 with the inertia ratio R; 1 or more: all can be real. None:
+        no inertia ratio is known.
     """
 
     velocity: float
@@ -52,16 +54,21 @@ class Bandwidth:
         """The rules as text, with their sources and numbers."""
         low, high = self.position
         text = (
-            f"Velocity loop: crossover below the first antiresonance, {self.velocity:.5g} Hz; above it motor and load "
-            "no longer turn together, and what the loop stiffens is the motor alone. With two inertias and PI control, "
-            "poles of equal radius all lie at this frequency"
+            f"Velocity loop: crossover below the first antiresonance, {self.velocity:.5g} Hz; above"
+            " it motor and load no longer turn together, and what the loop stiffens is the motor"
+            " alone. With two inertias and PI control, poles of equal radius all lie at this"
+            " frequency"
         )
         if self.damping is not None:
-            text += f", with a damping ratio of sqrt(R) / 2 = {self.damping:.3g}, R the inertia ratio of load to motor"
+            text += (
+                f", with a damping ratio of sqrt(R) / 2 = {self.damping:.3g}, R the inertia ratio"
+                " of load to motor"
+            )
         return (
-            f"{text} (Zhang & Furusho, IEEE Trans. Industrial Electronics 47 (2000) 603-609). Position loop: {low:.5g} "
-            f"to {high:.5g} Hz, a third to a half of the first locked-rotor frequency; a rule of thumb of antenna "
-            "servos, not a bound: margins over the family of plants decide."
+            f"{text} (Zhang & Furusho, IEEE Trans. Industrial Electronics 47 (2000) 603-609)."
+            f" Position loop: {low:.5g} to {high:.5g} Hz, a third to a half of the first"
+            " locked-rotor frequency; a rule of thumb of antenna servos, not a bound: margins over"
+            " the family of plants decide."
         )
 
 
@@ -69,8 +76,9 @@ class Bandwidth:
 class DriveFigures:
     """The figures of a drive: motor, train, load; of a linear DOF read kg for kg m2 and N/m for N m/rad.
 
-    Frequencies are those without damping; damping ratios stand beside them. What a figure needs and the model does not
-    have (a rigid-body motion, a stated ratio) leaves it None, and `notes` say why.
+    Frequencies are those without damping; damping ratios stand beside them. What a figure needs and
+    the model does not have (a rigid-body motion, a stated ratio) leaves it None, and `notes` say
+    why.
 
     Attributes
     ----------
@@ -83,19 +91,22 @@ class DriveFigures:
     pairs : tuple of ResonancePair
         What torque to motor speed shows, ascending.
     first_resonance : float or None
-        Resonance below the first antiresonance in Hz, of a model without rigid-body motion of the motor.
+        Resonance below the first antiresonance in Hz, of a model without rigid-body motion of the
+        motor.
     hidden : tuple of float
-        Locked-rotor frequencies in Hz that the motor does not see: resonance and antiresonance differ by less than
-        `separation`.
+        Locked-rotor frequencies in Hz that the motor does not see: resonance and antiresonance
+        differ by less than `separation`.
     separation : float
         As a share of the frequency.
     antiresonance_error : float
-        Largest distance of a zero of the computed response torque to motor speed from the locked-rotor frequency that
-        belongs to it, as a share of it: the check that both are the same.
+        Largest distance of a zero of the computed response torque to motor speed from the
+        locked-rotor frequency that belongs to it, as a share of it: the check that both are the
+        same.
     rigid : int
         Number of rigid-body modes of the free model.
     ratio : float or None
-        Speed of the motor over that of the load in rigid-body motion, with sign; as stated where the model has none.
+        Speed of the motor over that of the load in rigid-body motion, with sign; as stated where
+        the model has none.
     ratio_from : str
         ``"rigid-body mode"``, ``"stated"`` or ``""``.
     inertia : float or None
@@ -111,8 +122,8 @@ class DriveFigures:
     stiffness_at_motor : float
         Static stiffness at the motor, load held, in N m/rad.
     stiffness_at_load : float
-        Static stiffness at the load, motor held, in N m/rad; of a train that can turn, that at the motor times ratio
-        squared.
+        Static stiffness at the load, motor held, in N m/rad; of a train that can turn, that at the
+        motor times ratio squared.
     bandwidth : Bandwidth or None
         What loops may reach. None: the motor sees no antiresonance in the band.
     band : (float, float) or None
@@ -148,7 +159,10 @@ class DriveFigures:
 
     def __repr__(self) -> str:
         first = f"{self.pairs[0].antiresonance:.5g} Hz" if self.pairs else "none seen"
-        return f"DriveFigures({self.motor} to {self.load}: first antiresonance {first}, ratio {_g(self.ratio)})"
+        return (
+            f"DriveFigures({self.motor} to {self.load}: first antiresonance {first}, ratio"
+            f" {_g(self.ratio)})"
+        )
 
     def summary(self) -> str:
         """Return all figures as text.
@@ -182,7 +196,9 @@ class DriveFigures:
                 for p in self.pairs
             ]
         if self.hidden:
-            shown = ", ".join(f"{f:.5g}" for f in self.hidden[:8]) + (", ..." if len(self.hidden) > 8 else "")
+            shown = ", ".join(f"{f:.5g}" for f in self.hidden[:8]) + (
+                ", ..." if len(self.hidden) > 8 else ""
+            )
             lines.append(f"Locked-rotor frequencies that the motor does not see: {shown} Hz")
         lines += [] if self.bandwidth is None else [self.bandwidth.rule]
         return "\n".join([*lines, *self.notes])

@@ -33,7 +33,8 @@ _PER_DECADE = 80
 _OFFSETS = np.array([0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0])
 #: A resonance is not taken to be narrower than this, as a share of its frequency.
 _NARROWEST = 1e-7
-#: Largest turn of the phase between neighbouring lines, in rad, and how often an interval is halved for it.
+#: Largest turn of the phase between neighbouring lines, in rad, and how often an interval is halved
+#: for it.
 _TURN, _HALVINGS = 0.7, 40
 _MOST_LINES = 60_000
 #: Parts of the imaginary part that are rounding.
@@ -72,8 +73,8 @@ def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0)
         turns = high * delay / _TURN
         if turns > _MOST_LINES:
             raise DataError(
-                f"dead time {delay:g} s turns the phase {turns * _TURN / (2 * np.pi):.0f} times up to "
-                f"{high / (2 * np.pi):.4g} Hz; is it in s?"
+                f"dead time {delay:g} s turns the phase {turns * _TURN / (2 * np.pi):.0f} times up"
+                f" to {high / (2 * np.pi):.4g} Hz; is it in s?"
             )
         parts.append(np.arange(1, int(turns) + 1) * (_TURN / delay))
     w = np.unique(np.concatenate(parts))
@@ -129,8 +130,8 @@ def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Compl
 def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
     """Return where |L| = 1, in rad/s, ascending.
 
-    Crossings so close to a pole on the axis that rounding hides them, of an undamped mode that L hardly sees, are left
-    out; what the mode does is for the poles of the closed loop to say.
+    Crossings so close to a pole on the axis that rounding hides them, of an undamped mode that L
+    hardly sees, are left out; what the mode does is for the poles of the closed loop to say.
 
     Parameters
     ----------
@@ -157,7 +158,9 @@ def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
     at = at[np.abs(share[at + 1]) >= _ROUNDING]
     found = _roots(lambda x: (v := loop(1j * x)).imag / np.abs(v), w, last[at], at + 1)[0]
     size = np.abs(loop(1j * found))
-    return found[(size < _INFINITE) & (size > 1.0 / _INFINITE)]  # the phase jumps at a pole or zero on the axis
+    return found[
+        (size < _INFINITE) & (size > 1.0 / _INFINITE)
+    ]  # the phase jumps at a pole or zero on the axis
 
 
 def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[float, float]:
@@ -208,7 +211,9 @@ def _finite(w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
     return w[good], values[good]
 
 
-def _merged(w: _Real, values: _Complex, more: _Real, more_values: _Complex) -> tuple[_Real, _Complex]:
+def _merged(
+    w: _Real, values: _Complex, more: _Real, more_values: _Complex
+) -> tuple[_Real, _Complex]:
     more, more_values = _finite(more, more_values)
     both, at = np.unique(np.concatenate([w, more]), return_index=True)
     return both, np.concatenate([values, more_values])[at]
@@ -219,22 +224,31 @@ def _peaks(values: _Real) -> NDArray[np.intp]:
     return np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
 
 
-def _minimum(function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]) -> _Real:
+def _minimum(
+    function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]
+) -> _Real:
     """Return where a function is smallest, near each of some positions."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = elementwise.find_minimum(function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60)
+        found = elementwise.find_minimum(
+            function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60
+        )
     return np.asarray(np.where(np.isfinite(found.x), found.x, w[at]))
 
 
 def _roots(
-    function: Callable[[_Real], _Real], w: _Real, at: NDArray[np.intp], ends: NDArray[np.intp] | None = None
+    function: Callable[[_Real], _Real],
+    w: _Real,
+    at: NDArray[np.intp],
+    ends: NDArray[np.intp] | None = None,
 ) -> tuple[_Real, _Real]:
     """Return where a function is 0 between positions and the next (or `ends`): those that it resolves, and all."""
     if not len(at):
         return np.zeros(0), np.zeros(0)
     ends = at + 1 if ends is None else ends
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = elementwise.find_root(function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200)
+        found = elementwise.find_root(
+            function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200
+        )
         x = np.sort(np.asarray(found.x))
         left = np.abs(function(x))
     return x[left < _RESOLVED], x

@@ -19,8 +19,8 @@ __all__ = ["Judged", "judge", "judge_all"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-#: How far lines reach beyond the features of the loop, how small the loop gain is to be there, and how far they reach
-#: beyond where it has become so, with dead time.
+#: How far lines reach beyond the features of the loop, how small the loop gain is to be there, and
+#: how far they reach beyond where it has become so, with dead time.
 _BELOW, _ABOVE, _SMALL, _BEYOND = 0.02, 10.0, 0.05, 4.0
 #: Lowest feature that counts, as a share of the highest: below it is rounding of a pole at 0.
 _SMALLEST = 1e-7
@@ -86,11 +86,18 @@ def _check_moves(cascade: Cascade) -> None:
     size = np.abs(cascade.motion(1j * np.array([0.9, 11.3, 257.1, 4021.7])))[:, :, 0].max(axis=0)
     for name, largest in ((wiring.velocity, size[0]), (wiring.position, size[1])):
         if name is not None and not largest:
-            raise ModelError(f"torque {wiring.torque!r} does not move {name!r}: there is no loop to close")
+            raise ModelError(
+                f"torque {wiring.torque!r} does not move {name!r}: there is no loop to close"
+            )
 
 
 def judge(
-    cascade: Cascade, loop: Loop, whole: Loop, open_poles: _Complex, features: _Complex, position: bool
+    cascade: Cascade,
+    loop: Loop,
+    whole: Loop,
+    open_poles: _Complex,
+    features: _Complex,
+    position: bool,
 ) -> Judged:
     """Judge one loop.
 
@@ -121,7 +128,10 @@ def judge(
     poles = cascade.closed(pade, position=position).poles
     w, values = _lines(loop, whole, features, controller.dead_time, poles)
     w, values = grid.with_extremes(loop, w, values)
-    gains, phases = grid.crossings_of_gain(loop, w, values), grid.crossings_of_phase(loop, w, values)
+    gains, phases = (
+        grid.crossings_of_gain(loop, w, values),
+        grid.crossings_of_phase(loop, w, values),
+    )
     scale = float(gains[0]) if len(gains) else _reference(features)
     drifting, growing = count_drifting(poles, scale), count_growing(poles, scale)
     exact = growing if not pade else nyquist_count(whole, w, open_poles, drifting)
@@ -160,10 +170,19 @@ def _lines(
 
 
 def _margins(
-    loop: Loop, w: _Real, values: _Complex, gains: _Real, phases: _Real, growing: int, drifting: int, delay: float
+    loop: Loop,
+    w: _Real,
+    values: _Complex,
+    gains: _Real,
+    phases: _Real,
+    growing: int,
+    drifting: int,
+    delay: float,
 ) -> Margins:
     at_phase = 1.0 / np.abs(loop(1j * phases)) if len(phases) else np.zeros(0)
-    angle = np.asarray(np.angle(-loop(1j * gains)) if len(gains) else np.zeros(0))  # phase margin, -pi to pi
+    angle = np.asarray(
+        np.angle(-loop(1j * gains)) if len(gains) else np.zeros(0)
+    )  # phase margin, -pi to pi
     delays = np.mod(angle, _TWO_PI) / gains if len(gains) else np.zeros(0)
     shared = {
         "stable": growing == 0,
@@ -178,7 +197,9 @@ def _margins(
         "crossover": _falling(loop, gains),
     }
     if growing:
-        none = dict.fromkeys(("gain_margin", "gain_reduction", "phase_margin", "delay_margin", "modulus_margin"))
+        none = dict.fromkeys(
+            ("gain_margin", "gain_reduction", "phase_margin", "delay_margin", "modulus_margin")
+        )
         return Margins(**shared, **none)  # type: ignore[arg-type]
     up, down = np.flatnonzero(at_phase > 1.0), np.flatnonzero(at_phase <= 1.0)
     first = int(up[np.argmin(at_phase[up])]) if len(up) else None
@@ -186,7 +207,9 @@ def _margins(
     thin = int(np.argmin(np.abs(angle))) if len(gains) else None
     soon = int(np.argmin(delays)) if len(gains) else None
     modulus, modulus_at = _modulus(loop, w, values, delay)
-    if modulus > 1.0 and abs(values[-1]) <= _SMALL:  # L vanishes in the end, so that 1 + L is 1 there
+    if (
+        modulus > 1.0 and abs(values[-1]) <= _SMALL
+    ):  # L vanishes in the end, so that 1 + L is 1 there
         modulus, modulus_at = 1.0, np.inf
     return Margins(
         **shared,  # type: ignore[arg-type]

@@ -37,7 +37,8 @@ class Wiring:
     position : str or None
         What the position loop reads; None without one.
     pointing : str
-        Whose error counts; the position (the velocity, without a position loop) where nothing else is said.
+        Whose error counts; the position (the velocity, without a position loop) where nothing else
+        is said.
     disturbance : str or None
         Another torque or force.
     """
@@ -68,8 +69,9 @@ class Wiring:
         """
         if plant.dt is not None:
             raise OptionError(
-                f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and the sampling as "
-                f"dead_time of the controller ({1.5 * plant.dt:g} s for one interval of computation and the hold)"
+                f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and"
+                f" the sampling as dead_time of the controller ({1.5 * plant.dt:g} s for one"
+                " interval of computation and the hold)"
             )
         for name, names, what in (
             (torque, plant.inputs, "input"),
@@ -81,14 +83,17 @@ class Wiring:
             if name is not None and name not in names:
                 raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
         if position is not None and controller.kv is None:
-            raise OptionError(f"position {position!r} without a position loop; give kv to the controller")
+            raise OptionError(
+                f"position {position!r} without a position loop; give kv to the controller"
+            )
         place = (position or velocity) if controller.kv is not None else None
         out = cls(torque, velocity, place, pointing or place or velocity, disturbance)
         for name, what in ((velocity, "velocity"), (place, "position"), (out.pointing, "pointing")):
             if name is not None and plant.quantities[plant.outputs.index(name)] == "accelerance":
                 raise OptionError(
-                    f"output {name!r} is an acceleration; a {what} has to come from a displacement or a velocity: make "
-                    "the plant with quantity='receptance' or 'mobility' for it"
+                    f"output {name!r} is an acceleration; a {what} has to come from a displacement"
+                    " or a velocity: make the plant with quantity='receptance' or 'mobility'"
+                    " for it"
                 )
         return out
 
@@ -108,7 +113,8 @@ class Cascade:
     Raises
     ------
     OptionError
-        If the velocity would have to be derived from a position with direct feed-through and no low-pass is there.
+        If the velocity would have to be derived from a position with direct feed-through and no
+        low-pass is there.
     """
 
     def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
@@ -116,20 +122,27 @@ class Cascade:
         inputs = [plant.inputs.index(wiring.torque)]
         if wiring.disturbance is not None:
             inputs.append(plant.inputs.index(wiring.disturbance))
-        rows = [plant.outputs.index(n or wiring.velocity) for n in (wiring.velocity, wiring.position, wiring.pointing)]
-        self._system = StateSpace(plant.A, plant.B[:, inputs], plant.C[rows], plant.D[np.ix_(rows, inputs)])
+        rows = [
+            plant.outputs.index(n or wiring.velocity)
+            for n in (wiring.velocity, wiring.position, wiring.pointing)
+        ]
+        self._system = StateSpace(
+            plant.A, plant.B[:, inputs], plant.C[rows], plant.D[np.ix_(rows, inputs)]
+        )
         self._transfer = Transfer.of(self._system)
         powers = np.array([_TO_VELOCITY[plant.quantities[row]] for row in rows])
         points_at_velocity = wiring.position is None and wiring.pointing == wiring.velocity
-        #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without a position loop).
+        #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without
+        #: a position loop).
         self._powers = powers - np.array([0, 1, 0 if points_at_velocity else 1])
         self._derived = self._powers[0] == 1
         self._steep = bool(self._derived and self._system.D[0].any())
         if self._steep and not controller.rolls_off:
             raise OptionError(
-                f"velocity {wiring.velocity!r} is derived from a displacement with direct feed-through (residual "
-                f"flexibility {np.abs(self._system.D[0]).max():.3g}), so that the loop gain has no end; make the "
-                "plant with quantity='mobility' for that output, or give the controller a low_pass"
+                f"velocity {wiring.velocity!r} is derived from a displacement with direct"
+                f" feed-through (residual flexibility {np.abs(self._system.D[0]).max():.3g}), so"
+                " that the loop gain has no end; make the plant with quantity='mobility' for that"
+                " output, or give the controller a low_pass"
             )
 
     @property
@@ -186,7 +199,9 @@ class Cascade:
     def poles(self) -> _Complex:
         """Poles of the open loops in rad/s, the dead time left out, the integration of a velocity counted."""
         added = [0.0] if self.has_position and self._powers[1] == -1 else []
-        return np.concatenate([self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)])
+        return np.concatenate(
+            [self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)]
+        )
 
     @property
     def velocity_poles(self) -> _Complex:
@@ -198,16 +213,21 @@ class Cascade:
         """Zeros of the velocity and the position over torque and of the controller, in rad/s, those at 0 left out."""
         system = self._system
         found = [
-            channel_zeros(StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1]))
+            channel_zeros(
+                StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1])
+            )
             for i in ([0, 1] if self.has_position else [0])
         ]
         return np.concatenate([*found, self.controller.zeros])
 
     # -- in states ---------------------------------------------------------------------------------------------
-    def closed(self, pade: int = 0, *, position: bool | None = None, pointing: bool = False) -> StateSpace:
+    def closed(
+        self, pade: int = 0, *, position: bool | None = None, pointing: bool = False
+    ) -> StateSpace:
         """Return the closed loop: reference, its rate, velocity reference, disturbance -> position, torque, pointing.
 
-        Without a position loop the velocity stands in the place of the position, and the velocity reference alone acts.
+        Without a position loop the velocity stands in the place of the position, and the velocity
+        reference alone acts.
 
         Parameters
         ----------
@@ -216,7 +236,8 @@ class Cascade:
         position : bool, optional
             Whether the position loop is closed; by default if there is one.
         pointing : bool
-            Whether the pointing is among the outputs; that of a velocity is integrated, which adds a pole at 0.
+            Whether the pointing is among the outputs; that of a velocity is integrated, which adds
+            a pole at 0.
         """
         outer = self.has_position if position is None else position
         plant, n_u = self._motion_states(outer, pointing), self._system.B.shape[1]
@@ -229,8 +250,8 @@ class Cascade:
     def opened(self) -> StateSpace | None:
         """Return the loop cut at its dead time: late torque, inputs of `closed` -> torque wanted, position, pointing.
 
-        None where a velocity is read that is derived from a displacement with direct feed-through: cut there, it has
-        the derivative of the late torque in it.
+        None where a velocity is read that is derived from a displacement with direct feed-through:
+        cut there, it has the derivative of the late torque in it.
         """
         outer = self.has_position
         if self._steep and not outer:
@@ -254,7 +275,8 @@ class Cascade:
     def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
         """Return wires, entries and taps of plant (n_u inputs) and controller (n_c); taps with the pointing."""
         kv = self._kv if outer else 0.0
-        # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position, pointing, torque
+        # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position,
+        # pointing, torque
         wires = np.zeros((n_u + n_c, 4))
         wires[0, 3] = 1.0
         wires[n_u, 1] = -kv
@@ -270,12 +292,16 @@ class Cascade:
     def _differentiated(self, closed: StateSpace, outer: bool) -> StateSpace:
         """Return a closed loop whose displacements that stand for velocities are differentiated.
 
-        The torque rolls off, so that it alone makes them jump nowhere; where a disturbance does, the answer is nan.
+        The torque rolls off, so that it alone makes them jump nowhere; where a disturbance does,
+        the answer is nan.
         """
         C, D = closed.C.copy(), closed.D.copy()
         for row, power in ((0, 0 if outer else 1), (2, self._powers[2])):
             if power == 1 and row < len(C):
-                C[row], D[row] = closed.C[row] @ closed.A, np.where(closed.D[row], np.nan, closed.C[row] @ closed.B)
+                C[row], D[row] = (
+                    closed.C[row] @ closed.A,
+                    np.where(closed.D[row], np.nan, closed.C[row] @ closed.B),
+                )
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:

@@ -30,18 +30,20 @@ FIGURES: Mapping[str, str] = MappingProxyType(
 class Margins:
     """What the loop function L of a negative feedback loop says about it.
 
-    The single figures are None where the closed loop is unstable: distances from an instability that is there already
-    are no margins. The crossings are given all the same.
+    The single figures are None where the closed loop is unstable: distances from an instability
+    that is there already are no margins. The crossings are given all the same.
 
     Attributes
     ----------
     stable : bool
-        Whether the closed loop has no pole to the right of, or on, the imaginary axis; those of `drifting` aside.
+        Whether the closed loop has no pole to the right of, or on, the imaginary axis; those of
+        `drifting` aside.
     unstable_poles : int
         Poles of the closed loop to the right of the imaginary axis.
     drifting : int
-        Poles of the closed loop at 0: what this loop does not see and so not hold, as the angle of a velocity loop,
-        another axis, or the angle that goes with a speed of which the position is made by integration.
+        Poles of the closed loop at 0: what this loop does not see and so not hold, as the angle of
+        a velocity loop, another axis, or the angle that goes with a speed of which the position is
+        made by integration.
     judged_by : str
         How stability was found: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
     phase_crossings : ndarray of float, shape (n,)
@@ -59,14 +61,17 @@ class Margins:
     gain_reduction : float or None
         The largest factor below 1 that makes it unstable; 0 where none does.
     phase_margin : float or None
-        The smallest of `phase_margins` in size, in degrees, sign kept; inf where there is no crossing.
+        The smallest of `phase_margins` in size, in degrees, sign kept; inf where there is no
+        crossing.
     delay_margin : float or None
         The smallest of `delay_margins`, in s; inf where there is no crossing.
     modulus_margin : float or None
         Smallest |1 + L|: 1 / (largest sensitivity).
     crossover : float or None
-        First line in Hz at which |L| falls through 1; None where it does not. Given for unstable loops too.
-    gain_margin_at, gain_reduction_at, phase_margin_at, delay_margin_at, modulus_margin_at : float or None
+        First line in Hz at which |L| falls through 1; None where it does not. Given for unstable
+        loops too.
+    gain_margin_at, gain_reduction_at, phase_margin_at, delay_margin_at, modulus_margin_at : float
+    or None
         Lines in Hz of these figures; None where there is none.
     """
 
@@ -113,7 +118,8 @@ class Margins:
         if not self.stable:
             poles = f"{self.unstable_poles} pole{'s' if self.unstable_poles != 1 else ''}"
             return (
-                f"UNSTABLE: the closed loop has {poles} that grow{'s' if self.unstable_poles == 1 else ''}; no margins"
+                f"UNSTABLE: the closed loop has {poles} that"
+                f" grow{'s' if self.unstable_poles == 1 else ''}; no margins"
             )
         lines = [
             f"crossover       {_at(self.crossover, 'Hz')}",
@@ -121,17 +127,24 @@ class Margins:
             f"gain margin     {_figure(self.gain_margin_db, 'dB', self.gain_margin_at)}",
         ]
         if self.gain_reduction:
-            lines.append(f"gain reduction  {_figure(self.gain_reduction_db, 'dB', self.gain_reduction_at)}")
+            lines.append(
+                f"gain reduction  {_figure(self.gain_reduction_db, 'dB', self.gain_reduction_at)}"
+            )
         delay = self.delay_margin
         lines += [
-            f"delay margin    {_figure(None if delay is None else 1e3 * delay, 'ms', self.delay_margin_at)}",
+            (
+                "delay margin   "
+                f" {_figure(None if delay is None else 1e3 * delay, 'ms', self.delay_margin_at)}"
+            ),
             f"modulus margin  {_figure(self.modulus_margin, '', self.modulus_margin_at)}",
         ]
         crossings = len(self.gain_crossings), len(self.phase_crossings)
         lines.append(f"crossings       {crossings[0]} of gain 1, {crossings[1]} of -180 deg")
         if self.drifting:
             poles = "pole" if self.drifting == 1 else "poles"
-            lines.append(f"drifting        {self.drifting} {poles} at 0 that this loop does not see")
+            lines.append(
+                f"drifting        {self.drifting} {poles} at 0 that this loop does not see"
+            )
         return "\n".join(lines)
 
 
@@ -164,7 +177,11 @@ def ranges(members: Sequence[Margins]) -> dict[str, Range]:
     out = {}
     for name in FIGURES:
         given = [getattr(m, name) if m.stable else None for m in members]
-        known = [(abs(v) if name == "phase_margin" else v, v, i) for i, v in enumerate(given) if v is not None]
+        known = [
+            (abs(v) if name == "phase_margin" else v, v, i)
+            for i, v in enumerate(given)
+            if v is not None
+        ]
         if not known:
             out[name] = Range(np.nan, None, np.nan, None)
             continue

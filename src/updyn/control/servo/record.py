@@ -25,18 +25,20 @@ class Loop:
     Attributes
     ----------
     name : {"velocity", "position"}
-        The velocity loop with the position loop open; the position loop with the velocity loop closed.
+        The velocity loop with the position loop open; the position loop with the velocity loop
+        closed.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz, dense around resonances and antiresonances.
     L : ndarray of complex, shape (n_f,)
-        The loop function, without the minus of the negative feedback: the closed loop is L / (1 + L).
+        The loop function, without the minus of the negative feedback: the closed loop is L / (1 +
+        L).
     phase : ndarray of float, shape (n_f,)
         Of L in degrees, continuous in frequency; it starts at -90 times the number of integrations.
     margins : Margins
         Of the nominal plant.
     bandwidth : float or None
-        First line in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None where the closed loop is
-        unstable or it does not fall.
+        First line in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None
+        where the closed loop is unstable or it does not fall.
     family : ndarray of complex, shape (n_members, n_f)
         The loop function of each member of a family; no rows without one.
     family_phase : ndarray of float, shape (n_members, n_f)
@@ -44,7 +46,8 @@ class Loop:
     members : tuple of Margins
         One a member.
     worst : mapping of str to Range
-        Smallest and largest of each figure over the members, by the name in `Margins`; empty without a family.
+        Smallest and largest of each figure over the members, by the name in `Margins`; empty
+        without a family.
     """
 
     name: str
@@ -104,8 +107,8 @@ class StepResponse:
     overshoot : float or None
         Largest excess over `final`, as a share of it; of a step of the reference.
     settling_time : float or None
-        After which `value` stays within 2 % of `final` (of a disturbance: of `peak`), in s; None where the record
-        ends before.
+        After which `value` stays within 2 % of `final` (of a disturbance: of `peak`), in s; None
+        where the record ends before.
     peak, peak_time : float
         Value of largest size in `output_unit`, and its time in s.
     """
@@ -144,8 +147,8 @@ class WindResponse:
     rms, peak, mean : float
         Of `error`: root mean square about 0, largest size, mean.
     rms_expected : float or None
-        Root mean square that the spectrum of the wind gives with the mean left out, without drawing; None for a given
-        series.
+        Root mean square that the spectrum of the wind gives with the mean left out, without
+        drawing; None for a given series.
     facts : dict
         How the disturbance was made: mean speed, turbulence, seed.
     """
@@ -178,12 +181,12 @@ class Servo:
     controller : Controller
         Its settings.
     torque, velocity, position, disturbance, pointing : str or None
-        Names of the plant's input and outputs that were used; `position` is None where the velocity loop stands alone,
-        and equals `velocity` where one of them is derived from the other.
+        Names of the plant's input and outputs that were used; `position` is None where the velocity
+        loop stands alone, and equals `velocity` where one of them is derived from the other.
     plant : dict
-        Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``, ``route``,
-        ``inertia`` (rigid-body inertia from torque to velocity, kg m2 or kg; None without rigid-body motion),
-        ``members`` (number of a family's members).
+        Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``,
+        ``route``, ``inertia`` (rigid-body inertia from torque to velocity, kg m2 or kg; None
+        without rigid-body motion), ``members`` (number of a family's members).
     velocity_loop : Loop
         Broken at the velocity, the position loop open.
     position_loop : Loop or None
@@ -191,10 +194,11 @@ class Servo:
     freq : ndarray of float, shape (n_f,)
         Lines of `reference` in Hz, those of the outermost loop.
     reference : ndarray of complex, shape (n_f,)
-        Closed loop from reference to position (velocity, without a position loop), feed-forward included.
+        Closed loop from reference to position (velocity, without a position loop), feed-forward
+        included.
     bandwidth : float or None
-        First line in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest; None where it is
-        unstable or does not fall.
+        First line in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest; None
+        where it is unstable or does not fall.
     compliance : ndarray of complex, shape (n_f,) or None
         Closed loop from `disturbance` to position (velocity); None without a disturbance.
     poles : ndarray of complex, shape (n,)
@@ -236,7 +240,11 @@ class Servo:
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The loops that there are, the inner one first."""
-        return (self.velocity_loop,) if self.position_loop is None else (self.velocity_loop, self.position_loop)
+        return (
+            (self.velocity_loop,)
+            if self.position_loop is None
+            else (self.velocity_loop, self.position_loop)
+        )
 
     def summary(self) -> str:
         """Return what an engineer wants to know, as text."""

@@ -49,10 +49,10 @@ def servo(
 ) -> Servo:
     """Put a controller on a plant: loop functions, margins with every crossing, closed loops, time responses.
 
-    The feedback is negative, and a positive torque is to turn the velocity the positive way. Inputs of the plant other
-    than `torque` and `disturbance` are 0. Frequency responses and margins are exact, the dead time too. So is
-    the dead time of steps; under wind it is a Pade approximation of high order, whose stability is compared with the
-    exact one.
+    The feedback is negative, and a positive torque is to turn the velocity the positive way. Inputs
+    of the plant other than `torque` and `disturbance` are 0. Frequency responses and margins are
+    exact, the dead time too. So is the dead time of steps; under wind it is a Pade approximation of
+    high order, whose stability is compared with the exact one.
 
     Parameters
     ----------
@@ -65,19 +65,21 @@ def servo(
     velocity : str
         Name of the output that the velocity loop reads; a displacement is differentiated, exactly.
     position : str, optional
-        Name of the output that the position loop reads; by default `velocity`, integrated where it is one.
+        Name of the output that the position loop reads; by default `velocity`, integrated where it
+        is one.
     disturbance : str, optional
         Name of an input at which a disturbance acts; needed with `wind`.
     pointing : str, optional
         Name of the output whose deviation under a disturbance counts; by default the position.
     freq : array_like of float, shape (n_f,), optional
-        Lines in Hz, above 0, of the data to draw; by default lines dense around every resonance and antiresonance. The
-        margins do not depend on them.
+        Lines in Hz, above 0, of the data to draw; by default lines dense around every resonance and
+        antiresonance. The margins do not depend on them.
     step, disturbance_step : float or None
-        Heights of the steps of the reference (in the unit of the position, or of the velocity without a position
-        loop) and of the disturbance; None for no step.
+        Heights of the steps of the reference (in the unit of the position, or of the velocity
+        without a position loop) and of the disturbance; None for no step.
     wind : Wind or (time, disturbance), optional
-        Gusts, or a series of the disturbance: equally spaced times in s and values in the input's unit.
+        Gusts, or a series of the disturbance: equally spaced times in s and values in the input's
+        unit.
     duration : float, optional
         Of the step responses in s; by default until they have settled.
 
@@ -88,8 +90,8 @@ def servo(
     Raises
     ------
     OptionError
-        If a name, quantity or number cannot be used; if the velocity would have to be derived from a displacement with
-        direct feed-through and the controller has no low-pass.
+        If a name, quantity or number cannot be used; if the velocity would have to be derived from
+        a displacement with direct feed-through and the controller has no low-pass.
     DataError
         If lines or a series cannot be used.
     ModelError
@@ -148,14 +150,18 @@ def servo(
 def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     if isinstance(given, Plant):
         return given, ()
-    from updyn.control.family import PlantFamily  # draws, and with them scipy.stats: slow to load, seldom wanted
+    from updyn.control.family import (
+        PlantFamily,
+    )  # draws, and with them scipy.stats: slow to load, seldom wanted
 
     if not isinstance(given, PlantFamily):
         raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(given).__name__}")
     return given.nominal, given.members
 
 
-def _member(number: int, plant: Plant, controller: Controller, wiring: Wiring) -> tuple[Judged, Judged | None]:
+def _member(
+    number: int, plant: Plant, controller: Controller, wiring: Wiring
+) -> tuple[Judged, Judged | None]:
     try:
         return judge_all(Cascade(plant, controller, wiring))
     except UpdynError as error:
@@ -168,16 +174,24 @@ def _one(judged: Judged | None) -> Judged:
 
 
 def _lines(
-    freq: ArrayLike | None, judged: Sequence[Judged | None], members: Sequence[Sequence[Judged | None]]
+    freq: ArrayLike | None,
+    judged: Sequence[Judged | None],
+    members: Sequence[Sequence[Judged | None]],
 ) -> _Real:
     """Return the lines to draw in Hz."""
     if freq is not None:
         given = check_lines(np.atleast_1d(np.asarray(freq)))
         if given[0] == 0:
-            raise DataError("freq: the first line is 0 Hz, where a loop with integration is not finite; leave it out")
+            raise DataError(
+                "freq: the first line is 0 Hz, where a loop with integration is not finite; leave"
+                " it out"
+            )
         lost = given[~_drawable(given, judged, members)]
         if len(lost):
-            raise DataError(f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; leave it out")
+            raise DataError(
+                f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; leave"
+                " it out"
+            )
         return given
     own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
     peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
@@ -257,24 +271,26 @@ def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | 
     notes = []
     if inertia is not None and inertia < 0:
         notes.append(
-            "a positive torque turns the velocity the negative way: the feedback is positive; turn one of the two "
-            "ports round"
+            "a positive torque turns the velocity the negative way: the feedback is positive; turn"
+            " one of the two ports round"
         )
     for loop in loops:
         m = loop.margins
         places = [("gain 1", f) for f in m.gain_crossings]
         places += [("gain margin", m.gain_margin_at), ("modulus margin", m.modulus_margin_at)]
-        outside = [f"{what} ({at:.4g} Hz)" for what, at in places if at is not None and at > plant.band[1]]
+        outside = [
+            f"{what} ({at:.4g} Hz)" for what, at in places if at is not None and at > plant.band[1]
+        ]
         if outside:
             notes.append(
-                f"{loop.name} loop: {', '.join(outside)} above {plant.band[1]:g} Hz, the end of the band for which the "
-                "plant was made"
+                f"{loop.name} loop: {', '.join(outside)} above {plant.band[1]:g} Hz, the end of the"
+                " band for which the plant was made"
             )
     if not outer.margins.stable:
         notes.append("the closed loop is unstable: no bandwidth and no response over time")
     elif not outer.agrees:
         notes.append(
-            f"with its dead time approximated (order {outer.pade}) the loop is unstable, exactly it is not: no "
-            "response over time"
+            f"with its dead time approximated (order {outer.pade}) the loop is unstable, exactly it"
+            " is not: no response over time"
         )
     return notes

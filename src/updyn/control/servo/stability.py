@@ -13,9 +13,11 @@ __all__ = ["count_drifting", "count_growing", "nyquist_count"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Poles of the closed loop that lie nearer to 0 than this share of a frequency of the loop stand at 0.
+#: Poles of the closed loop that lie nearer to 0 than this share of a frequency of the loop stand at
+#: 0.
 _AT_REST = 1e-5
-#: A pole grows if its real part exceeds this share of its size: undamped modes that the loop does not see are rounded.
+#: A pole grows if its real part exceeds this share of its size: undamped modes that the loop does
+#: not see are rounded.
 _GROWS = 1e-9
 
 
@@ -41,17 +43,19 @@ def count_growing(poles: _Complex, scale: float) -> int:
 def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> int:
     """Return how many poles of a closed loop with dead time grow.
 
-    With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so that the phase of chi(j w) grows
-    by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie to the right and m at 0 (Mikhailov's
-    criterion, which is Nyquist's with the poles of the open loop counted by their phase). The exponential of the dead
-    time does not change the order n while |L| < 1 from the last line on.
+    With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so that the
+    phase of chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie
+    to the right and m at 0 (Mikhailov's criterion, which is Nyquist's with the poles of the open
+    loop counted by their phase). The exponential of the dead time does not change the order n while
+    |L| < 1 from the last line on.
 
     Parameters
     ----------
     loop : callable
         L(s), the dead time exact.
     w : ndarray of float, shape (n_w,)
-        Lines in rad/s, from below every pole of the closed loop that is not at 0, to where |L| stays below 1.
+        Lines in rad/s, from below every pole of the closed loop that is not at 0, to where |L|
+        stays below 1.
     open_poles : ndarray of complex, shape (n,)
         Poles of L in rad/s, the dead time left out, those cancelled in it included.
     drifting : int
@@ -65,10 +69,11 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
     lines, values = resolved(lambda s: 1.0 + loop(s), w)
     if abs(values[-1] - 1.0) >= 1.0:
         raise SolverError(
-            f"the loop gain is still {abs(values[-1] - 1.0):.3g} at {lines[-1] / (2 * np.pi):.4g} Hz: with dead time "
-            "its stability cannot be judged; give the controller a low_pass"
+            f"the loop gain is still {abs(values[-1] - 1.0):.3g} at {lines[-1] / (2 * np.pi):.4g}"
+            " Hz: with dead time its stability cannot be judged; give the controller a low_pass"
         )
-    # Poles at 0 are so but for rounding: a double one appears as a pair about it, whose phases add up all the same.
+    # Poles at 0 are so but for rounding: a double one appears as a pair about it, whose phases add
+    # up all the same.
     own = np.angle(1j * lines[:, None] - open_poles).sum(axis=1)
     total = np.unwrap(own + np.angle(values))
     n = len(open_poles)
@@ -79,7 +84,7 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
     found = float(0.5 * (n - drifting) - turned / np.pi)
     if abs(found - round(found)) > 0.2:
         raise SolverError(
-            f"stability with dead time: {found:.3f} poles grow by the turns of the loop function, which is no whole "
-            "number; the lines do not reach low enough"
+            f"stability with dead time: {found:.3f} poles grow by the turns of the loop function,"
+            " which is no whole number; the lines do not reach low enough"
         )
     return round(found)

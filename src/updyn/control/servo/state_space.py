@@ -46,7 +46,10 @@ class StateSpace:
             [[first.A, np.zeros((len(first.A), len(self.A)))], [self.B @ first.C, self.A]],
         )
         return StateSpace(
-            A, np.vstack([first.B, self.B @ first.D]), np.hstack([self.D @ first.C, self.C]), self.D @ first.D
+            A,
+            np.vstack([first.B, self.B @ first.D]),
+            np.hstack([self.D @ first.C, self.C]),
+            self.D @ first.D,
         )
 
     @property
@@ -77,14 +80,18 @@ def balanced(A: _Real) -> tuple[_Real, _Real]:
     """
     if not len(A):
         return A, np.ones(0)
-    with np.errstate(invalid="ignore"):  # scipy takes the scales for positions, too, and drops them again
+    with np.errstate(
+        invalid="ignore"
+    ):  # scipy takes the scales for positions, too, and drops them again
         scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
     power = np.log2(scale)
     scale = np.exp2(np.clip(np.round(power - np.median(power)), -_LARGEST, _LARGEST))
     return A * scale / scale[:, None], scale
 
 
-def connect(blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _Real | None = None) -> StateSpace:
+def connect(
+    blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _Real | None = None
+) -> StateSpace:
     """Return the system that blocks make when outputs are led to inputs.
 
     With u and y the inputs and outputs of all blocks, one below the other: u = wires y + entries w.
@@ -109,12 +116,19 @@ def connect(blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _R
     # y = C x + D (wires y + entries w)
     around = D @ wires
     solved = np.eye(len(D)) - around
-    largest = float(np.abs(np.linalg.eigvals(around)).max(initial=1.0))  # unlike a condition number, without units
+    largest = float(
+        np.abs(np.linalg.eigvals(around)).max(initial=1.0)
+    )  # unlike a condition number, without units
     if abs(np.linalg.det(solved)) < 1e-12 * largest:
-        raise OptionError("the loop is algebraic: torque and motion feed each other without delay, with a gain of -1")
+        raise OptionError(
+            "the loop is algebraic: torque and motion feed each other without delay, with a gain"
+            " of -1"
+        )
     C_all, D_all = np.linalg.solve(solved, C), np.linalg.solve(solved, D @ entries)
     taps = np.eye(len(D)) if taps is None else taps
-    return StateSpace(A + B @ wires @ C_all, B @ (entries + wires @ D_all), taps @ C_all, taps @ D_all)
+    return StateSpace(
+        A + B @ wires @ C_all, B @ (entries + wires @ D_all), taps @ C_all, taps @ D_all
+    )
 
 
 def delay_approximation(delay: float, order: int) -> StateSpace:
@@ -129,19 +143,24 @@ def delay_approximation(delay: float, order: int) -> StateSpace:
 
     Notes
     -----
-    Golub & Van Loan, Matrix Computations, 3rd ed. (1996), section 11.3.1, at -s delay. In factors of second order,
-    so that high orders stay well scaled.
+    Golub & Van Loan, Matrix Computations, 3rd ed. (1996), section 11.3.1, at -s delay. In factors
+    of second order, so that high orders stay well scaled.
     """
     if not 1 <= order <= 12:
         raise OptionError(f"pade order {order!r}; expected 1 to 12")
-    coefficients = [comb(order, k) * factorial(2 * order - k) / factorial(2 * order) for k in range(order + 1)]
+    coefficients = [
+        comb(order, k) * factorial(2 * order - k) / factorial(2 * order) for k in range(order + 1)
+    ]
     poles = np.roots(coefficients[::-1])
     out = StateSpace.gain(1.0)
     for pole in poles[poles.imag > 1e-9]:
         out = _all_pass(-2.0 * pole.real / delay, abs(pole) ** 2 / delay**2) * out
     for pole in poles[np.abs(poles.imag) <= 1e-9]:
         a = -pole.real / delay  # (a - s) / (a + s) = -1 + 2 a / (s + a)
-        out = StateSpace(np.array([[-a]]), np.ones((1, 1)), np.array([[2.0 * a]]), -np.ones((1, 1))) * out
+        out = (
+            StateSpace(np.array([[-a]]), np.ones((1, 1)), np.array([[2.0 * a]]), -np.ones((1, 1)))
+            * out
+        )
     return out
 
 
@@ -149,5 +168,8 @@ def _all_pass(a: float, b: float) -> StateSpace:
     """Return (s^2 - a s + b) / (s^2 + a s + b)."""
     w = np.sqrt(b)
     return StateSpace(
-        np.array([[0.0, w], [-w, -a]]), np.array([[0.0], [1.0]]), np.array([[0.0, -2.0 * a]]), np.ones((1, 1))
+        np.array([[0.0, w], [-w, -a]]),
+        np.array([[0.0], [1.0]]),
+        np.array([[0.0, -2.0 * a]]),
+        np.ones((1, 1)),
     )

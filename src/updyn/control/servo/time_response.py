@@ -11,18 +11,30 @@ from scipy.interpolate import CubicHermiteSpline
 
 from updyn.control.servo.state_space import StateSpace, balanced
 
-__all__ = ["StepFigures", "at_rest", "march", "march_late", "schedule", "step_figures", "step_series"]
+__all__ = [
+    "StepFigures",
+    "at_rest",
+    "march",
+    "march_late",
+    "schedule",
+    "step_figures",
+    "step_series",
+]
 
 _Real = NDArray[np.float64]
 
-#: About the fewest and most intervals of a record, and intervals in a radian of the fastest motion that shows.
+#: About the fewest and most intervals of a record, and intervals in a radian of the fastest motion
+#: that shows.
 _FEWEST, _MOST, _PER_RADIAN = 1000, 20_000, 12.0
-#: A mode shows if its share of the response exceeds the first; a record lasts until shares are below the second.
+#: A mode shows if its share of the response exceeds the first; a record lasts until shares are
+#: below the second.
 _SHOWS, _SETTLED = 1e-3, 2e-3
 _BAND = 0.02
 
 
-def march(system: StateSpace, u: _Real, dt: float, start: _Real | None = None) -> tuple[_Real, _Real]:
+def march(
+    system: StateSpace, u: _Real, dt: float, start: _Real | None = None
+) -> tuple[_Real, _Real]:
     """Return the states and outputs of a system under inputs that are straight between samples, exact at the samples.
 
     Parameters
@@ -43,8 +55,8 @@ def march(system: StateSpace, u: _Real, dt: float, start: _Real | None = None) -
 
     Notes
     -----
-    First-order hold: exponential of the matrix augmented with the input and its slope (Van Loan 1978, IEEE Trans.
-    Autom. Control 23, p. 395), with the states balanced.
+    First-order hold: exponential of the matrix augmented with the input and its slope (Van Loan
+    1978, IEEE Trans. Autom. Control 23, p. 395), with the states balanced.
     """
     own, held, sloped = held_and_sloped(system.A, system.B, dt)
     own = np.ascontiguousarray(own.T)
@@ -80,10 +92,18 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     wanted = max(float(np.abs(even).max()), 1.0 / dt)
     unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
     both = np.zeros((n + 2 * m, n + 2 * m))
-    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = even * dt, scaled / unit * dt, np.eye(m)
+    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = (
+        even * dt,
+        scaled / unit * dt,
+        np.eye(m),
+    )
     whole = scipy.linalg.expm(both)[:n]
     back = scale[:, None]
-    return back * whole[:, :n] / scale, back * whole[:, n : n + m] * unit, back * whole[:, n + m :] * unit
+    return (
+        back * whole[:, :n] / scale,
+        back * whole[:, n : n + m] * unit,
+        back * whole[:, n + m :] * unit,
+    )
 
 
 def march_late(
@@ -106,8 +126,8 @@ def march_late(
 
     Notes
     -----
-    What is late is known from before (method of steps); between samples it is taken to be straight, its jumps at
-    multiples of the dead time kept.
+    What is late is known from before (method of steps); between samples it is taken to be straight,
+    its jumps at multiples of the dead time kept.
     """
     late = round(delay / dt)
     own, held, sloped = held_and_sloped(opened.A, opened.B, dt)
@@ -153,13 +173,20 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
         float(c @ np.linalg.solve(x * np.eye(len(even)) - even, b) + system.D[output, input])
         for x in (1e5 * s, s, 0.5 * s)
     )
-    return np.nan if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far) else 2.0 * nearer - near
+    return (
+        np.nan
+        if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far)
+        else 2.0 * nearer - near
+    )
 
 
-def schedule(system: StateSpace, output: int, input: int, duration: float | None = None) -> list[tuple[int, float]]:
+def schedule(
+    system: StateSpace, output: int, input: int, duration: float | None = None
+) -> list[tuple[int, float]]:
     """Return in which intervals the answer to a step has to be recorded: numbers of them and lengths in s, in order.
 
-    They are as fine as the fastest mode asks for that still shows, and last until the slowest has settled.
+    They are as fine as the fastest mode asks for that still shows, and last until the slowest has
+    settled.
 
     Parameters
     ----------
@@ -251,7 +278,9 @@ class StepFigures:
     peak_time: float
 
 
-def step_figures(time: _Real, value: _Real, slope: _Real, final: float, reference: bool) -> StepFigures:
+def step_figures(
+    time: _Real, value: _Real, slope: _Real, final: float, reference: bool
+) -> StepFigures:
     """Read figures off a step response, between the samples by cubic polynomials.
 
     Parameters

@@ -11,7 +11,14 @@ from updyn.control.servo.judged import Judged
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.record import StepResponse, WindResponse
 from updyn.control.servo.state_space import StateSpace
-from updyn.control.servo.time_response import at_rest, march, march_late, schedule, step_figures, step_series
+from updyn.control.servo.time_response import (
+    at_rest,
+    march,
+    march_late,
+    schedule,
+    step_figures,
+    step_series,
+)
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError
 from updyn.group import is_number
@@ -24,10 +31,11 @@ _TWO_PI = 2.0 * np.pi
 #: Positions in `Cascade.closed`.
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that the series of a wind may leave out at its upper end, and its longest length.
+#: Share of the variance of the error that the series of a wind may leave out at its upper end, and
+#: its longest length.
 _LEFT_OUT, _LONGEST = 1e-4, 2**16
-#: With exact dead time: how much finer the intervals are, the most of them, and the fewest in the dead time where those
-#: are not enough. How many samples are kept, about.
+#: With exact dead time: how much finer the intervals are, the most of them, and the fewest in the
+#: dead time where those are not enough. How many samples are kept, about.
 _FINER, _LONGEST_STEP, _COARSEST, _KEPT = 4.0, 60_000, 16, 5000
 
 
@@ -71,22 +79,37 @@ def timed(
     DataError
         If a series cannot be used.
     """
-    for name, value in (("step", step), ("disturbance_step", disturbance_step), ("duration", duration)):
+    for name, value in (
+        ("step", step),
+        ("disturbance_step", disturbance_step),
+        ("duration", duration),
+    ):
         if value is not None and (not is_number(value) or not np.isfinite(value) or value == 0):
-            raise OptionError(f"servo: {name} is {value!r}; expected a number other than 0, or None")
+            raise OptionError(
+                f"servo: {name} is {value!r}; expected a number other than 0, or None"
+            )
     if duration is not None and duration < 0:
         raise OptionError(f"servo: duration is {duration!r}; expected a time in s above 0")
     system = cascade.closed(judged.pade, pointing=True)
     jumps = bool(np.isnan(system.D[_POINTING, _DISTURBANCE]))
     system = replace(system, D=np.nan_to_num(system.D))  # of inputs that are 0 wherever it is read
     notes: list[str] = []
-    reference = _reference_step(cascade, system, step, duration, notes) if step is not None else None
+    reference = (
+        _reference_step(cascade, system, step, duration, notes) if step is not None else None
+    )
     if cascade.wiring.disturbance is None:
         return Timed(reference, notes=tuple(notes))
     if jumps:
-        notes.append("a step of the disturbance makes the velocity jump without bound (direct feed-through): left out")
+        notes.append(
+            "a step of the disturbance makes the velocity jump without bound (direct feed-through):"
+            " left out"
+        )
         return Timed(reference, notes=tuple(notes))
-    disturbed = _disturbance_step(cascade, system, disturbance_step, duration) if disturbance_step is not None else None
+    disturbed = (
+        _disturbance_step(cascade, system, disturbance_step, duration)
+        if disturbance_step is not None
+        else None
+    )
     blown = None if wind is None else _wind(cascade, judged, system, wind)
     return Timed(reference, disturbed, blown, tuple(notes))
 
@@ -99,7 +122,8 @@ def _reference_step(
     rate = _RATE if outer and cascade.controller.feed_forward else None
     if rate is not None and (system.D[_POSITION, rate] or system.D[_TORQUE, rate]):
         notes.append(
-            "a step of the reference with feed-forward asks for a torque without bound: left out; give a low_pass"
+            "a step of the reference with feed-forward asks for a torque without bound: left out;"
+            " give a low_pass"
         )
         return None
     wiring = cascade.wiring
@@ -116,7 +140,13 @@ def _reference_step(
 
 
 def _record(
-    cascade: Cascade, system: StateSpace, output: int, at: int, size: float, rate: int | None, duration: float | None
+    cascade: Cascade,
+    system: StateSpace,
+    output: int,
+    at: int,
+    size: float,
+    rate: int | None,
+    duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs of `Cascade.closed` and derivatives after a step; the dead time exact where it can be."""
     parts = schedule(system, output, at, None if duration is None else float(duration))
@@ -139,11 +169,15 @@ def _record(
 def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
     """Return a record of at most about `_KEPT` samples, the first ones and every so many of the others."""
     every = max(1, round(len(time) / _KEPT))
-    keep = np.unique(np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)]))
+    keep = np.unique(
+        np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)])
+    )
     return time[keep], value[keep], torque[keep]
 
 
-def _disturbance_step(cascade: Cascade, system: StateSpace, size: float, duration: float | None) -> StepResponse:
+def _disturbance_step(
+    cascade: Cascade, system: StateSpace, size: float, duration: float | None
+) -> StepResponse:
     name, unit, output, output_unit = _disturbance_names(cascade)
     time, outputs, slopes = _record(cascade, system, _POINTING, _DISTURBANCE, size, None, duration)
     final = size * at_rest(system, _POINTING, _DISTURBANCE)
@@ -186,7 +220,9 @@ def _wind(
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
     """Return the root mean square of the error by the spectrum, and the interval that a series needs, in s."""
     low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / 1200.0)
-    edges = np.unique(np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI]))
+    edges = np.unique(
+        np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
+    )
     middle = 0.5 * (edges[1:] + edges[:-1])
     ends, between = (np.abs(cascade.compliance(2j * np.pi * f)) ** 2 for f in (edges, middle))
     shares = wind.torque_variance(edges) * (ends[1:] + 4.0 * between + ends[:-1]) / 6.0
@@ -200,10 +236,13 @@ def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     try:
         time, values = (np.array(part, dtype=np.float64) for part in given)
     except (TypeError, ValueError) as error:
-        raise DataError("wind: expected a Wind, or (time, disturbance) as two arrays of one length") from error
+        raise DataError(
+            "wind: expected a Wind, or (time, disturbance) as two arrays of one length"
+        ) from error
     if time.ndim != 1 or time.shape != values.shape or len(time) < 2:
         raise DataError(
-            f"wind: times and values have shapes {time.shape} and {values.shape}; expected two arrays of one length"
+            f"wind: times and values have shapes {time.shape} and {values.shape}; expected two"
+            " arrays of one length"
         )
     if not np.isfinite(time).all() or not np.isfinite(values).all():
         raise DataError("wind: the series holds a number that is not finite")
@@ -212,8 +251,8 @@ def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     if step <= 0 or len(uneven):
         where = int(uneven[0]) if len(uneven) else 0
         raise DataError(
-            f"wind: times have to be equally spaced and increase; after {time[where]:g} s comes {time[where + 1]:g} s, "
-            f"but most intervals are {step:g} s"
+            f"wind: times have to be equally spaced and increase; after {time[where]:g} s comes"
+            f" {time[where + 1]:g} s, but most intervals are {step:g} s"
         )
     return time, values
 

@@ -20,8 +20,8 @@ _Complex = NDArray[np.complex128]
 class Transfer:
     """C (s I - A)^-1 B + D, with A in complex Schur form: a back substitution for all points together.
 
-    Parts of the system that do not touch each other have a form of their own: rounding of fast modes does not reach
-    the rigid-body motion.
+    Parts of the system that do not touch each other have a form of their own: rounding of fast
+    modes does not reach the rigid-body motion.
 
     Attributes
     ----------
@@ -37,20 +37,28 @@ class Transfer:
     @classmethod
     def of(cls, system: StateSpace) -> Transfer:
         """Return the triangular forms of a system, balanced before."""
-        n_parts, part = connected_components(system.A != 0.0, directed=False) if system.n_states else (0, np.zeros(0))
+        n_parts, part = (
+            connected_components(system.A != 0.0, directed=False)
+            if system.n_states
+            else (0, np.zeros(0))
+        )
         parts = []
         for k in range(n_parts):
             own = np.flatnonzero(part == k)
             A = system.A[np.ix_(own, own)]
             even, scale = balanced(A)
             T, Z = scipy.linalg.schur(even, output="complex")
-            parts.append((T, Z.conj().T @ (system.B[own] / scale[:, None]), (system.C[:, own] * scale) @ Z))
+            parts.append(
+                (T, Z.conj().T @ (system.B[own] / scale[:, None]), (system.C[:, own] * scale) @ Z)
+            )
         return cls(tuple(parts), system.D)
 
     @property
     def poles(self) -> _Complex:
         """Eigenvalues in rad/s, shape (n,)."""
-        return np.concatenate([np.zeros(0, dtype=np.complex128), *(np.diag(T) for T, _, _ in self.parts)])
+        return np.concatenate(
+            [np.zeros(0, dtype=np.complex128), *(np.diag(T) for T, _, _ in self.parts)]
+        )
 
     def at(self, s: ArrayLike) -> _Complex:
         """Return the response, shape (*s.shape, n_y, n_u); not finite at a pole.
@@ -70,7 +78,9 @@ class Transfer:
                 for i in range(n - 1, -1, -1):
                     known = B[i][:, None]
                     if i < n - 1:
-                        known = known + (T[i, i + 1 :] @ X[i + 1 :].reshape(n - 1 - i, -1)).reshape(n_u, -1)
+                        known = known + (T[i, i + 1 :] @ X[i + 1 :].reshape(n - 1 - i, -1)).reshape(
+                            n_u, -1
+                        )
                     X[i] = known / (points - T[i, i])
                 out += np.moveaxis((C @ X.reshape(n, -1)).reshape(len(C), n_u, -1), -1, 0)
         return np.asarray(out.reshape(*s.shape, *self.D.shape))
@@ -88,7 +98,8 @@ def channel_zeros(system: StateSpace) -> _Complex:
 
     Notes
     -----
-    Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18, p. 415).
+    Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18, p.
+    415).
     """
     n = system.n_states
     if n == 0:
@@ -106,4 +117,6 @@ def channel_zeros(system: StateSpace) -> _Complex:
     largest = max(float(np.abs(np.linalg.eigvals(even)).max()), 1e-300)
     with np.errstate(divide="ignore", invalid="ignore"):
         zeros = alpha / beta
-    return np.asarray(zeros[np.isfinite(zeros) & (np.abs(zeros) < 1e3 * largest)], dtype=np.complex128)
+    return np.asarray(
+        zeros[np.isfinite(zeros) & (np.abs(zeros) < 1e3 * largest)], dtype=np.complex128
+    )

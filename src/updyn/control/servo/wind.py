@@ -22,13 +22,13 @@ _MOST = 2**20
 class Wind:
     """A wind of mean speed V with gusts u, and the torque c (V + u)^2 that it makes, to first order in u.
 
-    The gusts have the spectrum of Davenport (1961), "The spectrum of horizontal gustiness near the ground in high
-    winds", Q. J. R. Meteorol. Soc. 87, 194-211:
+    The gusts have the spectrum of Davenport (1961), "The spectrum of horizontal gustiness near the
+    ground in high winds", Q. J. R. Meteorol. Soc. 87, 194-211:
 
         f S(f) = 4 roughness V^2 X^2 / (1 + X^2)^(4/3),    X = 1200 m f / V,
 
-    whose integral is 6 roughness V^2. The torque c V^2 + 2 c V u is the usual one of antennas (Gawronski, Modeling and
-    Control of Antennas and Telescopes, 2008).
+    whose integral is 6 roughness V^2. The torque c V^2 + 2 c V u is the usual one of antennas
+    (Gawronski, Modeling and Control of Antennas and Telescopes, 2008).
 
     Parameters
     ----------
@@ -74,19 +74,34 @@ class Wind:
                 continue
             if not is_number(value) or not np.isfinite(value) or value <= 0:
                 raise OptionError(
-                    f"wind: {name} is {value!r}; expected a number above 0{', in ' + unit if unit else ''}"
+                    f"wind: {name} is {value!r}; expected a number above"
+                    f" 0{', in ' + unit if unit else ''}"
                 )
-        if not is_number(self.coefficient) or not np.isfinite(self.coefficient) or self.coefficient == 0:
-            raise OptionError(f"wind: coefficient is {self.coefficient!r}; expected N m / (m/s)^2, other than 0")
+        if (
+            not is_number(self.coefficient)
+            or not np.isfinite(self.coefficient)
+            or self.coefficient == 0
+        ):
+            raise OptionError(
+                f"wind: coefficient is {self.coefficient!r}; expected N m / (m/s)^2, other than 0"
+            )
         if (self.roughness is None) == (self.turbulence is None):
             raise OptionError("wind: expected roughness or turbulence, one of the two")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+        if (
+            isinstance(self.seed, bool)
+            or not isinstance(self.seed, int | np.integer)
+            or self.seed < 0
+        ):
             raise OptionError(f"wind: seed is {self.seed!r}; expected a whole number, 0 or above")
 
     @property
     def drag(self) -> float:
         """Surface drag coefficient, given or from the turbulence."""
-        return float(self.roughness) if self.roughness is not None else float(self.turbulence or 0.0) ** 2 / 6.0
+        return (
+            float(self.roughness)
+            if self.roughness is not None
+            else float(self.turbulence or 0.0) ** 2 / 6.0
+        )
 
     @property
     def intensity(self) -> float:
@@ -112,7 +127,9 @@ class Wind:
             In (m/s)^2 / Hz.
         """
         X = _LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
-        return np.asarray(4.0 * self.drag * self.mean_speed * _LENGTH * X / (1.0 + X**2) ** (4.0 / 3.0))
+        return np.asarray(
+            4.0 * self.drag * self.mean_speed * _LENGTH * X / (1.0 + X**2) ** (4.0 / 3.0)
+        )
 
     def variance_below(self, freq: ArrayLike) -> _Real:
         """Return the integral of the spectrum from 0: 6 roughness V^2 (1 - (1 + X^2)^(-1/3)).
@@ -144,13 +161,16 @@ class Wind:
         ndarray of float, shape (n,)
             In (N m)^2.
         """
-        return np.asarray((2.0 * self.coefficient * self.mean_speed) ** 2 * np.diff(self.variance_below(edges)))
+        return np.asarray(
+            (2.0 * self.coefficient * self.mean_speed) ** 2 * np.diff(self.variance_below(edges))
+        )
 
     def series(self, dt: float | None = None) -> tuple[_Real, _Real]:
         """Draw a series of the torque.
 
-        A sum of cosines at multiples of 1 / duration with phases drawn at random (Shinozuka & Deodatis 1991, Appl.
-        Mech. Rev. 44, 191-204), each with the variance of the spectrum about it, up to half the sampling rate.
+        A sum of cosines at multiples of 1 / duration with phases drawn at random (Shinozuka &
+        Deodatis 1991, Appl. Mech. Rev. 44, 191-204), each with the variance of the spectrum about
+        it, up to half the sampling rate.
 
         Parameters
         ----------
@@ -172,7 +192,10 @@ class Wind:
             raise OptionError("wind: expected dt, the interval of the series in s")
         n = 2 * round(0.5 * self.duration / step)
         if not 16 <= n <= _MOST:
-            raise OptionError(f"wind: {self.duration:g} s in intervals of {step:g} s are {n}; expected 16 to {_MOST}")
+            raise OptionError(
+                f"wind: {self.duration:g} s in intervals of {step:g} s are {n}; expected 16 to"
+                f" {_MOST}"
+            )
         lines = np.arange(1, n // 2)
         edges: _Real = np.arange(1, n // 2 + 1) - np.float64(0.5)
         width = 1.0 / (n * step)
@@ -180,4 +203,6 @@ class Wind:
         phase = np.random.default_rng(self.seed).uniform(0.0, 2.0 * np.pi, len(lines))
         waves = np.zeros(n // 2 + 1, dtype=np.complex128)
         waves[lines] = 0.5 * n * amplitude * np.exp(1j * phase)
-        return np.asarray(np.arange(n) * step, dtype=np.float64), self.mean_torque + np.fft.irfft(waves, n)
+        return np.asarray(np.arange(n) * step, dtype=np.float64), self.mean_torque + np.fft.irfft(
+            waves, n
+        )

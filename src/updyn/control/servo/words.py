@@ -33,7 +33,9 @@ def servo_text(servo: Servo) -> str:
         What was found.
     """
     plant = servo.plant
-    reads = f"{servo.torque} -> {servo.velocity}" + (f", {servo.position}" if servo.position else "")
+    reads = f"{servo.torque} -> {servo.velocity}" + (
+        f", {servo.position}" if servo.position else ""
+    )
     parts = [f"Servo on {reads} ({plant['states']} states, {plant['rigid']} rigid-body modes)"]
     if plant.get("inertia"):
         parts.append(f"rigid-body inertia {plant['inertia']:.6g} (from torque to acceleration)")
@@ -45,7 +47,9 @@ def servo_text(servo: Servo) -> str:
         if loop.members:
             parts.append(indent(_family(loop), "  "))
     if servo.bandwidth is not None and servo.controller.feed_forward:
-        parts.append(f"bandwidth from the reference, with feed-forward (-3 dB)  {servo.bandwidth:.6g} Hz")
+        parts.append(
+            f"bandwidth from the reference, with feed-forward (-3 dB)  {servo.bandwidth:.6g} Hz"
+        )
     for step in (servo.step, servo.disturbance_step):
         if step is not None:
             parts.append(_step(step))
@@ -74,7 +78,11 @@ def _family(loop: Loop) -> str:
         if np.isinf(low) and np.isinf(high):
             text, who = "unlimited", "all members"
         else:
-            text = f"{low:.4g} to {high:.4g} {unit}" if np.isfinite(high) else f"{low:.4g} {unit} to unlimited"
+            text = (
+                f"{low:.4g} to {high:.4g} {unit}"
+                if np.isfinite(high)
+                else f"{low:.4g} {unit} to unlimited"
+            )
             who = f"members {spread.smallest_member} and {spread.largest_member}"
         lines.append(f"  {_NAMES[name]:<14}  {text.rstrip()} ({who})")
     return "\n".join(lines)
@@ -82,19 +90,26 @@ def _family(loop: Loop) -> str:
 
 def _step(step: StepResponse) -> str:
     if step.of == "disturbance":
-        text = f"step of {step.size:g} {step.input_unit} at {step.input}: {step.output} deviates by at most "
+        text = (
+            f"step of {step.size:g} {step.input_unit} at {step.input}: {step.output} deviates by at"
+            " most "
+        )
         text += f"{step.peak:.4g} {step.output_unit} after {step.peak_time:.4g} s"
         return text + f", comes to {step.final:.4g} {step.output_unit}"
     parts = [] if step.rise_time is None else [f"rises in {step.rise_time:.4g} s"]
     if step.overshoot is not None:
         parts.append(f"overshoots by {100 * step.overshoot:.3g} %")
     settled = "is not settled when the record ends"
-    parts.append(settled if step.settling_time is None else f"settles to 2 % in {step.settling_time:.4g} s")
+    parts.append(
+        settled if step.settling_time is None else f"settles to 2 % in {step.settling_time:.4g} s"
+    )
     return f"step of {step.input}: {', '.join(parts)}"
 
 
 def _wind(wind: WindResponse) -> str:
-    text = f"disturbance at {wind.input}: error of {wind.output} {wind.rms:.4g} {wind.output_unit} rms"
+    text = (
+        f"disturbance at {wind.input}: error of {wind.output} {wind.rms:.4g} {wind.output_unit} rms"
+    )
     text += f", at most {wind.peak:.4g} {wind.output_unit}"
     if wind.rms_expected is not None:
         text += f" ({wind.std:.4g} rms about its mean; {wind.rms_expected:.4g} by the spectrum)"

@@ -14,7 +14,8 @@ __all__ = ["Basis"]
 
 _Real = NDArray[np.float64]
 
-#: What is left of a unit column after those before it were taken out; less is rounding of what they hold already.
+#: What is left of a unit column after those before it were taken out; less is rounding of what they
+#: hold already.
 _NEW = 1e-9
 _ROWS = 1 << 16
 
@@ -90,7 +91,9 @@ class Basis:
                 rows, own = term.rows, term.own
                 parts, w = [b[own] for b in self._blocks], W[own]
             product = term.local @ w
-            cross = np.vstack([p.T @ product for p in parts]) if parts else np.zeros((0, W.shape[1]))
+            cross = (
+                np.vstack([p.T @ product for p in parts]) if parts else np.zeros((0, W.shape[1]))
+            )
             corner = w.T @ product
             self.terms[t] = np.block([[self.terms[t], cross], [cross.T, 0.5 * (corner + corner.T)]])
         self._blocks.append(W)
@@ -99,7 +102,9 @@ class Basis:
         """Replace V by V C, C of shape (r, s), in one block."""
         V = np.empty((self.system.n, C.shape[1]))
         for first in range(0, len(V), _ROWS):
-            V[first : first + _ROWS] = np.hstack([b[first : first + _ROWS] for b in self._blocks]) @ C
+            V[first : first + _ROWS] = (
+                np.hstack([b[first : first + _ROWS] for b in self._blocks]) @ C
+            )
         self._blocks = [V]
         self.terms = [C.T @ A @ C for A in self.terms]
 

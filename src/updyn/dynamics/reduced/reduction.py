@@ -1,22 +1,24 @@
 """`Reduction`: the basis of a reduced model, built from a handful of real factorisations and proved by its residual.
 
-Motions. X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, E the unit loads at sensors and forces, the next
-moments (K - s_k M)^-1 M X where loads are few, and (K - s_k M)^-1 D X for the damping: a block rational Krylov space
-(Ruhe, Linear Algebra Appl. 58 (1984) 391; Grimme, PhD thesis, Univ. of Illinois 1997, for the moments matched from both
-sides). No complex factorisation is needed.
+Motions. X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, E the unit loads at sensors
+and forces, the next moments (K - s_k M)^-1 M X where loads are few, and (K - s_k M)^-1 D X for the
+damping: a block rational Krylov space (Ruhe, Linear Algebra Appl. 58 (1984) 391; Grimme, PhD
+thesis, Univ. of Illinois 1997, for the moments matched from both sides). No complex factorisation
+is needed.
 
-Error. The model is symmetric and projected on one basis from both sides, so that the residuals r = e - Z V q of the
-loads i and j give the error of the receptance exactly: r_i^T Z^-1 r_j. A residual is blind to what the basis holds
-(V^T r = 0); on what is left, far from resonance, Z is close to the definite P = K + omega_max^2 M, so that with
-y_j = P^-1 r_j
+Error. The model is symmetric and projected on one basis from both sides, so that the residuals r =
+e - Z V q of the loads i and j give the error of the receptance exactly: r_i^T Z^-1 r_j. A residual
+is blind to what the basis holds (V^T r = 0); on what is left, far from resonance, Z is close to the
+definite P = K + omega_max^2 M, so that with y_j = P^-1 r_j
 
     error_ij ~ r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j,
 
-one solve for each reference, whatever the number of responses. Measured, the true error is 0.8 to 1.3 times that, 2.3
-times with a loss factor of 0.8; `SAFETY` times the estimate is stated. That no mode in the band is missing is proved by
-Sylvester's law of inertia at the shifts. The y_j are also the directions in which the basis lacks most: it is enriched
-by them until the error is small enough, whatever makes it: changed unknowns, strong local damping, a band that the
-shifts covered badly.
+one solve for each reference, whatever the number of responses. Measured, the true error is 0.8 to
+1.3 times that, 2.3 times with a loss factor of 0.8; `SAFETY` times the estimate is stated. That no
+mode in the band is missing is proved by Sylvester's law of inertia at the shifts. The y_j are also
+the directions in which the basis lacks most: it is enriched by them until the error is small
+enough, whatever makes it: changed unknowns, strong local damping, a band that the shifts covered
+badly.
 """
 
 from __future__ import annotations
@@ -48,11 +50,13 @@ _Complex = NDArray[np.complex128]
 SAFETY = 4.0
 
 _SHIFTS, _MOST_SHIFTS = 3, 32
-#: Moments are added at a shift until it has about this many motions, but no more than so many moments.
+#: Moments are added at a shift until it has about this many motions, but no more than so many
+#: moments.
 _MOTIONS, _DEPTH = 32, 8
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
-#: Lines that are not checked may be worse than those that are: a basis is enriched to this share of what is allowed.
+#: Lines that are not checked may be worse than those that are: a basis is enriched to this share of
+#: what is allowed.
 _MARGIN = 0.2
 _PASSES = 12
 
@@ -66,8 +70,8 @@ class Certificate:
     size : int
         Number of motions in the basis.
     error : float
-        Largest |H_reduced - H| at the checked lines, as a share of the largest |H| of the line; `SAFETY` times what the
-        residual says.
+        Largest |H_reduced - H| at the checked lines, as a share of the largest |H| of the line;
+        `SAFETY` times what the residual says.
     lines : tuple of float
         Lines that were checked with the basis as it is, in Hz.
     factorisations : int
@@ -118,7 +122,8 @@ class Reduction:
     def __post_init__(self) -> None:
         if not 1e-10 <= self.accuracy <= 0.1:
             raise OptionError(
-                f"accuracy = {self.accuracy!r}: expected a share of the largest receptance between 1e-10 and 0.1"
+                f"accuracy = {self.accuracy!r}: expected a share of the largest receptance between"
+                " 1e-10 and 0.1"
             )
         self._channels = Channels(self.rows, self.columns, self.system.dofs)
         self._sparse = SparseSolver(self.backend, real=True)
@@ -139,7 +144,9 @@ class Reduction:
         diagonal = self._matrix(state, -self._top).diagonal()
         self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
         low, high = (2.0 * np.pi * self.band[0]) ** 2, self._top
-        points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1))
+        points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
+            np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
+        )
         below = {float(s): self._expand(state, float(s)) for s in points}
         while len(below) < _MOST_SHIFTS and (gap := self._gap(state, below)) is not None:
             middle = 0.5 * (gap[0] + gap[1])
@@ -148,7 +155,8 @@ class Reduction:
     def widen(self, state: State) -> None:
         """Add a few motions of another state: the basis then holds, roughly, between its states, and is proved nowhere.
 
-        One factorisation in the middle of the band, its motions for the unit loads and the next moments.
+        One factorisation in the middle of the band, its motions for the unit loads and the next
+        moments.
 
         Parameters
         ----------
@@ -184,7 +192,9 @@ class Reduction:
         return int(np.clip(np.ceil(_MOTIONS / len(self._loaded)), 1, _DEPTH))
 
     # -- building ------------------------------------------------------------------------------------------
-    def _expand(self, state: State, shift: float, depth: int | None = None, *, damping: bool = True) -> int | None:
+    def _expand(
+        self, state: State, shift: float, depth: int | None = None, *, damping: bool = True
+    ) -> int | None:
         """Add the motions of one shift; return how many modes lie below it, None where that is not known."""
         factorised, X = self._solved(state, shift)
         lossy, inertial = self._lossy(state), self._inertial(state)
@@ -215,7 +225,8 @@ class Reduction:
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
         """Return neighbouring shifts that need another between them: modes too many for their motions, or missed."""
         values = scipy.linalg.eigvalsh(
-            self.basis.combined(self._inertial(state)), self.basis.combined(self._weights(state, -self._top))
+            self.basis.combined(self._inertial(state)),
+            self.basis.combined(self._weights(state, -self._top)),
         )
         squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self._top
         room = max(2, len(self._loaded) * self._depth)
@@ -233,13 +244,18 @@ class Reduction:
     def _weights(self, state: State, shift: float) -> _Real:
         """Return the weight of each term in K - s M."""
         quantity = np.array([t.quantity for t in self.system.terms])
-        return np.where(quantity == "stiffness", 1.0, np.where(quantity == "mass", -shift, 0.0)) * state.factor
+        return (
+            np.where(quantity == "stiffness", 1.0, np.where(quantity == "mass", -shift, 0.0))
+            * state.factor
+        )
 
     def _matrix(self, state: State, shift: float) -> Any:
         """Return K - s M."""
         values = self.system.real_values(self._weights(state, shift))
         # Symmetric: the CSR arrays are those of CSC, which factorisations want.
-        return sp.csc_array((values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2)
+        return sp.csc_array(
+            (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
+        )
 
     def _lossy(self, state: State) -> _Real:
         """Return the weight of each term in D + omega C at the top of the band."""
@@ -251,7 +267,9 @@ class Reduction:
 
     def _factorised(self, state: State, shift: float) -> Factorised:
         self.factorisations += 1
-        return self._sparse.factorise(self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi)))
+        return self._sparse.factorise(
+            self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
+        )
 
     # -- using ---------------------------------------------------------------------------------------------
     def solver(self, label: str = "reduced") -> ReducedSolver:
@@ -274,20 +292,26 @@ class Reduction:
         r = self.basis.size
         gram = np.zeros((r, r))
         for q, H in self._answers(state, freq, self._loaded):
-            scaled = (q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]).reshape(r, -1)
+            scaled = (
+                q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]
+            ).reshape(r, -1)
             gram += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
         C = np.linalg.cholesky(self.basis.combined(self._weights(state, -self._top)))
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
         # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
         dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), 0.01 * self.accuracy)
-        self.basis.rotate(scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T"))
+        self.basis.rotate(
+            scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T")
+        )
 
     # -- proving -------------------------------------------------------------------------------------------
-    def certify(self, state: State, freq: _Real, *, enrich: bool = True, count: int = 12) -> Certificate:
+    def certify(
+        self, state: State, freq: _Real, *, enrich: bool = True, count: int = 12
+    ) -> Certificate:
         """Find the error at a state, and enrich the basis until it is small enough.
 
-        Every pass checks other lines than the one before, the strongest among them. The last one adds nothing: it is a
-        test of the basis on lines that did not make it.
+        Every pass checks other lines than the one before, the strongest among them. The last one
+        adds nothing: it is a test of the basis on lines that did not make it.
 
         Parameters
         ----------
@@ -327,13 +351,19 @@ class Reduction:
 
     def _receptance(self, state: State, freq: _Real) -> _Complex:
         """Return the reduced model's receptance, shape (n_f, n_rows, n_columns)."""
-        return np.concatenate([H for _, H in self._answers(state, freq, self.columns)], axis=1).transpose(1, 0, 2)
+        return np.concatenate(
+            [H for _, H in self._answers(state, freq, self.columns)], axis=1
+        ).transpose(1, 0, 2)
 
-    def _answers(self, state: State, freq: _Real, loaded: NDArray[np.intp]) -> Iterator[tuple[_Complex, _Complex]]:
+    def _answers(
+        self, state: State, freq: _Real, loaded: NDArray[np.intp]
+    ) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield the reduced model's coordinates and motion at the responses, block by block of lines."""
         solver = self.solver()
         for block in line_blocks(len(freq), solver.block_size(len(loaded))):
-            q = solver.solve(solver.system.coefficients(state, 2.0 * np.pi * freq[block]), loaded, freq[block])
+            q = solver.solve(
+                solver.system.coefficients(state, 2.0 * np.pi * freq[block]), loaded, freq[block]
+            )
             yield q, solver.at(q, self.rows)
 
     def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> float:
@@ -347,7 +377,9 @@ class Reduction:
         if enrich and error > allowed:
             # Each force counts by its part in the largest error, whatever its unit.
             sizes = np.sqrt(np.maximum(np.einsum("nk,nk->k", R, Y).reshape(2, -1).sum(axis=0), 0.0))
-            weight = np.tile(errors.max(axis=0) / error / np.maximum(sizes, np.finfo(np.float64).tiny), 2)
+            weight = np.tile(
+                errors.max(axis=0) / error / np.maximum(sizes, np.finfo(np.float64).tiny), 2
+            )
             gram = (weight[:, None] * (R.T @ Y)) * weight
             size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
             kept = size > (_WORTH * allowed / error) ** 2

@@ -38,7 +38,10 @@ class Channels:
 
     def __init__(self, rows: NDArray[np.intp], columns: NDArray[np.intp], dofs: DofSet) -> None:
         self.loaded = np.union1d(rows, columns)
-        self.read, self.forced = np.searchsorted(self.loaded, rows), np.searchsorted(self.loaded, columns)
+        self.read, self.forced = (
+            np.searchsorted(self.loaded, rows),
+            np.searchsorted(self.loaded, columns),
+        )
         self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
 
     def levels(self, H: _Complex) -> _Real:
@@ -58,8 +61,12 @@ class Channels:
         for a in (False, True):
             for b in (False, True):
                 pushed = turning[self.forced] == b
-                block, seen = np.ix_(turning == a, pushed), np.ix_((turning == a) & measured, pushed)
-                # Where no response of this unit is measured, the motion at the forces themselves is the level.
+                block, seen = (
+                    np.ix_(turning == a, pushed),
+                    np.ix_((turning == a) & measured, pushed),
+                )
+                # Where no response of this unit is measured, the motion at the forces themselves is
+                # the level.
                 out[block] = size[seen].max(initial=0.0) or size[block].max(initial=0.0)
         return np.maximum(out, np.finfo(np.float64).tiny)
 
@@ -67,7 +74,8 @@ class Channels:
 class LineResidual:
     """The reduced model's answer at one line, and what the whole model says to it.
 
-    Complex fields are real parts beside imaginary ones, shape (N, 2 n_j): the whole model's matrices are real.
+    Complex fields are real parts beside imaginary ones, shape (N, 2 n_j): the whole model's
+    matrices are real.
 
     Parameters
     ----------
@@ -85,7 +93,9 @@ class LineResidual:
 
     __slots__ = ("H", "_basis", "_c", "_channels", "_q")
 
-    def __init__(self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: float) -> None:
+    def __init__(
+        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: float
+    ) -> None:
         self._basis, self._channels = basis, channels
         self._c = solver.system.coefficients(state, np.array([2.0 * np.pi * freq]))
         q = solver.solve(self._c, channels.loaded, np.array([freq]))
@@ -111,7 +121,11 @@ class LineResidual:
         """
         half = Y.shape[1] // 2
         own, pulled = Y[self._channels.loaded], self._basis.projected(self._times(Y))
-        return np.asarray(own[:, :half] + 1j * own[:, half:] - self._q.T @ (pulled[:, :half] + 1j * pulled[:, half:]))
+        return np.asarray(
+            own[:, :half]
+            + 1j * own[:, half:]
+            - self._q.T @ (pulled[:, :half] + 1j * pulled[:, half:])
+        )
 
     def _times(self, U: _Real) -> _Real:
         """Return Z U, group by group: no matrix of the whole model is put together for a line."""

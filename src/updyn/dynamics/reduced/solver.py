@@ -18,8 +18,8 @@ __all__ = ["NOT_CONDENSED", "ReducedSolver"]
 
 #: Why the condensed equation error is refused.
 NOT_CONDENSED = (
-    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of a reduced model by "
-    "the condition number of H; use tier 'sparse', or another method"
+    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
+    " a reduced model by the condition number of H; use tier 'sparse', or another method"
 )
 
 #: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
@@ -62,7 +62,12 @@ class ReducedSolver:
 
     @classmethod
     def project(
-        cls, system: AffineSystem, basis: Basis, observed: NDArray[np.intp], backend: str, label: str = "reduced"
+        cls,
+        system: AffineSystem,
+        basis: Basis,
+        observed: NDArray[np.intp],
+        backend: str,
+        label: str = "reduced",
     ) -> ReducedSolver:
         """Return the solver in a basis as it is.
 
@@ -85,7 +90,9 @@ class ReducedSolver:
             Term(t.group, t.quantity, rows, A, entries, A.ravel(), t.table)
             for t, A in zip(system.terms, basis.terms, strict=True)
         )
-        reduced = AffineSystem(terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs)
+        reduced = AffineSystem(
+            terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs
+        )
         stack = np.stack([A.ravel() for A in basis.terms])
         return cls(reduced, observed, basis.at(observed), stack, backend, label)
 
@@ -96,7 +103,10 @@ class ReducedSolver:
 
     @alone
     def solve(
-        self, coefficients: NDArray[np.complex128], columns: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> NDArray[np.complex128]:
         """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
 
@@ -136,7 +146,10 @@ class ReducedSolver:
         return moved.view(np.complex128).reshape(len(dofs), n_lines, k)
 
     def condense(
-        self, coefficients: NDArray[np.complex128], retained: NDArray[np.intp], freq: NDArray[np.float64]
+        self,
+        coefficients: NDArray[np.complex128],
+        retained: NDArray[np.intp],
+        freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Refuse: the condensed stiffness is the inverse of H, and multiplies its error by its condition number.
 

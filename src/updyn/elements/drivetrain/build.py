@@ -38,7 +38,20 @@ TABLES: Mapping[str, type[Any]] = {
     "dual_drives": DualDrive,
     "grounds": Ground,
 }
-_NODE_FIELDS = ("node", "a", "b", "first", "second", "gear", "worm", "wheel", "sun", "ring", "carrier", "housing")
+_NODE_FIELDS = (
+    "node",
+    "a",
+    "b",
+    "first",
+    "second",
+    "gear",
+    "worm",
+    "wheel",
+    "sun",
+    "ring",
+    "carrier",
+    "housing",
+)
 _GROUP_OPTIONS = ("held", "keep", "title")
 
 
@@ -73,14 +86,17 @@ class Train:
         return [p for _, p in self.pieces if isinstance(p, Hold)]
 
 
-def drivetrain(parts: Iterable[Part], *, held: Iterable[int] = (), keep: Iterable[int] = (), title: str = "") -> Model:
+def drivetrain(
+    parts: Iterable[Part], *, held: Iterable[int] = (), keep: Iterable[int] = (), title: str = ""
+) -> Model:
     """Build a torsional drive train.
 
     Parameters
     ----------
     parts : iterable of part
-        `Inertia`, `Shaft`, `Coupling`, `GearPair`, `Planetary`, `Worm`, `Belt`, `DualDrive`, `Motor`, `Brake` and
-        `Ground`, in any order; nodes are numbers of your choice. Parts of one kind and one name form one group.
+        `Inertia`, `Shaft`, `Coupling`, `GearPair`, `Planetary`, `Worm`, `Belt`, `DualDrive`,
+        `Motor`, `Brake` and `Ground`, in any order; nodes are numbers of your choice. Parts of one
+        kind and one name form one group.
     held : iterable of int
         Nodes that cannot turn.
     keep : iterable of int
@@ -91,15 +107,15 @@ def drivetrain(parts: Iterable[Part], *, held: Iterable[int] = (), keep: Iterabl
     Returns
     -------
     Model
-        DOFs ``node:RZ`` by ascending node: the rotation in rad of each shaft about its own axis, right-handed about a
-        direction that parallel shafts share. Nodes that are held, or follow others by a rigid ratio, are left out.
-        A rigid part without inertia has no group.
+        DOFs ``node:RZ`` by ascending node: the rotation in rad of each shaft about its own axis,
+        right-handed about a direction that parallel shafts share. Nodes that are held, or follow
+        others by a rigid ratio, are left out. A rigid part without inertia has no group.
 
     Raises
     ------
     ModelError
-        If a number is not usable, names collide, ratios contradict each other, or a node has neither stiffness,
-        inertia nor damping.
+        If a number is not usable, names collide, ratios contradict each other, or a node has
+        neither stiffness, inertia nor damping.
     """
     train = assemble(parts, held)
     n = len(train.nodes)
@@ -110,7 +126,8 @@ def drivetrain(parts: Iterable[Part], *, held: Iterable[int] = (), keep: Iterabl
     dofs = DofSet.from_arrays(np.array(train.nodes), np.full(n, DIRECTIONS.index("RZ")))
     follow = resolve(train.ties, train.holds, _existing(keep, "keep", at))
     equations = [
-        Equation(f"{node}:RZ", {f"{other}:RZ": c for other, c in terms.items()}) for node, terms in follow.items()
+        Equation(f"{node}:RZ", {f"{other}:RZ": c for other, c in terms.items()})
+        for node, terms in follow.items()
     ]
     tied = constrain(Model(groups, dofs), equations)
     return Model.from_groups(tied.groups, tied.dofs, title=title)
@@ -122,9 +139,10 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     Parameters
     ----------
     table : mapping
-        ``kind`` (``"drivetrain"``, may be left out), ``held``, ``keep`` and ``title`` as for `drivetrain`, and an
-        array of tables for each kind of part with its fields as keys: ``motors``, ``brakes``, ``inertias``, ``shafts``,
-        ``couplings``, ``gear_pairs``, ``planetaries``, ``worms``, ``belts``, ``dual_drives``, ``grounds``.
+        ``kind`` (``"drivetrain"``, may be left out), ``held``, ``keep`` and ``title`` as for
+        `drivetrain`, and an array of tables for each kind of part with its fields as keys:
+        ``motors``, ``brakes``, ``inertias``, ``shafts``, ``couplings``, ``gear_pairs``,
+        ``planetaries``, ``worms``, ``belts``, ``dual_drives``, ``grounds``.
 
     Returns
     -------
@@ -144,11 +162,15 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     for key in TABLES:
         rows = data.pop(key, [])
         if not isinstance(rows, list | tuple):
-            raise ModelError(f"model: {key} holds {type(rows).__name__}; expected an array of tables, [[model.{key}]]")
+            raise ModelError(
+                f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
+                f" [[model.{key}]]"
+            )
         parts += [from_row(TABLES[key], key, number, row) for number, row in enumerate(rows, 1)]
     if not parts:
         raise ModelError(
-            f"model: a drive train has no parts; expected [[model.shafts]] or others of {', '.join(TABLES)}"
+            "model: a drive train has no parts; expected [[model.shafts]] or others of"
+            f" {', '.join(TABLES)}"
         )
     return drivetrain(parts, **data)
 
@@ -193,7 +215,10 @@ def _checked(parts: Iterable[Part]) -> list[Part]:
         if not isinstance(part.name, str):
             raise ModelError(f"{kind} {part.name!r}: expected a text as its name")
         if kinds.setdefault(part.name, type(part)) is not type(part):
-            raise ModelError(f"{part.name!r} names a {kinds[part.name].__name__} and a {kind}; a group is of one kind")
+            raise ModelError(
+                f"{part.name!r} names a {kinds[part.name].__name__} and a {kind}; a group is of one"
+                " kind"
+            )
     return every
 
 
@@ -229,7 +254,10 @@ def _by_group(train: Train) -> dict[str, list[Spring | Mass]]:
     for part, piece in train.pieces:
         if isinstance(piece, Spring | Mass):
             if owner.setdefault(piece.group, part) != part:
-                raise ModelError(f"group {piece.group!r} belongs to {owner[piece.group]!r} and {part!r}; rename one")
+                raise ModelError(
+                    f"group {piece.group!r} belongs to {owner[piece.group]!r} and {part!r};"
+                    " rename one"
+                )
             out.setdefault(piece.group, []).append(piece)
     return out
 
@@ -242,10 +270,14 @@ def _group(name: str, pieces: Sequence[Spring | Mass], at: Mapping[int, int]) ->
     K = [(p.nodes, p.stiffness * np.outer(p.row, p.row)) for p in springs if p.stiffness]
     C = [(p.nodes, p.viscous * np.outer(p.row, p.row)) for p in springs if p.viscous]
     M = [(p.nodes, p.matrix) for p in pieces if isinstance(p, Mass)]
-    return Group(_sum(K, at), _sum(M, at), loss_factor=max(losses, default=0.0), viscous=_sum(C, at))
+    return Group(
+        _sum(K, at), _sum(M, at), loss_factor=max(losses, default=0.0), viscous=_sum(C, at)
+    )
 
 
-def _sum(blocks: Sequence[tuple[tuple[int, ...], NDArray[np.float64]]], at: Mapping[int, int]) -> Any:
+def _sum(
+    blocks: Sequence[tuple[tuple[int, ...], NDArray[np.float64]]], at: Mapping[int, int]
+) -> Any:
     if not blocks:
         return None
     rows, columns, values = [], [], []

@@ -1,11 +1,11 @@
 """Parts that change the speed: gear pairs, worms, belts, and two pinions preloaded against each other.
 
-Parallel shafts count their rotation about the same direction, so that an external pair turns its shafts in opposite
-senses and an internal one in the same.
+Parallel shafts count their rotation about the same direction, so that an external pair turns its
+shafts in opposite senses and an internal one in the same.
 
-The deflection of a mesh along the line of action is delta = cos(alpha) (r_a theta_a + r_b theta_b) of an external and
-cos(alpha) (r_a theta_a - r_b theta_b) of an internal pair, r cos(alpha) being the base radii (Ozguven & Houser, J.
-Sound and Vibration 121 (1988) 383).
+The deflection of a mesh along the line of action is delta = cos(alpha) (r_a theta_a + r_b theta_b)
+of an external and cos(alpha) (r_a theta_a - r_b theta_b) of an internal pair, r cos(alpha) being
+the base radii (Ozguven & Houser, J. Sound and Vibration 121 (1988) 383).
 """
 
 from __future__ import annotations
@@ -51,18 +51,20 @@ class GearPair:
     torsional_stiffness : float, optional
         Of b while a is held, in N m/rad: mesh_stiffness (r_b cos alpha)^2.
     rigid : bool
-        Whether the ratio is a constraint. The DOF of b then vanishes from the model, or another that it is tied to.
+        Whether the ratio is a constraint. The DOF of b then vanishes from the model, or another
+        that it is tied to.
     pressure_angle_deg : float
         Transverse working pressure angle alpha, in degrees.
     kind : {"external", "internal"}
-        Whether the shafts turn in opposite senses or the same. Of shafts that are not parallel (bevel gears) it says
-        so for the senses that you count as positive.
+        Whether the shafts turn in opposite senses or the same. Of shafts that are not parallel
+        (bevel gears) it says so for the senses that you count as positive.
     inertia_a, inertia_b : float
         Of the wheels, in kg m2.
     loss_factor : float
         Structural loss factor of the mesh.
     viscous : float
-        Of the mesh, in N s/m along the line of action; with `torsional_stiffness` in N m s/rad at b.
+        Of the mesh, in N s/m along the line of action; with `torsional_stiffness` in N m s/rad at
+        b.
     housing : int, optional
         Node that carries both shafts, parallel to its axis; None: the ground.
     """
@@ -97,8 +99,8 @@ class GearPair:
 class DualDrive:
     """Two pinions on one gear, biased against each other so that the gear has no backlash.
 
-    As long as the bias keeps both meshes in contact each is a spring for either sense, and the gear sees both. Beyond
-    `opening_torque` one of them opens and the train is no longer linear.
+    As long as the bias keeps both meshes in contact each is a spring for either sense, and the gear
+    sees both. Beyond `opening_torque` one of them opens and the train is no longer linear.
 
     Parameters
     ----------
@@ -171,8 +173,8 @@ class DualDrive:
     def opening_torque(self) -> float:
         """Load torque on the gear, in N m, at which one mesh opens while both pinions are held.
 
-        The meshes share a load torque T in proportion to their stiffness; the stiffer one is unloaded first, at
-        T k / (k_1 + k_2) = ratio preload.
+        The meshes share a load torque T in proportion to their stiffness; the stiffer one is
+        unloaded first, at T k / (k_1 + k_2) = ratio preload.
 
         Raises
         ------
@@ -200,10 +202,12 @@ class Worm:
     worm, wheel : int
         Nodes.
     ratio : float
-        Speed of the worm over that of the wheel: teeth of the wheel over starts of the worm. Negative: they turn in
-        opposite of the senses that you count as positive (a left-hand worm where those are of a right-hand one).
+        Speed of the worm over that of the wheel: teeth of the wheel over starts of the worm.
+        Negative: they turn in opposite of the senses that you count as positive (a left-hand worm
+        where those are of a right-hand one).
     stiffness : float, optional
-        Of the wheel while the worm is held, in N m/rad; None: rigid, and the DOF of the wheel vanishes.
+        Of the wheel while the worm is held, in N m/rad; None: rigid, and the DOF of the wheel
+        vanishes.
     inertia_a, inertia_b : float
         Of worm and wheel, in kg m2.
     loss_factor : float
@@ -231,7 +235,9 @@ class Worm:
         if number(what, "ratio", self.ratio) == 0.0:
             raise ModelError(f"{what}: ratio 0; expected a number other than 0")
         k = None if self.stiffness is None else positive(what, "stiffness", self.stiffness)
-        mesh = transmission(what, self, (self.worm, self.wheel), (-1.0 / self.ratio, 1.0), k, counts=1.0)
+        mesh = transmission(
+            what, self, (self.worm, self.wheel), (-1.0 / self.ratio, 1.0), k, counts=1.0
+        )
         return [mesh, *halves(what, self, mesh.nodes)]
 
 
@@ -248,8 +254,8 @@ class Belt:
     radii : tuple of float, shape (2,)
         Effective radii r_a, r_b, in m.
     stiffness : float, optional
-        Force over stretch, in N/m: of a pretensioned belt both strands, 2 E A / L, of a chain the taut one alone. None:
-        rigid, and the DOF of b vanishes.
+        Force over stretch, in N/m: of a pretensioned belt both strands, 2 E A / L, of a chain the
+        taut one alone. None: rigid, and the DOF of b vanishes.
     crossed : bool
         Whether it is crossed and turns b the other way.
     inertia_a, inertia_b : float
@@ -295,7 +301,9 @@ def line_of_action(what: str, pressure_angle_deg: float) -> float:
         If the angle is not between 0 and 60 degrees.
     """
     if not 0.0 <= number(what, "pressure_angle_deg", pressure_angle_deg) < 60.0:
-        raise ModelError(f"{what}: pressure_angle_deg {pressure_angle_deg!r}; expected 0 up to 60 degrees")
+        raise ModelError(
+            f"{what}: pressure_angle_deg {pressure_angle_deg!r}; expected 0 up to 60 degrees"
+        )
     return math.cos(math.radians(pressure_angle_deg))
 
 
@@ -308,10 +316,16 @@ def _mesh(
     if not isinstance(rigid, bool):
         raise ModelError(f"{what}: rigid {rigid!r}; expected true or false")
     ways = ("mesh_stiffness", "torsional_stiffness", "rigid")
-    given = [w for w, there in zip(ways, (mesh is not None, torsional is not None, rigid), strict=True) if there]
+    given = [
+        w
+        for w, there in zip(ways, (mesh is not None, torsional is not None, rigid), strict=True)
+        if there
+    ]
     offered = [w for w in ways if hasattr(part, w)]
     if len(given) != 1:
-        raise ModelError(f"{what}: {' and '.join(given) or 'none'} given; expected one of {', '.join(offered)}")
+        raise ModelError(
+            f"{what}: {' and '.join(given) or 'none'} given; expected one of {', '.join(offered)}"
+        )
     sense = _SENSES[part.kind]
     ratio, radii = _sizes(what, part)
     cosine = line_of_action(what, part.pressure_angle_deg)
@@ -320,14 +334,20 @@ def _mesh(
         return (1.0 / ratio, sense), k, False
     if radii is None:
         raise ModelError(f"{what}: mesh_stiffness asks for radii, or teeth and module")
-    return (cosine * radii[0], sense * cosine * radii[1]), positive(what, "mesh_stiffness", mesh), True
+    return (
+        (cosine * radii[0], sense * cosine * radii[1]),
+        positive(what, "mesh_stiffness", mesh),
+        True,
+    )
 
 
 def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
     """Return r_b / r_a and, where they are known, the pitch radii in m."""
     given = [key for key in ("ratio", "teeth", "radii") if getattr(part, key) is not None]
     if len(given) != 1:
-        raise ModelError(f"{what}: {' and '.join(given) or 'none'} given; expected one of ratio, teeth, radii")
+        raise ModelError(
+            f"{what}: {' and '.join(given) or 'none'} given; expected one of ratio, teeth, radii"
+        )
     if part.module is not None and part.teeth is None:
         raise ModelError(f"{what}: module goes with teeth")
     if part.ratio is not None:

@@ -12,11 +12,13 @@ __all__ = ["resolve"]
 _SAME = 1e-9  # of the terms of an equation: what is left of them is rounding
 
 
-def resolve(ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()) -> dict[int, dict[int, float]]:
+def resolve(
+    ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()
+) -> dict[int, dict[int, float]]:
     """Return the nodes that follow others, each as a combination of nodes that follow none.
 
-    Gauss-Jordan elimination in the order of the train: the ratios first, then the holds, so that wheels whose ratios
-    contradict each other are told from wheels that a hold stops.
+    Gauss-Jordan elimination in the order of the train: the ratios first, then the holds, so that
+    wheels whose ratios contradict each other are told from wheels that a hold stops.
 
     Parameters
     ----------
@@ -44,8 +46,8 @@ def resolve(ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()
         row = _substituted(dict(zip(tie.nodes, tie.row, strict=True)), known)
         if len(row) == 1 and not tie.anchor:
             raise ModelError(
-                f"{tie.what}: with the rigid ratios before it node {next(iter(row))} cannot turn: their ratios "
-                "contradict each other; correct one, or give one a stiffness"
+                f"{tie.what}: with the rigid ratios before it node {next(iter(row))} cannot turn:"
+                " their ratios contradict each other; correct one, or give one a stiffness"
             )
         _follow(tie.what, row, tie.dependent, kept, known)
     for hold in holds:
@@ -63,13 +65,21 @@ def _substituted(row: dict[int, float], known: dict[int, dict[int, float]]) -> d
     return {node: c for node, c in total.items() if abs(c) > _SAME * size[node]}
 
 
-def _follow(what: str, row: dict[int, float], wanted: int, kept: set[int], known: dict[int, dict[int, float]]) -> None:
+def _follow(
+    what: str,
+    row: dict[int, float],
+    wanted: int,
+    kept: set[int],
+    known: dict[int, dict[int, float]],
+) -> None:
     if not row:
         return
     free = [node for node in row if node not in kept]
     if not free:
         nodes = ", ".join(str(n) for n in sorted(row))
-        raise ModelError(f"{what} ties node {nodes}, all of which are to be kept; leave one out of keep")
+        raise ModelError(
+            f"{what} ties node {nodes}, all of which are to be kept; leave one out of keep"
+        )
     node = wanted if wanted in free else free[-1]
     known[node] = {other: -c / row[node] for other, c in row.items() if other != node}
     for follower, terms in list(known.items()):

@@ -1,7 +1,8 @@
 """What the parts of a drive train come down to: springs, inertias, rigid ratios and holds on rotations of nodes.
 
-A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is positive
-semi-definite and stores no energy in a motion with row . theta = 0. That motion is the rigid ratio of the part.
+A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is
+positive semi-definite and stores no energy in a motion with row . theta = 0. That motion is the
+rigid ratio of the part.
 """
 
 from __future__ import annotations
@@ -119,7 +120,11 @@ def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
     ModelError
         If it is not one, or below `least`.
     """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (least is not None and value < least):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | np.integer)
+        or (least is not None and value < least)
+    ):
         wanted = "a whole number" if least is None else f"a whole number of at least {least}"
         raise ModelError(f"{what}: {name} {value!r}; expected {wanted}")
     return int(value)
@@ -147,11 +152,17 @@ def quantities(what: str, part: Any) -> tuple[float, float]:
     ModelError
         If one is not a number of at least 0.
     """
-    return not_negative(what, "viscous", part.viscous), not_negative(what, "loss_factor", part.loss_factor)
+    return not_negative(what, "viscous", part.viscous), not_negative(
+        what, "loss_factor", part.loss_factor
+    )
 
 
 def relative(
-    what: str, nodes: Sequence[int], row: Sequence[float], housing: int | None, counts: float | None = None
+    what: str,
+    nodes: Sequence[int],
+    row: Sequence[float],
+    housing: int | None,
+    counts: float | None = None,
 ) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Return nodes and row of a deformation seen from a housing that may turn itself.
 
@@ -166,7 +177,8 @@ def relative(
     housing : int or None
         Node of the housing; None: the ground.
     counts : float, optional
-        What the rotation of the housing takes off. None: the sum of `row`, all shafts being parallel to its axis.
+        What the rotation of the housing takes off. None: the sum of `row`, all shafts being
+        parallel to its axis.
 
     Returns
     -------
@@ -230,5 +242,7 @@ def transmission(
     if stiffness is not None:
         return Spring(part.name, every, values, stiffness, viscous, loss, along=along)
     if viscous or loss:
-        raise ModelError(f"{what} is rigid: its damping would have no effect; leave it out or give a stiffness")
+        raise ModelError(
+            f"{what} is rigid: its damping would have no effect; leave it out or give a stiffness"
+        )
     return Tie(what, every, values, every[1])

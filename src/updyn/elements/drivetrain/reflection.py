@@ -1,8 +1,8 @@
 """`reflected`: what each part of a drive train is worth at one of its nodes.
 
-With n_i the speed of a shaft over that of the node, all parts being rigid, a stiffness counts k_i n_i^2 and an inertia
-J_i n_i^2 there, and the stiffness of a row of parts follows from 1/k = sum 1/(k_i n_i^2) (Friswell, Penny, Garvey &
-Lees, Dynamics of Rotating Machines, 2010, section 9.6).
+With n_i the speed of a shaft over that of the node, all parts being rigid, a stiffness counts k_i
+n_i^2 and an inertia J_i n_i^2 there, and the stiffness of a row of parts follows from 1/k = sum
+1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010, section 9.6).
 """
 
 from __future__ import annotations
@@ -42,13 +42,14 @@ class ReflectedPart:
     unit : str
         ``N m/rad``, ``N/m`` (along a line) or ``kg m2``.
     ratio : float or None
-        Of a stiffness the deformation, in rad or m, for 1 rad at the node that all is reflected to while the rest is
-        rigid; of an inertia the speed of its first node over that of the node.
+        Of a stiffness the deformation, in rad or m, for 1 rad at the node that all is reflected to
+        while the rest is rigid; of an inertia the speed of its first node over that of the node.
     value : float or None
-        Worth at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None: there is none (one of
-        several meshes that share a planetary stage's load).
+        Worth at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None:
+        there is none (one of several meshes that share a planetary stage's load).
     share : float or None
-        Of the compliance at the node, or of the inertia there; 0 to 1. None where the node is free to turn.
+        Of the compliance at the node, or of the inertia there; 0 to 1. None where the node is free
+        to turn.
     """
 
     group: str
@@ -72,8 +73,8 @@ class Reflected:
     parts : tuple of ReflectedPart
         Stiffnesses and inertias in the order of the train.
     stiffness : float or None
-        Static stiffness at the node in N m/rad, everything counted; of a plain row of parts that is 1 / sum(1 /
-        value). None: the train is free to turn.
+        Static stiffness at the node in N m/rad, everything counted; of a plain row of parts that is
+        1 / sum(1 / value). None: the train is free to turn.
     inertia : float
         Sum of J n^2, in kg m2.
     ratios : mapping of int to float
@@ -96,7 +97,17 @@ class Reflected:
             for p in self.parts:
                 if p.quantity == quantity:
                     nodes = "-".join(str(n) for n in p.nodes)
-                    lines.append((p.group, nodes, _g(p.own), p.unit, _g(p.ratio), _g(p.value), _percent(p.share)))
+                    lines.append(
+                        (
+                            p.group,
+                            nodes,
+                            _g(p.own),
+                            p.unit,
+                            _g(p.ratio),
+                            _g(p.value),
+                            _percent(p.share),
+                        )
+                    )
             shown = "free to turn" if total is None else _g(total)
             lines.append((f"total {quantity}", "", "", unit, "", shown, ""))
         widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
@@ -124,8 +135,8 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
     Raises
     ------
     ModelError
-        If the node is not there or held, if the ratios to it are not determined (a planetary stage none of whose
-        members is held, separate trains), or as `drivetrain`.
+        If the node is not there or held, if the ratios to it are not determined (a planetary stage
+        none of whose members is held, separate trains), or as `drivetrain`.
     """
     # A shaft's elements are in a row and turn alike: one line of the table stands for them.
     train = assemble([replace(p, n_elements=1) if isinstance(p, Shaft) else p for p in parts], held)
@@ -153,7 +164,9 @@ def _inertia(mass: Mass, n: dict[int, float]) -> float:
 def _mass_row(mass: Mass, n: dict[int, float], total: float) -> ReflectedPart:
     value = _inertia(mass, n)
     own = float(mass.matrix.sum()) if len(mass.nodes) < 3 else float(np.trace(mass.matrix))
-    return ReflectedPart(mass.group, "inertia", mass.nodes, own, "kg m2", n[mass.nodes[0]], value, value / total)
+    return ReflectedPart(
+        mass.group, "inertia", mass.nodes, own, "kg m2", n[mass.nodes[0]], value, value / total
+    )
 
 
 def _spring_row(
@@ -167,10 +180,14 @@ def _spring_row(
     lever = _lever(train, spring, to, n, motion is not None)
     value = None if lever is None else spring.stiffness * lever**2
     unit = "N/m" if spring.along else "N m/rad"
-    return ReflectedPart(spring.group, "stiffness", spring.nodes, spring.stiffness, unit, lever, value, share)
+    return ReflectedPart(
+        spring.group, "stiffness", spring.nodes, spring.stiffness, unit, lever, value, share
+    )
 
 
-def _lever(train: Train, spring: Spring, to: int, n: dict[int, float], resisted: bool) -> float | None:
+def _lever(
+    train: Train, spring: Spring, to: int, n: dict[int, float], resisted: bool
+) -> float | None:
     """Return the deformation of a spring for 1 rad at the node, all other parts being rigid."""
     if resisted:
         others = [_row(train, p) for p in train.springs if p is not spring and p.stiffness]
@@ -181,7 +198,8 @@ def _lever(train: Train, spring: Spring, to: int, n: dict[int, float], resisted:
         theta = np.linalg.lstsq(A, b, rcond=_RIGID)[0]
         if np.abs(A @ theta - b).max() < 1e-6:
             return abs(float(_row(train, spring, scaled=False) @ theta))
-    # One of several ways to the ground, a branch beside the way, or a train that is free: k n^2 of the part itself.
+    # One of several ways to the ground, a branch beside the way, or a train that is free: k n^2 of
+    # the part itself.
     if len(spring.nodes) > 2:
         return None
     return abs(spring.row[0] * n[spring.nodes[0]])
@@ -203,8 +221,9 @@ def _ratios(train: Train, to: int) -> dict[int, float]:
         raise ModelError(f"reflected: node {to} cannot turn; reflect to one that can")
     if motions.shape[1] > 1:
         raise ModelError(
-            f"reflected: with all parts rigid the train has {motions.shape[1]} independent motions, so that its "
-            "ratios are not determined; hold the fixed member of each planetary stage and reflect one train at a time"
+            f"reflected: with all parts rigid the train has {motions.shape[1]} independent motions,"
+            " so that its ratios are not determined; hold the fixed member of each planetary stage"
+            " and reflect one train at a time"
         )
     ratios = motions[:, 0] / here[0]
     ratios[np.abs(ratios) < _RIGID * np.abs(ratios).max()] = 0.0
@@ -233,15 +252,19 @@ def _under_torque(train: Train, to: int) -> NDArray[np.float64] | None:
     load = T[train.nodes.index(to)]
     if not load.any():
         raise ModelError(f"reflected: node {to} is held; reflect to one that can turn")
-    R = np.array([_row(train, p, scaled=False) * np.sqrt(p.stiffness) for p in train.springs if p.stiffness])
+    R = np.array(
+        [_row(train, p, scaled=False) * np.sqrt(p.stiffness) for p in train.springs if p.stiffness]
+    )
     R = R.reshape(-1, len(train.nodes)) @ T
-    # Motions that no spring resists (a branch left free) bear no load; where the load works on one, nothing holds it.
+    # Motions that no spring resists (a branch left free) bear no load; where the load works on one,
+    # nothing holds it.
     size = np.sqrt((R**2).sum(axis=0))
     size[size == 0.0] = 1.0
     loose = sl.null_space(R / size, rcond=_RIGID) if len(R) else np.eye(len(free))
     if np.abs((load / size) @ loose).max(initial=0.0) > 1e-6 * np.abs(load / size).max():
         return None
-    # min |R q|^2 / 2 - load q by least squares on R itself: R^T R would square the condition of a stiff train
+    # min |R q|^2 / 2 - load q by least squares on R itself: R^T R would square the condition of a
+    # stiff train
     half = np.linalg.lstsq((R / size).T, load / size, rcond=_RIGID)[0]
     q = np.linalg.lstsq(R / size, half, rcond=_RIGID)[0] / size
     return np.asarray(T @ q)
@@ -264,7 +287,10 @@ def _null(rows: Sequence[NDArray[np.float64]], n: int) -> NDArray[np.float64]:
 
 
 def _padded(cells: Sequence[str], widths: Sequence[int], left: Sequence[int]) -> str:
-    shown = (c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in enumerate(zip(cells, widths, strict=True)))
+    shown = (
+        c.ljust(w) if i in left else c.rjust(w)
+        for i, (c, w) in enumerate(zip(cells, widths, strict=True))
+    )
     return "  ".join(shown).rstrip()
 
 

@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 
 from updyn.elements._mesh import not_negative, positive
-from updyn.elements.drivetrain.pieces import Hold, Mass, Piece, Spring, Tie, lump, quantities, relative, whole
+from updyn.elements.drivetrain.pieces import (
+    Hold,
+    Mass,
+    Piece,
+    Spring,
+    Tie,
+    lump,
+    quantities,
+    relative,
+    whole,
+)
 from updyn.errors import ModelError, suggest
 
 __all__ = ["Brake", "Coupling", "Ground", "Inertia", "Motor", "Shaft"]
@@ -31,8 +41,8 @@ class Inertia:
     node : int
         Where it sits.
     value : float, optional
-        Moment of inertia about the shaft, in kg m2. Otherwise from the geometry of a disc or a ring, J =
-        pi rho L (D^4 - d^4) / 32:
+        Moment of inertia about the shaft, in kg m2. Otherwise from the geometry of a disc or a
+        ring, J = pi rho L (D^4 - d^4) / 32:
     rho : float, optional
         Density, in kg/m3.
     outer_diameter, inner_diameter : float
@@ -54,7 +64,9 @@ class Inertia:
         what = f"inertia {self.name!r}"
         geometry = {k: getattr(self, k) for k in ("rho", "outer_diameter", "length")}
         if not _one_way(what, "value", self.value, geometry, self.inner_diameter):
-            return [lump(self.name, whole(what, "node", self.node), positive(what, "value", self.value))]
+            return [
+                lump(self.name, whole(what, "node", self.node), positive(what, "value", self.value))
+            ]
         rho, length = positive(what, "rho", self.rho), positive(what, "length", self.length)
         J = rho * length * _polar(what, self.outer_diameter, self.inner_diameter)
         return [lump(self.name, whole(what, "node", self.node), J)]
@@ -64,9 +76,9 @@ class Inertia:
 class Shaft:
     """A shaft in torsion, by its stiffness or by its geometry, with or without mass of its own.
 
-    From geometry k = G I_p / L and J = rho I_p L, I_p = pi (D^4 - d^4) / 32. Its inertia is spread evenly (linear
-    twist in each element, consistent mass: Cook, Malkus, Plesha & Witt 2002, section 11.3). A stepped shaft is a row of
-    shafts.
+    From geometry k = G I_p / L and J = rho I_p L, I_p = pi (D^4 - d^4) / 32. Its inertia is spread
+    evenly (linear twist in each element, consistent mass: Cook, Malkus, Plesha & Witt 2002, section
+    11.3). A stepped shaft is a row of shafts.
 
     Parameters
     ----------
@@ -83,7 +95,8 @@ class Shaft:
     rho : float, optional
         Density in kg/m3; None: massless.
     inertia : float, optional
-        Total moment of inertia in kg m2, spread evenly, of a shaft given by its stiffness; None: massless.
+        Total moment of inertia in kg m2, spread evenly, of a shaft given by its stiffness; None:
+        massless.
     n_elements : int
         Number of equal elements; each adds a node, numbered after all nodes that the train names.
     loss_factor : float
@@ -114,11 +127,16 @@ class Shaft:
         stiffness, J = self._totals(what)
         viscous, loss = quantities(what, self)
         if count > 1 and not J:
-            raise ModelError(f"{what}: {count} elements of a shaft without mass; give rho or inertia, or one element")
+            raise ModelError(
+                f"{what}: {count} elements of a shaft without mass; give rho or inertia, or one"
+                " element"
+            )
         nodes = [ends[0], *(new_node() for _ in range(count - 1)), ends[1]]
         out: list[Piece] = []
         for two in itertools.pairwise(nodes):
-            out.append(Spring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss))
+            out.append(
+                Spring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss)
+            )
             if J:
                 out.append(Mass(self.name, two, J / count * _ELEMENT))
         return out
@@ -127,7 +145,9 @@ class Shaft:
         geometry = {k: getattr(self, k) for k in ("G", "outer_diameter", "length")}
         if not _one_way(what, "stiffness", self.stiffness, geometry, self.inner_diameter):
             if self.rho is not None:
-                raise ModelError(f"{what}: rho goes with the geometry; with a stiffness give inertia")
+                raise ModelError(
+                    f"{what}: rho goes with the geometry; with a stiffness give inertia"
+                )
             J = 0.0 if self.inertia is None else not_negative(what, "inertia", self.inertia)
             return positive(what, "stiffness", self.stiffness), J
         if self.inertia is not None:
@@ -172,14 +192,18 @@ class Coupling:
         what = f"coupling {self.name!r}"
         nodes, row = relative(what, (self.a, self.b), (1.0, -1.0), None)
         k = positive(what, "stiffness", self.stiffness)
-        return [Spring(self.name, nodes, row, k, *quantities(what, self)), *halves(what, self, nodes)]
+        return [
+            Spring(self.name, nodes, row, k, *quantities(what, self)),
+            *halves(what, self, nodes),
+        ]
 
 
 @dataclass(frozen=True, slots=True)
 class Motor:
     """A motor: its rotor, free or locked, and what the drive does to it.
 
-    Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the groups stay.
+    Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the
+    groups stay.
 
     Parameters
     ----------
@@ -215,7 +239,9 @@ class Motor:
         what = f"motor {self.name!r}"
         if self.rotor not in _ROTORS:
             raise ModelError(f"{what}: rotor {self.rotor!r}; {suggest(str(self.rotor), _ROTORS)}")
-        out: list[Piece] = [lump(self.name, whole(what, "node", self.node), positive(what, "inertia", self.inertia))]
+        out: list[Piece] = [
+            lump(self.name, whole(what, "node", self.node), positive(what, "inertia", self.inertia))
+        ]
         if self.rotor == "locked":
             out.append(_lock(what, self))
         return out + _anchors(what, self)
@@ -300,7 +326,9 @@ class Ground:
         what = f"ground {self.name!r}"
         out = _anchors(what, self)
         if not out:
-            raise ModelError(f"{what} has neither stiffness nor viscous damping; give one or leave it out")
+            raise ModelError(
+                f"{what} has neither stiffness nor viscous damping; give one or leave it out"
+            )
         return out
 
 
@@ -313,7 +341,11 @@ def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
         If one is not a number of at least 0.
     """
     sides = zip(nodes, ("inertia_a", "inertia_b"), strict=False)
-    return [lump(part.name, n, J) for n, key in sides if (J := not_negative(what, key, getattr(part, key)))]
+    return [
+        lump(part.name, n, J)
+        for n, key in sides
+        if (J := not_negative(what, key, getattr(part, key)))
+    ]
 
 
 def _lock(what: str, part: Any) -> Piece:
@@ -330,17 +362,29 @@ def _anchors(what: str, part: Any, sprung: bool = True) -> list[Piece]:
         raise ModelError(f"{what}: a loss factor without stiffness has no effect")
     k = 0.0 if part.stiffness is None else positive(what, "stiffness", part.stiffness)
     k = k if sprung else 0.0
-    return [Spring(part.name, nodes, row, k, viscous, loss if k else 0.0, anchor=True)] if k or viscous else []
+    return (
+        [Spring(part.name, nodes, row, k, viscous, loss if k else 0.0, anchor=True)]
+        if k or viscous
+        else []
+    )
 
 
-def _one_way(what: str, name: str, value: float | None, geometry: dict[str, Any], inner: float) -> bool:
+def _one_way(
+    what: str, name: str, value: float | None, geometry: dict[str, Any], inner: float
+) -> bool:
     """Return whether a quantity comes from the geometry, after a check that it comes from one of the two, whole."""
-    given = [key for key, v in geometry.items() if v is not None] + (["inner_diameter"] if inner != 0.0 else [])
+    given = [key for key, v in geometry.items() if v is not None] + (
+        ["inner_diameter"] if inner != 0.0 else []
+    )
     if value is not None and given:
-        raise ModelError(f"{what}: {name} and {', '.join(given)} are given; expected one or the other")
+        raise ModelError(
+            f"{what}: {name} and {', '.join(given)} are given; expected one or the other"
+        )
     missing = [key for key, v in geometry.items() if v is None]
     if value is None and missing:
-        raise ModelError(f"{what}: {', '.join(missing)} missing; expected {name}, or {', '.join(geometry)}")
+        raise ModelError(
+            f"{what}: {', '.join(missing)} missing; expected {name}, or {', '.join(geometry)}"
+        )
     return value is None
 
 
@@ -348,5 +392,7 @@ def _polar(what: str, outer: float | None, inner: float) -> float:
     """Return the polar second moment of area pi (D^4 - d^4) / 32, in m4."""
     D, d = positive(what, "outer_diameter", outer), not_negative(what, "inner_diameter", inner)
     if d >= D:
-        raise ModelError(f"{what}: inner_diameter {d:g} m; expected less than outer_diameter {D:g} m")
+        raise ModelError(
+            f"{what}: inner_diameter {d:g} m; expected less than outer_diameter {D:g} m"
+        )
     return math.pi * (D**4 - d**4) / 32.0

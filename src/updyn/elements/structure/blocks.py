@@ -44,7 +44,9 @@ class Nodes:
         found = self._order[np.minimum(at, len(self._order) - 1)]
         missing = np.asarray(wanted)[self.numbers[found] != wanted]
         if missing.size:
-            near = self.numbers[np.argsort(np.abs(self.numbers - missing.flat[0]), kind="stable")[:3]]
+            near = self.numbers[
+                np.argsort(np.abs(self.numbers - missing.flat[0]), kind="stable")[:3]
+            ]
             raise ModelError(
                 f"{what}: node {missing.flat[0]} is not among the {len(self.numbers)} nodes; "
                 f"nearest: {', '.join(str(n) for n in near)}"
@@ -75,8 +77,12 @@ class Blocks:
     @property
     def used(self) -> NDArray[np.bool_]:
         """Which DOFs have anything at all, shape (m, k, d)."""
-        diagonals = [np.einsum("mii->mi", A) != 0 for A in (self.K, self.M, self.C) if A is not None]
-        return np.asarray(np.logical_or.reduce(diagonals)).reshape(*self.nodes.shape, len(self.axes))
+        diagonals = [
+            np.einsum("mii->mi", A) != 0 for A in (self.K, self.M, self.C) if A is not None
+        ]
+        return np.asarray(np.logical_or.reduce(diagonals)).reshape(
+            *self.nodes.shape, len(self.axes)
+        )
 
 
 def blocks_of(part: Part, nodes: Nodes) -> Iterator[Blocks]:
@@ -97,7 +103,9 @@ def blocks_of(part: Part, nodes: Nodes) -> Iterator[Blocks]:
         step = max(_ENTRIES // (at.shape[1] * len(_axes_of(part))) ** 2, 1)
         for start in range(0, len(at), step):
             some = slice(start, start + step)
-            batch = replace(part, connectivity=part.connectivity[some])  # so that errors name the right element
+            batch = replace(
+                part, connectivity=part.connectivity[some]
+            )  # so that errors name the right element
             yield _elements(what, batch, at[some], nodes.xyz[at[some]])
 
 
@@ -107,7 +115,9 @@ def touch(part: Part, nodes: Nodes, touched: NDArray[np.bool_]) -> None:
         (block,) = blocks_of(part, nodes)
         touched[block.nodes[0]] |= block.used[0]
     else:
-        touched[np.unique(nodes.find(describe(part), part.connectivity))[:, None], _axes_of(part)] = True
+        touched[
+            np.unique(nodes.find(describe(part), part.connectivity))[:, None], _axes_of(part)
+        ] = True
 
 
 def _axes_of(part: Beam | Truss | Shell | Solid) -> tuple[int, ...]:
@@ -119,13 +129,15 @@ def describe(part: Part) -> str:
     return f"{type(part).__name__.lower()} {part.name!r}"
 
 
-def _elements(what: str, part: Beam | Truss | Shell | Solid, at: NDArray[np.intp], xyz: NDArray[np.float64]) -> Blocks:
+def _elements(
+    what: str, part: Beam | Truss | Shell | Solid, at: NDArray[np.intp], xyz: NDArray[np.float64]
+) -> Blocks:
     if isinstance(part, Solid):
         bad = inside_out(xyz)
         if bad is not None:
             raise ModelError(
-                f"{what}: the element of nodes {part.connectivity[bad].tolist()} is turned inside out or has no "
-                "volume: its nodes are not in order, or it is too distorted"
+                f"{what}: the element of nodes {part.connectivity[bad].tolist()} is turned inside"
+                " out or has no volume: its nodes are not in order, or it is too distorted"
             )
         K, M = solid_matrices(xyz, part.E, part.nu, part.rho, part.lumped)
     elif isinstance(part, Shell):

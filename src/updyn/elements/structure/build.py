@@ -41,7 +41,8 @@ def structure(
     parts : iterable of Beam, Truss, Spring, Shell, Solid or PointMass
         What the structure is made of. Parts of the same name form one group.
     links : iterable of RigidLink
-        Nodes that move rigidly with another. A master that no part touches gets the DOFs that the link needs.
+        Nodes that move rigidly with another. A master that no part touches gets the DOFs that the
+        link needs.
     equations : iterable of Equation
         Further ties (multi-point constraints). A DOF on the right that no part touches is taken in.
     grounded : iterable of str, Dof or int
@@ -52,15 +53,16 @@ def structure(
     Returns
     -------
     Model
-        DOFs ``node:X`` to ``node:RZ``, node by node in the order of `nodes`, without those that nothing touches (nodes
-        of solids and trusses have X, Y, Z only) and without those that are held or tied. Its geometry has all nodes,
-        and the edges of the elements as lines.
+        DOFs ``node:X`` to ``node:RZ``, node by node in the order of `nodes`, without those that
+        nothing touches (nodes of solids and trusses have X, Y, Z only) and without those that are
+        held or tied. Its geometry has all nodes, and the edges of the elements as lines.
 
     Raises
     ------
     ModelError
-        If a node is not known, an element has no size, loss factors in a group differ, a DOF is held or tied twice, or
-        a DOF is left without stiffness, mass and damping. If a library is missing; the message says how to install it.
+        If a node is not known, an element has no size, loss factors in a group differ, a DOF is
+        held or tied twice, or a DOF is left without stiffness, mass and damping. If a library is
+        missing; the message says how to install it.
     DofError
         If a DOF that is held or tied is touched by nothing.
     """
@@ -69,7 +71,9 @@ def structure(
         raise ModelError("structure: there are no parts")
     for item in items:
         if not isinstance(item, Part):
-            raise ModelError(f"structure: {item!r}; expected a Beam, Truss, Spring, Shell, Solid or PointMass")
+            raise ModelError(
+                f"structure: {item!r}; expected a Beam, Truss, Spring, Shell, Solid or PointMass"
+            )
     touched = np.zeros((len(table.numbers), 6), dtype=np.bool_)
     for item in items:
         touch(item, table, touched)
@@ -91,7 +95,10 @@ def structure(
 def _nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> Nodes:
     if isinstance(given, Geometry):
         if given.axes is not None:
-            raise ModelError("structure: the nodes have displacement directions of their own; expected global ones")
+            raise ModelError(
+                "structure: the nodes have displacement directions of their own; expected global"
+                " ones"
+            )
         numbers, xyz = given.nodes, given.xyz
     elif isinstance(given, Mapping):
         numbers = whole_numbers(list(given), "structure: nodes", ModelError)
@@ -110,13 +117,20 @@ def _positions(given: Any) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise ModelError(f"structure: expected three numbers for each node ({error})") from error
     if xyz.ndim != 2 or xyz.shape[1] != 3:
-        raise ModelError(f"structure: positions of shape {xyz.shape}; expected three numbers for each node, (n, 3)")
+        raise ModelError(
+            f"structure: positions of shape {xyz.shape}; expected three numbers for each node,"
+            " (n, 3)"
+        )
     return xyz
 
 
 # -- DOFs --------------------------------------------------------------------------------------------------
 def _ties(
-    table: Nodes, geometry: Geometry, links: Sequence[RigidLink], equations: list[Equation], touched: NDArray[np.bool_]
+    table: Nodes,
+    geometry: Geometry,
+    links: Sequence[RigidLink],
+    equations: list[Equation],
+    touched: NDArray[np.bool_],
 ) -> list[Equation]:
     """Return the equations of links and ties; what stands on their right is taken into `touched`."""
     for link in links:
@@ -135,7 +149,9 @@ def _ties(
     return ties
 
 
-def _link(table: Nodes, geometry: Geometry, link: RigidLink, touched: NDArray[np.bool_]) -> list[Equation]:
+def _link(
+    table: Nodes, geometry: Geometry, link: RigidLink, touched: NDArray[np.bool_]
+) -> list[Equation]:
     what = f"rigid link of node {link.master}"
     table.find(what, np.array([link.master]))
     own = touched[table.find(what, link.slaves)]
@@ -147,7 +163,12 @@ def _link(table: Nodes, geometry: Geometry, link: RigidLink, touched: NDArray[np
     out = []
     for pattern in np.unique(own, axis=0):
         alike = link.slaves[(own == pattern).all(axis=1)].tolist()
-        out += rigid_link(geometry, link.master, alike, [d for d, has in zip(DIRECTIONS, pattern, strict=True) if has])
+        out += rigid_link(
+            geometry,
+            link.master,
+            alike,
+            [d for d, has in zip(DIRECTIONS, pattern, strict=True) if has],
+        )
     return out
 
 
@@ -156,7 +177,9 @@ def _dofs(table: Nodes, touched: NDArray[np.bool_]) -> DofSet:
     return DofSet.from_arrays(table.numbers[node], axis)
 
 
-def _held(table: Nodes, touched: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]) -> list[Dof]:
+def _held(
+    table: Nodes, touched: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
+) -> list[Dof]:
     out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
@@ -205,8 +228,8 @@ def _loss_factors(parts: Sequence[Part]) -> dict[str, float]:
             continue
         if loss.setdefault(part.name, part.loss_factor) != part.loss_factor:
             raise ModelError(
-                f"group {part.name!r}: loss factors {loss[part.name]} and {part.loss_factor} in one group; "
-                "use two names"
+                f"group {part.name!r}: loss factors {loss[part.name]} and {part.loss_factor} in one"
+                " group; use two names"
             )
     return loss
 
@@ -214,7 +237,8 @@ def _loss_factors(parts: Sequence[Part]) -> dict[str, float]:
 class _Sum:
     """A sparse sum of symmetric element matrices, merged in pairs of like size.
 
-    The upper half is summed, with half the diagonal, so that the whole is symmetric to the last bit.
+    The upper half is summed, with half the diagonal, so that the whole is symmetric to the last
+    bit.
     """
 
     def __init__(self, n: int) -> None:
@@ -227,7 +251,11 @@ class _Sum:
         if A is None:
             return
         s = at.shape[1]
-        values, rows, columns = A.ravel(), np.repeat(at, s, axis=1).ravel(), np.tile(at, (1, s)).ravel()
+        values, rows, columns = (
+            A.ravel(),
+            np.repeat(at, s, axis=1).ravel(),
+            np.tile(at, (1, s)).ravel(),
+        )
         keep = np.flatnonzero((values != 0.0) & (rows >= 0) & (columns >= rows))
         values, rows, columns = values[keep], rows[keep], columns[keep]
         values[rows == columns] *= 0.5
@@ -240,7 +268,10 @@ class _Sum:
             return
         values, rows, columns = (np.concatenate(some) for some in zip(*self.loose, strict=True))
         self.loose = []
-        weight, matrix = 1, sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(self.n, self.n)))
+        weight, matrix = (
+            1,
+            sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(self.n, self.n))),
+        )
         while self.waiting and self.waiting[-1][0] <= weight:
             more, other = self.waiting.pop()
             weight, matrix = weight + more, other + matrix

@@ -12,7 +12,16 @@ from updyn.dofs import whole_numbers
 from updyn.elements._mesh import not_negative, number, positive
 from updyn.errors import ModelError
 
-__all__ = ["check_name", "connectivity", "floats", "material", "node_number", "six", "store", "vector"]
+__all__ = [
+    "check_name",
+    "connectivity",
+    "floats",
+    "material",
+    "node_number",
+    "six",
+    "store",
+    "vector",
+]
 
 LARGEST_NODE = 10**17  # as of a DOF
 
@@ -49,7 +58,9 @@ def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[
     nodes = np.atleast_2d(whole_numbers(given, f"{what}: connectivity", ModelError))
     if nodes.ndim != 2 or nodes.shape[1] not in widths or not len(nodes):
         expected = " or ".join(f"(m, {k})" for k in widths)
-        raise ModelError(f"{what}: connectivity of shape {nodes.shape}; expected {expected} node numbers")
+        raise ModelError(
+            f"{what}: connectivity of shape {nodes.shape}; expected {expected} node numbers"
+        )
     ordered = np.sort(nodes, axis=1)
     twice = (np.diff(ordered, axis=1) == 0).any(axis=1)
     if twice.any():

@@ -20,7 +20,11 @@ def lines_of(parts: Iterable[Part]) -> NDArray[np.int64]:
         if isinstance(part, Beam | Truss):
             pairs.append(part.connectivity)
         elif isinstance(part, Shell):
-            pairs.append(np.stack([part.connectivity, np.roll(part.connectivity, -1, axis=1)], axis=2).reshape(-1, 2))
+            pairs.append(
+                np.stack(
+                    [part.connectivity, np.roll(part.connectivity, -1, axis=1)], axis=2
+                ).reshape(-1, 2)
+            )
         elif isinstance(part, Solid):
             pairs.append(_outline(part.connectivity))
         elif isinstance(part, Spring) and part.second is not None:
@@ -30,7 +34,11 @@ def lines_of(parts: Iterable[Part]) -> NDArray[np.int64]:
 
 def _outline(solids: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the edges, corner to corner, of the faces that one element only has, shape (n, 2)."""
-    faces = solids[:, np.array(FACES[CORNERS[solids.shape[1]]])].reshape(-1, len(FACES[CORNERS[solids.shape[1]]][0]))
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    faces = solids[:, np.array(FACES[CORNERS[solids.shape[1]]])].reshape(
+        -1, len(FACES[CORNERS[solids.shape[1]]][0])
+    )
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
     outer = faces[first[count == 1]]
     return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)

@@ -50,15 +50,16 @@ class Beam:
     G : float, optional
         Shear modulus in Pa, instead of that of `nu`.
     orientation : array_like of float, shape (3,), optional
-        A vector in the local xy plane, in global components; not parallel to an element. May be left out where both
-        bending planes are alike.
+        A vector in the local xy plane, in global components; not parallel to an element. May be
+        left out where both bending planes are alike.
     loss_factor : float
         Structural loss factor.
 
     Raises
     ------
     ModelError
-        If a number is out of range, or the orientation is missing although the bending planes differ.
+        If a number is out of range, or the orientation is missing although the bending planes
+        differ.
     """
 
     name: str
@@ -73,14 +74,20 @@ class Beam:
 
     def __post_init__(self) -> None:
         what = f"beam {self.name!r}"
-        store(self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self))
+        store(
+            self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self)
+        )
         if not isinstance(self.section, Section):
-            raise ModelError(f"{what}: section {self.section!r}; expected a Section, a rectangle(...) or a tube(...)")
+            raise ModelError(
+                f"{what}: section {self.section!r}; expected a Section, a rectangle(...) or a"
+                " tube(...)"
+            )
         if self.orientation is not None:
             store(self, orientation=vector(what, "orientation", self.orientation))
         elif not self.section.is_round:
             raise ModelError(
-                f"{what}: an orientation (a vector in its local xy plane) is needed, as Iyy and Izz differ"
+                f"{what}: an orientation (a vector in its local xy plane) is needed, as Iyy and Izz"
+                " differ"
             )
 
     @property
@@ -121,7 +128,9 @@ class Truss:
 
     def __post_init__(self) -> None:
         what = f"truss {self.name!r}"
-        store(self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self))
+        store(
+            self, connectivity=connectivity(what, self.connectivity, (2,)), **material(what, self)
+        )
         store(self, A=positive(what, "A", self.A))
 
 
@@ -134,7 +143,8 @@ class Shell:
     name : str
         Group name; parts of the same name form one group.
     connectivity : array_like of int, shape (m, 3) or (m, 4)
-        Node numbers of each element, in order around it. Triangles and quadrilaterals go into two parts of one name.
+        Node numbers of each element, in order around it. Triangles and quadrilaterals go into two
+        parts of one name.
     E, rho : float
         Young's modulus in Pa and density in kg/m3 (0: without mass).
     thickness : float
@@ -160,7 +170,9 @@ class Shell:
 
     def __post_init__(self) -> None:
         what = f"shell {self.name!r}"
-        store(self, connectivity=connectivity(what, self.connectivity, (3, 4)), **material(what, self))
+        store(
+            self, connectivity=connectivity(what, self.connectivity, (3, 4)), **material(what, self)
+        )
         store(self, thickness=positive(what, "thickness", self.thickness))
 
 
@@ -173,8 +185,9 @@ class Solid:
     name : str
         Group name; parts of the same name form one group.
     connectivity : array_like of int, shape (m, 4), (m, 8), (m, 10) or (m, 20)
-        Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio: corners, then the
-        middles of the edges (of hexahedra those of the first face, of the second, and between them).
+        Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio:
+        corners, then the middles of the edges (of hexahedra those of the first face, of the second,
+        and between them).
     E, rho : float
         Young's modulus in Pa and density in kg/m3 (0: without mass).
     nu : float
@@ -200,7 +213,11 @@ class Solid:
 
     def __post_init__(self) -> None:
         what = f"solid {self.name!r}"
-        store(self, connectivity=connectivity(what, self.connectivity, (4, 8, 10, 20)), **material(what, self))
+        store(
+            self,
+            connectivity=connectivity(what, self.connectivity, (4, 8, 10, 20)),
+            **material(what, self),
+        )
         if not self.nu < 0.5:
             raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
         if not isinstance(self.lumped, bool):
@@ -211,7 +228,8 @@ class Solid:
 class Spring:
     """A spring (and damper) between two nodes, or from a node to ground.
 
-    Between nodes apart from each other it acts half-way, on rigid arms: turning the whole does not strain it.
+    Between nodes apart from each other it acts half-way, on rigid arms: turning the whole does not
+    strain it.
 
     Parameters
     ----------
@@ -226,8 +244,9 @@ class Spring:
     viscous : array_like of float, shape (6,)
         Dampers likewise: three in N s/m, three in N m s/rad.
     axes : array_like of float, shape (2, 3), or "line", optional
-        Local x, and a vector in the local xy plane, in global components. None: the global axes. ``"line"``: x from
-        the first to the second node; then only the first and fourth of the six may differ from 0.
+        Local x, and a vector in the local xy plane, in global components. None: the global axes.
+        ``"line"``: x from the first to the second node; then only the first and fourth of the six
+        may differ from 0.
     loss_factor : float
         Structural loss factor.
 
@@ -252,10 +271,20 @@ class Spring:
         if self.second is not None:
             store(self, second=node_number(what, "second", self.second))
             if self.second == self.first:
-                raise ModelError(f"{what}: both ends are node {self.first}; leave second out for a spring to ground")
-        store(self, stiffness=six(what, "stiffness", self.stiffness), viscous=six(what, "viscous", self.viscous))
+                raise ModelError(
+                    f"{what}: both ends are node {self.first}; leave second out for a spring to"
+                    " ground"
+                )
+        store(
+            self,
+            stiffness=six(what, "stiffness", self.stiffness),
+            viscous=six(what, "viscous", self.viscous),
+        )
         if not self.stiffness.any() and not self.viscous.any():
-            raise ModelError(f"{what} has neither stiffness nor viscous damping; give one above 0 or leave it out")
+            raise ModelError(
+                f"{what} has neither stiffness nor viscous damping; give one above 0 or leave"
+                " it out"
+            )
         store(self, loss_factor=not_negative(what, "loss_factor", self.loss_factor))
         self._check_axes(what)
 
@@ -264,19 +293,29 @@ class Spring:
             return
         if isinstance(self.axes, str):
             if self.axes != "line":
-                raise ModelError(f"{what}: axes {self.axes!r}; expected 'line', two vectors, or nothing (global axes)")
+                raise ModelError(
+                    f"{what}: axes {self.axes!r}; expected 'line', two vectors, or nothing (global"
+                    " axes)"
+                )
             if self.second is None:
                 raise ModelError(f"{what}: axes 'line' needs a second node")
             across = np.array([1, 2, 4, 5])
-            if np.any(np.asarray(self.stiffness)[across]) or np.any(np.asarray(self.viscous)[across]):
-                raise ModelError(f"{what}: axes 'line' leaves y and z open; give two vectors for stiffness across it")
+            if np.any(np.asarray(self.stiffness)[across]) or np.any(
+                np.asarray(self.viscous)[across]
+            ):
+                raise ModelError(
+                    f"{what}: axes 'line' leaves y and z open; give two vectors for stiffness"
+                    " across it"
+                )
             return
         pair = floats(what, "axes", self.axes)
         if pair.shape != (2, 3):
             raise ModelError(f"{what}: axes of shape {pair.shape}; expected two vectors, (2, 3)")
         x, v = pair
         if np.linalg.norm(np.cross(x, v)) <= _ALIKE * np.linalg.norm(x) * np.linalg.norm(v):
-            raise ModelError(f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane")
+            raise ModelError(
+                f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane"
+            )
         store(self, axes=pair)
 
 
@@ -293,8 +332,8 @@ class PointMass:
     mass : float
         In kg.
     inertia : array_like of float, shape (3,) or (3, 3)
-        About the centre of the mass, along global axes, in kg m2: the three moments, or the tensor (its off-diagonal
-        entries are minus the products of inertia).
+        About the centre of the mass, along global axes, in kg m2: the three moments, or the tensor
+        (its off-diagonal entries are minus the products of inertia).
     offset : array_like of float, shape (3,)
         From the node to the centre of the mass, in global components, in m.
 
@@ -313,12 +352,19 @@ class PointMass:
     def __post_init__(self) -> None:
         what = f"mass {self.name!r}"
         check_name(what, self.name)
-        store(self, node=node_number(what, "node", self.node), mass=not_negative(what, "mass", self.mass))
+        store(
+            self,
+            node=node_number(what, "node", self.node),
+            mass=not_negative(what, "mass", self.mass),
+        )
         tensor = floats(what, "inertia", self.inertia)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0):
-            raise ModelError(f"{what}: inertia {self.inertia!r}; expected three moments or a symmetric (3, 3) tensor")
+            raise ModelError(
+                f"{what}: inertia {self.inertia!r}; expected three moments or a symmetric (3, 3)"
+                " tensor"
+            )
         if np.linalg.eigvalsh(tensor)[0] < -_ALIKE * np.abs(tensor).max():
             raise ModelError(f"{what}: inertia {self.inertia!r} is negative about some axis")
         offset = floats(what, "offset", self.offset)
@@ -359,13 +405,19 @@ class RigidLink:
             raise ModelError(f"{what}: slaves {self.slaves!r}; expected at least one node number")
         store(self, master=node_number(what, "master", self.master), slaves=slaves)
         if self.directions is not None:
-            wanted = self.directions.split() if isinstance(self.directions, str) else self.directions
+            wanted = (
+                self.directions.split() if isinstance(self.directions, str) else self.directions
+            )
             if not isinstance(wanted, Iterable):
-                raise ModelError(f"{what}: directions {wanted!r}; expected some of {' '.join(DIRECTIONS)}")
+                raise ModelError(
+                    f"{what}: directions {wanted!r}; expected some of {' '.join(DIRECTIONS)}"
+                )
             wanted = tuple(wanted)
             for name in wanted:
                 if name not in DIRECTIONS:
-                    raise ModelError(f"{what}: direction {name!r}; {suggest(str(name), DIRECTIONS)}")
+                    raise ModelError(
+                        f"{what}: direction {name!r}; {suggest(str(name), DIRECTIONS)}"
+                    )
             store(self, directions=tuple(wanted))
 
 

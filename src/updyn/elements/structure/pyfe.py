@@ -2,12 +2,13 @@
 
 What has to be known of it (version 0.11; each point has a test):
 
-- Every property is 0 until it is set: A, Iyy, Izz, the shear modulus; the densities ``intrho...`` too, apart from A, I.
+- Every property is 0 until it is set: A, Iyy, Izz, the shear modulus; the densities ``intrho...``
+  too, apart from A, I.
 - The orientation vector of a beam lies in its local xy plane; Izz bends it there.
 - No shear coefficient is applied: it goes into G12 and G13, and then G J has to be set by itself.
 - Values are added to what the arrays hold, so that they have to start at 0.
-- Four-node shells have a shear strain at the centre only, and with it two motions without energy too many: here their
-  shear stiffness is left out and comes from `updyn.elements.structure.shells`.
+- Four-node shells have a shear strain at the centre only, and with it two motions without energy
+  too many: here their shear stiffness is left out and comes from `updyn.elements.structure.shells`.
 - Warped quadrilaterals are strained by a turn of the whole: here only flat ones are asked for.
 """
 
@@ -23,7 +24,9 @@ from updyn.errors import ModelError
 
 __all__ = ["beam_matrices", "plate_matrices", "truss_matrices"]
 
-_RIGID_IN_SHEAR = 1e10  # shear modulus over E that stands for none: its flexibility is lost in rounding
+_RIGID_IN_SHEAR = (
+    1e10  # shear modulus over E that stands for none: its flexibility is lost in rounding
+)
 _INDEX = np.dtype("l")  # C long, which pyfe3d takes for indices
 
 
@@ -33,15 +36,20 @@ def _library() -> Any:
         import pyfe3d.beamprop
         import pyfe3d.shellprop_utils
     except ImportError as error:
-        raise ModelError('beams, trusses and shells need pyfe3d: pip install "updyn[structures]"') from error
+        raise ModelError(
+            'beams, trusses and shells need pyfe3d: pip install "updyn[structures]"'
+        ) from error
     return pyfe3d
 
 
-def beam_matrices(part: Beam, ends: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def beam_matrices(
+    part: Beam, ends: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of beams, each shape (m, 12, 12), in N/m, N, N m and kg, kg m, kg m2.
 
-    Timoshenko beams with the displacement functions of static equilibrium (Luo, Adv. Theor. Appl. Mech. 1 (2008) 95;
-    Petyt, Introduction to Finite Element Vibration Analysis, 2nd ed. 2010, section 3.9).
+    Timoshenko beams with the displacement functions of static equilibrium (Luo, Adv. Theor. Appl.
+    Mech. 1 (2008) 95; Petyt, Introduction to Finite Element Vibration Analysis, 2nd ed. 2010,
+    section 3.9).
 
     Parameters
     ----------
@@ -70,7 +78,9 @@ def beam_matrices(part: Beam, ends: NDArray[np.float64]) -> tuple[NDArray[np.flo
     return _collect(element, prop, fe.BeamCData(), place, len(ends), 12)
 
 
-def truss_matrices(part: Truss, ends: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def truss_matrices(
+    part: Truss, ends: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in N/m and kg; no stiffness against turning.
 
     Parameters
@@ -96,11 +106,13 @@ def truss_matrices(part: Truss, ends: NDArray[np.float64]) -> tuple[NDArray[np.f
     return K[:, moved[:, None], moved], M[:, moved[:, None], moved]
 
 
-def plate_matrices(part: Shell, local: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def plate_matrices(
+    part: Shell, local: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of flat shells in their own plane, each shape (m, 6 k, 6 k).
 
-    First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989). Triangles have the
-    transverse shear of the discrete shear gap; quadrilaterals have none here.
+    First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
+    Triangles have the transverse shear of the discrete shear gap; quadrilaterals have none here.
 
     Parameters
     ----------
@@ -113,7 +125,9 @@ def plate_matrices(part: Shell, local: NDArray[np.float64]) -> tuple[NDArray[np.
     try:
         prop = fe.shellprop_utils.isotropic_plate(part.thickness, part.E, part.nu, rho=part.rho)
     except ValueError as error:
-        raise ModelError(f"shell {part.name!r}: thickness, E and nu give no plate ({error})") from error
+        raise ModelError(
+            f"shell {part.name!r}: thickness, E and nu give no plate ({error})"
+        ) from error
     count, k = local.shape[:2]
     if k == 4:
         prop.A44 = prop.A45 = prop.A55 = 0.0
@@ -148,8 +162,8 @@ def orientations(part: Beam, ends: NDArray[np.float64]) -> NDArray[np.float64]:
     if parallel.any():
         at = int(np.flatnonzero(parallel)[0])
         raise ModelError(
-            f"beam {part.name!r}: the orientation {part.orientation.tolist()} is parallel to the element "
-            f"of nodes {part.connectivity[at].tolist()}; expected a vector across it"
+            f"beam {part.name!r}: the orientation {part.orientation.tolist()} is parallel to the"
+            f" element of nodes {part.connectivity[at].tolist()}; expected a vector across it"
         )
     return np.tile(v, (len(ends), 1))
 

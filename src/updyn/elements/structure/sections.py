@@ -20,13 +20,15 @@ class Section:
     A : float
         Area in m2.
     Iyy, Izz : float
-        Second moments of area about the local y and z axes, in m4: the integrals of z^2 and of y^2. Izz bends the beam
-        in its local xy plane (the plane of the orientation vector), Iyy in its xz plane. The mass turns about x with
-        rho (Iyy + Izz) per length.
+        Second moments of area about the local y and z axes, in m4: the integrals of z^2 and of y^2.
+        Izz bends the beam in its local xy plane (the plane of the orientation vector), Iyy in its
+        xz plane. The mass turns about x with rho (Iyy + Izz) per length.
     J : float
-        Torsion constant in m4: the torsional stiffness is G J. Only for round sections it is Iyy + Izz.
+        Torsion constant in m4: the torsional stiffness is G J. Only for round sections it is Iyy +
+        Izz.
     shear_y, shear_z : float, optional
-        Effective over true shear area along local y and z. None: no shear deformation (Euler-Bernoulli).
+        Effective over true shear area along local y and z. None: no shear deformation
+        (Euler-Bernoulli).
 
     Raises
     ------
@@ -69,8 +71,8 @@ def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
     Returns
     -------
     Section
-        J by the series of Timoshenko & Goodier (Theory of Elasticity, 3rd ed. 1970, section 109), shear coefficient
-        10 (1 + nu) / (12 + 11 nu) (Cowper, J. Applied Mechanics 33 (1966) 335).
+        J by the series of Timoshenko & Goodier (Theory of Elasticity, 3rd ed. 1970, section 109),
+        shear coefficient 10 (1 + nu) / (12 + 11 nu) (Cowper, J. Applied Mechanics 33 (1966) 335).
 
     Raises
     ------
@@ -107,7 +109,10 @@ def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
     """
     D, d = positive("tube", "outer", outer), number("tube", "inner", inner)
     if not 0 <= d < D:
-        raise ModelError(f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one, {outer!r} m")
+        raise ModelError(
+            f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one,"
+            f" {outer!r} m"
+        )
     v, m = _poisson("tube", nu), (d / D) ** 2
     kappa = 6 * (1 + v) * (1 + m) ** 2 / ((7 + 6 * v) * (1 + m) ** 2 + (20 + 12 * v) * m)
     second = math.pi * (D * D + d * d) * (D * D - d * d) / 64

@@ -1,9 +1,10 @@
 """Flat shells in space: frames of their own, warped quadrilaterals, and the transverse shear of four-node shells.
 
-Membrane, bending and drilling come from pyfe3d. Of four-node shells the transverse shear is that of Dvorkin & Bathe,
-Engineering Computations 1 (1984) 77-88 (MITC4): tied at the middles of the edges, free of locking and of motions
-without energy. A node that stands off the mean plane of its quadrilateral is carried by a rigid arm along the normal,
-so that turning the whole does not strain it (MacNeal, Finite Elements: Their Design and Performance, 1994, ch. 10).
+Membrane, bending and drilling come from pyfe3d. Of four-node shells the transverse shear is that of
+Dvorkin & Bathe, Engineering Computations 1 (1984) 77-88 (MITC4): tied at the middles of the edges,
+free of locking and of motions without energy. A node that stands off the mean plane of its
+quadrilateral is carried by a rigid arm along the normal, so that turning the whole does not strain
+it (MacNeal, Finite Elements: Their Design and Performance, 1994, ch. 10).
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _WARPED = 0.1  # of the size: beyond it flat elements are a poor choice
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-def shell_matrices(part: Shell, xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def shell_matrices(
+    part: Shell, xyz: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of shells, each shape (m, 6 k, 6 k) with k of 3 or 4 nodes.
 
     Parameters
@@ -84,9 +87,12 @@ def _areas(part: Shell, local: NDArray[np.float64]) -> NDArray[np.float64]:
         bad = (corner <= 0).any(axis=1)
         if bad.any():
             raise ModelError(
-                f"{_which(part, int(np.argmax(bad)))} is not convex, or its nodes are not in order around it"
+                f"{_which(part, int(np.argmax(bad)))} is not convex, or its nodes are not in order"
+                " around it"
             )
-    return np.asarray(0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)))
+    return np.asarray(
+        0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
+    )
 
 
 def _which(part: Shell, at: int) -> str:
@@ -96,8 +102,9 @@ def _which(part: Shell, at: int) -> str:
 def _check_warp(part: Shell, warp: NDArray[np.float64]) -> None:
     if warp.max() > _WARPED:
         warnings.warn(
-            f"{_which(part, int(np.argmax(warp)))} is warped: a node stands {warp.max():.0%} of its size off the plane "
-            f"({int((warp > _WARPED).sum())} such); two triangles, or a finer mesh, would follow the surface better",
+            f"{_which(part, int(np.argmax(warp)))} is warped: a node stands {warp.max():.0%} of its"
+            f" size off the plane ({int((warp > _WARPED).sum())} such); two triangles, or a finer"
+            " mesh, would follow the surface better",
             UpdynWarning,
             stacklevel=2,
         )
@@ -149,4 +156,9 @@ def _covariant(xy: NDArray[np.float64], axis: int, at: tuple[float, float]) -> N
 
 def _gradients(p: float, q: float) -> NDArray[np.float64]:
     """Return the derivatives of the four bilinear functions by both coordinates, shape (2, 4)."""
-    return np.stack([_CORNERS[:, 0] * (1 + _CORNERS[:, 1] * q), _CORNERS[:, 1] * (1 + _CORNERS[:, 0] * p)]) / 4
+    return (
+        np.stack(
+            [_CORNERS[:, 0] * (1 + _CORNERS[:, 1] * q), _CORNERS[:, 1] * (1 + _CORNERS[:, 0] * p)]
+        )
+        / 4
+    )

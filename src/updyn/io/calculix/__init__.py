@@ -1,8 +1,8 @@
 """CalculiX: a deck of solids is run by ``ccx``, which writes K and M; each material becomes a group.
 
-The program gives the sums only, so the deck is run once as it stands and once for each material with its modulus and
-density doubled (`updyn.io.differences`). Springs and point masses are groups of their own, by element set. ``ccx`` is
-not part of updyn; it has to be installed.
+The program gives the sums only, so the deck is run once as it stands and once for each material
+with its modulus and density doubled (`updyn.io.differences`). Springs and point masses are groups
+of their own, by element set. ``ccx`` is not part of updyn; it has to be installed.
 """
 
 from updyn.io.calculix.reading import read_model

@@ -37,14 +37,22 @@ _STRUCTURE = (
 )
 #: Says nothing of stiffness and mass.
 _IDLE = ("AMPLITUDE", "TIME POINTS", "PHYSICAL CONSTANTS", "INITIAL CONDITIONS", "PREPRINT")
-_EXPANDED = "beams and shells are expanded into solids with hidden nodes, whose DOFs are not those of the deck"
+_EXPANDED = (
+    "beams and shells are expanded into solids with hidden nodes, whose DOFs are not those of the"
+    " deck"
+)
 _REFUSED = {
     "DISTRIBUTING": "its reference node has no place in the matrices; use *KINEMATIC or *EQUATION",
-    "DISTRIBUTING COUPLING": "its reference node has no place in the matrices; use *COUPLING or *EQUATION",
+    "DISTRIBUTING COUPLING": (
+        "its reference node has no place in the matrices; use *COUPLING or *EQUATION"
+    ),
     "CONTACT PAIR": "contact is not linear; use *TIE where the faces stick together",
     "SURFACE INTERACTION": "contact is not linear; use *TIE where the faces stick together",
     "GAP": "contact is not linear",
-    "DASHPOT": "dashpots stand in no matrix that ccx writes; leave them out and add their damping to the model later",
+    "DASHPOT": (
+        "dashpots stand in no matrix that ccx writes; leave them out and add their damping to the"
+        " model later"
+    ),
     "CYCLIC SYMMETRY MODEL": "the matrices of a sector are not those of the whole; model the whole",
     "SUBMODEL": "a submodel has no boundary of its own",
     "RESTART": "a deck that goes on from another is not complete",
@@ -66,14 +74,17 @@ def check_model(model: Sequence[Card]) -> None:
     Raises
     ------
     FormatError
-        For the first such card: file, line, why, and the nearest keyword where it is not known at all.
+        For the first such card: file, line, why, and the nearest keyword where it is not known at
+        all.
     """
     known = (*_STRUCTURE, *LINEAR, *_IDLE)
     below = False  # a *MATERIAL
     for card in model:
         below = card.name == "MATERIAL" or (below and card.name in (*LINEAR, *NONLINEAR))
         if card.name in NONLINEAR:
-            raise card.error(f"*{card.name}: only linear elastic materials (*ELASTIC) are read; leave it out")
+            raise card.error(
+                f"*{card.name}: only linear elastic materials (*ELASTIC) are read; leave it out"
+            )
         if card.name in _REFUSED:
             raise card.error(f"*{card.name} is not read: {_REFUSED[card.name]}")
         if card.name not in known:
@@ -102,8 +113,9 @@ def _check_boundary(card: Card) -> None:
 def storage_deck(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
     """Return the cards of the model, and the lines of the step that has ``ccx`` write its matrices.
 
-    Supports that stand in the deck's first ``*FREQUENCY`` step, or in its first step if it has no such, are taken
-    along; all else that stands in steps (loads, output) has no part in the matrices.
+    Supports that stand in the deck's first ``*FREQUENCY`` step, or in its first step if it has no
+    such, are taken along; all else that stands in steps (loads, output) has no part in the
+    matrices.
 
     Parameters
     ----------
@@ -120,11 +132,13 @@ def storage_deck(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
         If that step builds on another (preload), or a support is not one.
     """
     model, steps = split_steps(cards)
-    chosen = next((s for s in steps if any(c.name == "FREQUENCY" for c in s)), steps[0] if steps else [])
+    chosen = next(
+        (s for s in steps if any(c.name == "FREQUENCY" for c in s)), steps[0] if steps else []
+    )
     if chosen and chosen is not steps[0] and "PERTURBATION" in chosen[0].parameters:
         raise chosen[0].error(
-            "*STEP, PERTURBATION after another step: stiffness by preload belongs to no material; leave PERTURBATION "
-            "out or move the step to the front"
+            "*STEP, PERTURBATION after another step: stiffness by preload belongs to no material;"
+            " leave PERTURBATION out or move the step to the front"
         )
     lines = list(STORAGE[:1])
     for card in chosen:

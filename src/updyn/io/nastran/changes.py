@@ -34,7 +34,9 @@ class Revision:
 
     def cards(self, cards: Iterable[Card], added: Iterable[Card] | None = None) -> list[Card]:
         """Return cards of a deck as they are after this; `added` stands in for those that are new."""
-        return [self.replaced.get(card, card) for card in cards] + list(self.added if added is None else added)
+        return [self.replaced.get(card, card) for card in cards] + list(
+            self.added if added is None else added
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +57,14 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     deck : Deck
         The deck.
     changes : mapping of str to mapping of str to float
-        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what the deck has, ``loss_factor`` is the new
-        value (PARAM,G of the deck counts as part of it).
+        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what the deck has,
+        ``loss_factor`` is the new value (PARAM,G of the deck counts as part of it).
 
     Returns
     -------
     Revision
-        A material that other groups use too is copied under a new number, to which the property then points.
+        A material that other groups use too is copied under a new number, to which the property
+        then points.
 
     Raises
     ------
@@ -89,7 +92,9 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
                 out.replaced[material] = scaled
                 continue
             out.added.append(scaled.with_fields({0: str(next_number)}))
-            new = new.with_fields({i: str(next_number) for i in materials_of(card) if card.integer(i) == number})
+            new = new.with_fields(
+                {i: str(next_number) for i in materials_of(card) if card.integer(i) == number}
+            )
             next_number += 1
         if new != card:
             out.replaced[card] = new
@@ -116,7 +121,9 @@ def loss_factor_of(deck: Deck, name: str) -> float:
         elif holder.name == "PBUSH":
             found.add(0.0)
     if len(found) > 1:
-        raise card.error(f"group {name}: loss factors {', '.join(f'{g:g}' for g in sorted(found))}; expected one")
+        raise card.error(
+            f"group {name}: loss factors {', '.join(f'{g:g}' for g in sorted(found))}; expected one"
+        )
     return (found.pop() if found else 0.0) + deck.parameter("G", 0.0)
 
 
@@ -144,7 +151,8 @@ def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _A
     for quantity in change:
         if quantity not in _QUANTITIES:
             raise ModelError(
-                f"group {name!r}: no quantity {quantity!r} in a deck; expected stiffness, mass, viscous or loss_factor"
+                f"group {name!r}: no quantity {quantity!r} in a deck; expected stiffness, mass,"
+                " viscous or loss_factor"
             )
     stiffness, mass, viscous = (float(change.get(q, 1.0)) for q in ("stiffness", "mass", "viscous"))
     if viscous != 1.0 and not values(card).viscous:
@@ -160,8 +168,8 @@ def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _A
     loss = float(change["loss_factor"]) - common
     if loss < -1e-12:
         raise ModelError(
-            f"group {name!r}: loss factor {change['loss_factor']:g} is below PARAM,G of the deck, {common:g}, which "
-            "all groups have"
+            f"group {name!r}: loss factor {change['loss_factor']:g} is below PARAM,G of the deck,"
+            f" {common:g}, which all groups have"
         )
     return _Asked(stiffness, mass, viscous, max(loss, 0.0))
 
@@ -183,7 +191,11 @@ def _changed(card: Card, laid_out: Card, asked: _Asked) -> Card:
         (fields.viscous, asked.viscous),
     ):
         if factor != 1.0:
-            new |= {at: text_of(laid_out.real(at) * factor, _WIDTH) for at in places if laid_out.text(at)}
+            new |= {
+                at: text_of(laid_out.real(at) * factor, _WIDTH)
+                for at in places
+                if laid_out.text(at)
+            }
     if asked.loss is not None:
         new |= {at: text_of(asked.loss, _WIDTH) for at in fields.loss}
     return laid_out.with_fields(new) if new else card

@@ -1,7 +1,7 @@
 """A Nastran deck: its cards by kind, checked against each other, and its groups (one a property).
 
-The groups are called by card and number: ``PSHELL 3``, ``PBAR 12``, and ``CONM2 9``, ``CELAS2 4`` for elements that are
-their own property.
+The groups are called by card and number: ``PSHELL 3``, ``PBAR 12``, and ``CONM2 9``, ``CELAS2 4``
+for elements that are their own property.
 """
 
 from __future__ import annotations
@@ -14,7 +14,16 @@ from pathlib import Path
 
 from updyn.errors import FormatError, suggest
 from updyn.io.nastran.cards import Card, Line, lines_of, parse
-from updyn.io.nastran.kinds import ELEMENTS, LOADS, MATERIALS, OWN, PROPERTIES, TIES, materials_of, values
+from updyn.io.nastran.kinds import (
+    ELEMENTS,
+    LOADS,
+    MATERIALS,
+    OWN,
+    PROPERTIES,
+    TIES,
+    materials_of,
+    values,
+)
 
 __all__ = ["Deck", "read_deck"]
 
@@ -107,7 +116,9 @@ class Deck:
             If there is none; the nearest names are given.
         """
         if name not in self.groups:
-            raise FormatError(f"no group {name!r} in the deck; {suggest(name, self.groups)}", self.path)
+            raise FormatError(
+                f"no group {name!r} in the deck; {suggest(name, self.groups)}", self.path
+            )
         return self.groups[name]
 
     def parameter(self, name: str, default: float) -> float:
@@ -121,25 +132,35 @@ class Deck:
         Raises
         ------
         FormatError
-            If subcases select different sets, the set is not there, or there are sets and none is selected.
+            If subcases select different sets, the set is not there, or there are sets and none is
+            selected.
         """
         kinds = {"SPC": ("SPC", "SPC1", "SPCADD"), "MPC": ("MPC", "MPCADD")}[what]
         sets = {card.integer(0) for card in self.named(*kinds)}
         option = f"{what.lower()}="
-        lines = [(m, line) for line in self.case if (m := _SELECTED.match(line.text)) and m[1].upper() == what]
+        lines = [
+            (m, line)
+            for line in self.case
+            if (m := _SELECTED.match(line.text)) and m[1].upper() == what
+        ]
         chosen = {m[2] for m, _ in lines} if given is None else {str(given)}
         if len(chosen) > 1:
-            raise lines[-1][1].error(f"{what} sets {', '.join(sorted(chosen))} in one deck; say which with {option}")
+            raise lines[-1][1].error(
+                f"{what} sets {', '.join(sorted(chosen))} in one deck; say which with {option}"
+            )
         if not chosen:
             if sets:
                 raise FormatError(
-                    f"{what} sets {_list(sets)}, but case control selects none; say which with {option} (0 for none)",
+                    f"{what} sets {_list(sets)}, but case control selects none; say which with"
+                    f" {option} (0 for none)",
                     self.path,
                 )
             return 0
         number = chosen.pop()
         if not number.isdecimal() or (int(number) and int(number) not in sets):
-            raise FormatError(f"no {what} set {number}; there are: {_list(sets) or 'none'}", self.path)
+            raise FormatError(
+                f"no {what} set {number}; there are: {_list(sets) or 'none'}", self.path
+            )
         return int(number)
 
 
@@ -151,7 +172,8 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
     path : path
         The main file: a whole deck, or bulk data alone.
     ignore : iterable of str, optional
-        Names of cards to leave out although they may change the structure. None: all that are not known.
+        Names of cards to leave out although they may change the structure. None: all that are not
+        known.
 
     Returns
     -------
@@ -161,8 +183,8 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
     Raises
     ------
     FormatError
-        If an included file is missing, a card is not known, or one points to what is not there; the message says file
-        and line.
+        If an included file is missing, a card is not known, or one points to what is not there; the
+        message says file and line.
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
@@ -173,7 +195,8 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
             continue
         if card.name not in _KNOWN and card.name not in left_out:
             raise card.error(
-                f"card {card.name} is not known and may change the structure; {suggest(card.name, _KNOWN)} "
+                f"card {card.name} is not known and may change the structure;"
+                f" {suggest(card.name, _KNOWN)} "
                 f'(to leave it out: ignore=["{card.name}"])'
             )
         if card.name not in LOADS and card.name not in left_out:
@@ -186,7 +209,10 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
 def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
     start = next((i for i, line in enumerate(lines) if _BULK.match(line.text)), None)
     case, bulk = ([], lines) if start is None else (lines[:start], lines[start + 1 :])
-    end = next((i for i, line in enumerate(bulk) if line.text.strip().upper().startswith("ENDDATA")), len(bulk))
+    end = next(
+        (i for i, line in enumerate(bulk) if line.text.strip().upper().startswith("ENDDATA")),
+        len(bulk),
+    )
     return case, bulk[:end]
 
 
@@ -194,7 +220,9 @@ def _single(card: Card) -> list[Card]:
     n = _DOUBLE.get(card.name)
     if n is None or len(card.fields) <= n:
         return [card]
-    return [Card(card.name, card.fields[i : i + n], card.lines) for i in range(0, len(card.fields), n)]
+    return [
+        Card(card.name, card.fields[i : i + n], card.lines) for i in range(0, len(card.fields), n)
+    ]
 
 
 def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
@@ -219,32 +247,42 @@ def _near(number: int, known: Mapping[int, Card]) -> str:
 
 def _check(deck: Deck) -> None:
     if not deck.grids and not deck.points:
-        raise FormatError("no GRID card: not a deck, or bulk data that belongs to another file", deck.path)
+        raise FormatError(
+            "no GRID card: not a deck, or bulk data that belongs to another file", deck.path
+        )
     places = deck.grids | deck.points
     for card in deck.elements:
         kinds = ELEMENTS[card.name].properties
         number = card.integer(1, card.integer(0)) if kinds else 0
         if kinds and number not in deck.properties:
-            raise card.error(f"{card.name} {card.text(0)}: no property {number}; {_near(number, deck.properties)}")
+            raise card.error(
+                f"{card.name} {card.text(0)}: no property {number};"
+                f" {_near(number, deck.properties)}"
+            )
         if kinds and (found := deck.properties[number]).name not in kinds:
             raise card.error(
-                f"{card.name} {card.text(0)}: property {number} is a {found.name}; expected {' or '.join(kinds)}"
+                f"{card.name} {card.text(0)}: property {number} is a {found.name}; expected"
+                f" {' or '.join(kinds)}"
             )
         for node in deck.nodes_of(card):
             if node and node not in places:
-                raise card.error(f"{card.name} {card.text(0)}: no grid {node}; {_near(node, deck.grids)}")
+                raise card.error(
+                    f"{card.name} {card.text(0)}: no grid {node}; {_near(node, deck.grids)}"
+                )
     for card in deck.groups.values():
         values(card)
         for field in materials_of(card):
             if (number := card.integer(field)) not in deck.materials:
                 raise card.error(
-                    f"{card.name} {card.text(0)}: no material {number} among {', '.join(MATERIALS)}; "
-                    + _near(number, deck.materials)
+                    f"{card.name} {card.text(0)}: no material {number} among"
+                    f" {', '.join(MATERIALS)}; " + _near(number, deck.materials)
                 )
     for card in deck.named(*TIES):
         for field, node in _tied(card):
             if node not in places:
-                raise card.error(f"{card.name}: field {field + 2} names grid {node}; {_near(node, places)}")
+                raise card.error(
+                    f"{card.name}: field {field + 2} names grid {node}; {_near(node, places)}"
+                )
 
 
 def _tied(card: Card) -> list[tuple[int, int]]:

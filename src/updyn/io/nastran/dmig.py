@@ -1,8 +1,8 @@
 """DMIG: matrices by grid and component, as Nastran punches them (``.pch``) and reads them.
 
-The header card (``DMIG, NAME, 0, IFO, TIN, TOUT, ...``) says the form, 1 square, 6 symmetric (one triangle is enough)
-or 9 rectangular, and the type, 1 real single or 2 real double precision; the column cards hold entries by grid and
-component (MSC Nastran Quick Reference Guide, DMIG).
+The header card (``DMIG, NAME, 0, IFO, TIN, TOUT, ...``) says the form, 1 square, 6 symmetric (one
+triangle is enough) or 9 rectangular, and the type, 1 real single or 2 real double precision; the
+column cards hold entries by grid and component (MSC Nastran Quick Reference Guide, DMIG).
 """
 
 from __future__ import annotations
@@ -81,7 +81,10 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
             raise card.error(f"DMIG: field 2 is {name!r}; expected a name")
         if card.text(1) == "0":
             if name in headers:
-                raise card.error(f"DMIG {name}: a second header; the first is on line {headers[name].lines[0].number}")
+                raise card.error(
+                    f"DMIG {name}: a second header; the first is on line"
+                    f" {headers[name].lines[0].number}"
+                )
             headers[name] = card
             _check_header(card)
         else:
@@ -103,7 +106,11 @@ def _check_header(card: Card) -> None:
     if form not in (_SQUARE, _SYMMETRIC):
         raise card.error(f"DMIG {card.text(0)}: form {form}; expected 1 (square) or 6 (symmetric)")
     if kind not in (1, 2):
-        why = " (complex: damping goes into loss factors and viscous matrices)" if kind in (3, 4) else ""
+        why = (
+            " (complex: damping goes into loss factors and viscous matrices)"
+            if kind in (3, 4)
+            else ""
+        )
         raise card.error(f"DMIG {card.text(0)}: type {kind}{why}; expected 1 or 2, real")
 
 
@@ -124,7 +131,8 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
             start += 4
     keys = np.unique(np.array(rows + at, dtype=np.int64))
     i, j = np.searchsorted(keys, rows), np.searchsorted(keys, at)
-    # Of a symmetric matrix an entry may stand on either side; one that stands on both has to be the same.
+    # Of a symmetric matrix an entry may stand on either side; one that stands on both has to be the
+    # same.
     key = np.maximum(i, j) * len(keys) + np.minimum(i, j) if symmetric else i * len(keys) + j
     order = np.argsort(key, kind="stable")
     for one, two in pairwise(order.tolist()):
@@ -136,7 +144,8 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
         a, b = values[one], values[two]
         if abs(a - b) > _SAME * max(abs(a), abs(b), 1e-9 * max(map(abs, values))):
             raise where[two].error(
-                f"DMIG {name}: said to be symmetric (form 6), but entry {pair} is {b:g} and the one across {a:g}"
+                f"DMIG {name}: said to be symmetric (form 6), but entry {pair} is {b:g} and the one"
+                f" across {a:g}"
             )
     kept = np.sort(order[np.flatnonzero(np.diff(key[order], prepend=-1))])
     i, j, values = i[kept], j[kept], [values[k] for k in kept]
@@ -150,7 +159,9 @@ def _key(card: Card, at: int) -> int:
     """Return node * 6 + direction of the grid and component in two fields."""
     node, component = card.integer(at), card.integer(at + 1, 0)
     if not 0 <= component <= 6:
-        raise card.error(f"DMIG: component {component} of grid {node}; expected 1 to 6, or 0 for a scalar point")
+        raise card.error(
+            f"DMIG: component {component} of grid {node}; expected 1 to 6, or 0 for a scalar point"
+        )
     return node * 6 + max(component, 1) - 1
 
 
@@ -164,7 +175,8 @@ def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> N
     Parameters
     ----------
     matrices : mapping of str to array_like or sparse, shape (N, N)
-        Real symmetric matrices by name: a letter, then up to 7 letters and digits. One triangle is written.
+        Real symmetric matrices by name: a letter, then up to 7 letters and digits. One triangle is
+        written.
     dofs : DofSet
         The N degrees of freedom; nodes are 1 to 99999999.
     path : path
@@ -184,13 +196,22 @@ def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> N
     if len(dofs) and (nodes.min() < 1 or nodes.max() > 99999999):
         wrong = int(nodes.min()) if nodes.min() < 1 else int(nodes.max())
         raise FormatError(f"node {wrong}; grids are numbered from 1 to 99999999", path)
-    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
+    with (
+        atomic_path(path) as temporary,
+        temporary.open("w", encoding="ascii", newline="\n") as file,
+    ):
         for name, given in matrices.items():
             if _NAME.fullmatch(name) is None:
-                raise FormatError(f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path)
+                raise FormatError(
+                    f"matrix name {name!r}; expected a letter, then up to 7 letters and digits",
+                    path,
+                )
             matrix = sp.csc_array(given)
             if matrix.shape != (len(dofs),) * 2:
-                raise FormatError(f"matrix {name!r} is {matrix.shape}; expected {len(dofs)} rows and columns", path)
+                raise FormatError(
+                    f"matrix {name!r} is {matrix.shape}; expected {len(dofs)} rows and columns",
+                    path,
+                )
             difference = abs(matrix - matrix.T)
             if difference.nnz and difference.max() > 1e-10 * abs(matrix).max():
                 raise FormatError(f"matrix {name!r} is not symmetric", path)
@@ -198,11 +219,14 @@ def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> N
             for j in range(len(dofs)):
                 some = slice(matrix.indptr[j], matrix.indptr[j + 1])
                 entries = [
-                    (i, x) for i, x in zip(matrix.indices[some], matrix.data[some], strict=True) if i >= j and x != 0.0
+                    (i, x)
+                    for i, x in zip(matrix.indices[some], matrix.data[some], strict=True)
+                    if i >= j and x != 0.0
                 ]
                 if not entries:
                     continue
                 file.write(f"{'DMIG*':<8}{name.upper():<16}{nodes[j]:>16}{components[j]:>16}\n")
                 file.writelines(
-                    f"{'*':<8}{nodes[i]:>16}{components[i]:>16}{text_of(float(x)):>16}\n" for i, x in entries
+                    f"{'*':<8}{nodes[i]:>16}{components[i]:>16}{text_of(float(x)):>16}\n"
+                    for i, x in entries
                 )

@@ -38,7 +38,9 @@ def text_of(value: float, width: int = 16) -> str:
     """
     if value != value or value in (float("inf"), float("-inf")):
         raise ValueError(f"{value!r} has no text in a deck")
-    significant = len(repr(float(value)).split("e")[0].strip("-0.").replace(".", "").rstrip("0")) or 1
+    significant = (
+        len(repr(float(value)).split("e")[0].strip("-0.").replace(".", "").rstrip("0")) or 1
+    )
     for digits in range(max(significant, 1), 0, -1):
         scientific = f"{value:.{digits - 1}e}"
         plain = _with_point(repr(float(scientific)))

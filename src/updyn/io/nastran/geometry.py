@@ -33,7 +33,9 @@ class _System:
             given = np.array([a * np.cos(np.radians(b)), a * np.sin(np.radians(b)), c])
         elif self.kind == "S":
             polar, turn = np.radians(b), np.radians(c)
-            given = a * np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
+            given = a * np.array(
+                [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)]
+            )
         return self.origin + given @ self.axes
 
     def directions(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,7 +90,9 @@ class _Systems:
         """Return the system in which a grid moves; None: the basic one."""
         number = card.integer(5, self._default_motion)
         if number == -1:
-            raise card.error(f"GRID {card.text(0)}: a fluid point (field 7 is -1) has no displacements")
+            raise card.error(
+                f"GRID {card.text(0)}: a fluid point (field 7 is -1) has no displacements"
+            )
         return self.system(number, card) if number else None
 
     def system(self, number: int, asker: Card) -> _System:
@@ -96,7 +100,8 @@ class _Systems:
             if number not in self._cards:
                 known = [str(n) for n in self._cards]
                 raise asker.error(
-                    f"{asker.name} {asker.text(0)}: no coordinate system {number}; {suggest(str(number), known)}"
+                    f"{asker.name} {asker.text(0)}: no coordinate system {number};"
+                    f" {suggest(str(number), known)}"
                 )
             if number in self._open:
                 raise asker.error(f"coordinate system {number} is defined by itself")
@@ -110,7 +115,9 @@ class _Systems:
             A, B, C = (self.position(card.integer(i), card) for i in (1, 2, 3))
         else:
             within = self.system(card.integer(1, 0), card)
-            A, B, C = (within.basic(np.array([card.real(i + k, 0.0) for k in range(3)])) for i in (2, 5, 8))
+            A, B, C = (
+                within.basic(np.array([card.real(i + k, 0.0) for k in range(3)])) for i in (2, 5, 8)
+            )
         up, side = B - A, C - A
         across = np.cross(up, side)
         if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(up) * np.linalg.norm(side):
@@ -138,7 +145,10 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
         axes = None
         if any(m is not None for m in motions):
             axes = np.array(
-                [np.eye(3) if m is None else m.directions(p) for m, p in zip(motions, positions, strict=True)]
+                [
+                    np.eye(3) if m is None else m.directions(p)
+                    for m, p in zip(motions, positions, strict=True)
+                ]
             )
     with placed(deck.path):
         return Geometry(nodes, np.array(positions).reshape(-1, 3) * scale, _edges(deck), axes)
@@ -149,6 +159,10 @@ def _edges(deck: Deck) -> list[tuple[int, int]]:
     for card in deck.elements:
         nodes = deck.nodes_of(card)
         for a, b in ELEMENTS[card.name].edges:
-            if max(a, b) < len(nodes) and nodes[a] != nodes[b] and {nodes[a], nodes[b]} <= deck.grids.keys():
+            if (
+                max(a, b) < len(nodes)
+                and nodes[a] != nodes[b]
+                and {nodes[a], nodes[b]} <= deck.grids.keys()
+            ):
                 found[min(nodes[a], nodes[b]), max(nodes[a], nodes[b])] = None
     return list(found)

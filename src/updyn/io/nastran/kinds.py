@@ -1,7 +1,7 @@
 """What each card of a deck is: elements, their properties and materials, and which fields hold stiffness and mass.
 
-Field numbers here count from 0 behind the name of the card: field 2 of the manuals is 0 (MSC Nastran Quick Reference
-Guide, bulk data entries).
+Field numbers here count from 0 behind the name of the card: field 2 of the manuals is 0 (MSC
+Nastran Quick Reference Guide, bulk data entries).
 """
 
 from __future__ import annotations
@@ -10,7 +10,18 @@ from dataclasses import dataclass
 
 from updyn.io.nastran.cards import Card
 
-__all__ = ["ELEMENTS", "LOADS", "MATERIALS", "OWN", "PROPERTIES", "TIES", "Element", "Values", "materials_of", "values"]
+__all__ = [
+    "ELEMENTS",
+    "LOADS",
+    "MATERIALS",
+    "OWN",
+    "PROPERTIES",
+    "TIES",
+    "Element",
+    "Values",
+    "materials_of",
+    "values",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +98,8 @@ LOADS = (
     "TEMPP1", "TEMPRB", "TIC", "TLOAD1", "TLOAD2", "TSTEP", "USET", "USET1",
 )  # fmt: skip
 
-#: Dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of sections).
+#: Dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of
+#: sections).
 _SECTIONS = {
     "ROD": 1, "TUBE": 2, "TUBE2": 2, "I": 6, "CHAN": 4, "T": 4, "BOX": 4, "BAR": 2, "CROSS": 4, "H": 4, "T1": 4,
     "I1": 4, "CHAN1": 4, "Z": 4, "CHAN2": 4, "T2": 4, "BOX1": 6, "HEXA": 3, "HAT": 4, "HAT1": 5, "DBOX": 10, "L": 4,
@@ -147,7 +159,9 @@ def values(card: Card) -> Values:
     if card.name == "PBARL":
         return Values((), (8 + _section(card),))
     if card.name == "PBEAML":
-        n = _section(card) + 1  # the dimensions of a station and its mass; from the second on SO and X/XB before them
+        n = (
+            _section(card) + 1
+        )  # the dimensions of a station and its mass; from the second on SO and X/XB before them
         return Values((), (8 + n - 1, *range(8 + 2 * n + 1, len(card.fields), n + 2)))
     if card.name == "PBEAM":
         return Values((), _masses_of_pbeam(card))
@@ -159,7 +173,9 @@ def values(card: Card) -> Values:
 def _section(card: Card) -> int:
     kind = card.text(3)
     if kind not in _SECTIONS:
-        raise card.error(f"{card.name} {card.text(0)}: section {kind!r}; known: {', '.join(_SECTIONS)}")
+        raise card.error(
+            f"{card.name} {card.text(0)}: section {kind!r}; known: {', '.join(_SECTIONS)}"
+        )
     return _SECTIONS[kind]
 
 
@@ -188,9 +204,13 @@ def _values_of_pbush(card: Card) -> Values:
         elif kind == "B":
             viscous = six
         elif kind == "M" and any(card.real(i) for i in six):
-            raise card.error(f"PBUSH {card.text(0)}: M (field {at + 2}) is not read; expected K, B and GE only")
+            raise card.error(
+                f"PBUSH {card.text(0)}: M (field {at + 2}) is not read; expected K, B and GE only"
+            )
         elif kind not in ("M", "RCV", "T", ""):
-            raise card.error(f"PBUSH {card.text(0)}: field {at + 2} is {kind!r}; expected K, B or GE")
+            raise card.error(
+                f"PBUSH {card.text(0)}: field {at + 2} is {kind!r}; expected K, B or GE"
+            )
     return Values(stiffness, (), loss, viscous)
 
 

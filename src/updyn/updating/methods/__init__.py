@@ -1,7 +1,7 @@
 """The methods: one module each, found through a lazy registry.
 
-Adding a method is one module with a frozen dataclass (its fields are its options) that has ``fit(problem, noise,
-monitor) -> Fit``, and one line in `METHODS`.
+Adding a method is one module with a frozen dataclass (its fields are its options) that has
+``fit(problem, noise, monitor) -> Fit``, and one line in `METHODS`.
 """
 
 from __future__ import annotations
@@ -66,10 +66,14 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
     Raises
     ------
     OptionError
-        If the method or an option is not known (the nearest is named), or a value has the wrong type or sign.
+        If the method or an option is not known (the nearest is named), or a value has the wrong
+        type or sign.
     """
     made, defaults = method_class(name), options_of(name)
-    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in options.items()}
+    plain = {
+        key: value.item() if isinstance(value, np.generic) else value
+        for key, value in options.items()
+    }
     for key, value in plain.items():
         if key not in defaults:
             raise OptionError(f"method {name!r} has no option {key!r}; {suggest(key, defaults)}")
@@ -82,6 +86,8 @@ def _check(key: str, value: Any, default: Any) -> None:
         return
     kind: Any = (int, float) if isinstance(default, float) else type(default)
     if isinstance(value, bool) != isinstance(default, bool) or not isinstance(value, kind):
-        raise OptionError(f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}")
+        raise OptionError(
+            f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}"
+        )
     if not isinstance(value, str) and not 0 <= value < float("inf"):
         raise OptionError(f"option {key} = {value!r}: expected a number of at least 0")

@@ -1,6 +1,7 @@
 """What the classical methods share: amounts in which Z is linear, the plain iteration, what follows from where it ends.
 
-Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no logarithms.
+Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no
+logarithms.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ class ByLine(Protocol):
 class Amounts:
     """Unknowns in which Z is linear.
 
-    Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, D = gamma kappa K. It is linear in
-    the real and the imaginary part of the complex stiffness kappa (1 + i gamma) K. Where both are unknown, the
-    amount of the loss factor is kappa gamma; likewise for the Rayleigh coefficients. All other unknowns are amounts
-    themselves. (A linked unknown with a power other than 1 stays nonlinear, and is linearised.)
+    Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, D = gamma
+    kappa K. It is linear in the real and the imaginary part of the complex stiffness kappa (1 + i
+    gamma) K. Where both are unknown, the amount of the loss factor is kappa gamma; likewise for the
+    Rayleigh coefficients. All other unknowns are amounts themselves. (A linked unknown with a power
+    other than 1 stays nonlinear, and is linearised.)
 
     Parameters
     ----------
@@ -119,11 +121,13 @@ class Plain:
     max_iterations : int
         Largest number of steps.
     tolerance : float
-        Converged when a step (logarithms of factors; loss factors) is not longer than this, or is rounding.
+        Converged when a step (logarithms of factors; loss factors) is not longer than this, or is
+        rounding.
     advice : str
         What to do where it diverges, for the message.
     halving : bool
-        Whether a step that does not lower the cost is halved; 20 times in vain, and the iteration has stalled.
+        Whether a step that does not lower the cost is halved; 20 times in vain, and the iteration
+        has stalled.
     """
 
     max_iterations: int
@@ -146,9 +150,11 @@ class Plain:
         problem : Task
             Whose unknowns they are.
         evaluate : callable
-            Returns the local problem at a point; raises SolverError where the model cannot be solved.
+            Returns the local problem at a point; raises SolverError where the model cannot be
+            solved.
         solve : callable
-            Returns the values of the unknowns, shape (n,), that solve the linear problem at a point.
+            Returns the values of the unknowns, shape (n,), that solve the linear problem at a
+            point.
         x : ndarray of float, shape (n,)
             Where to begin.
         monitor : Monitor
@@ -197,7 +203,11 @@ class Plain:
             try:
                 moved = self._checked(problem, values + share * (wanted - values), number)
                 there = evaluate(moved)
-                if not self.halving or there.cost < here.cost or _is_rounding(problem, moved, values):
+                if (
+                    not self.halving
+                    or there.cost < here.cost
+                    or _is_rounding(problem, moved, values)
+                ):
                     return moved, there, share == 1.0
             except SolverError:
                 if not self.halving:
@@ -211,7 +221,9 @@ class Plain:
         if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
             raise SolverError(f"The unknowns grow beyond all bounds {again}")
         if (factors <= 0.0).any():
-            raise SolverError(f"A factor (of mass, stiffness or damping) would turn negative {again}")
+            raise SolverError(
+                f"A factor (of mass, stiffness or damping) would turn negative {again}"
+            )
         return problem.coordinates.to_x(values)
 
 
@@ -244,9 +256,9 @@ def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
 
-    Of the usual ways to solve a system of short rank this one takes the condensed equation error to the paper's result
-    in its five iterations from both readings of its error rates; least-norm solutions move along the open direction and
-    take longer.
+    Of the usual ways to solve a system of short rank this one takes the condensed equation error to
+    the paper's result in its five iterations from both readings of its error rates; least-norm
+    solutions move along the open direction and take longer.
 
     Parameters
     ----------
@@ -271,10 +283,14 @@ def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
     SolverError
         If the model cannot be solved there.
     """
-    return joined([solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n)
+    return joined(
+        [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
+    )
 
 
-def check_unknowns(problem: Task, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False) -> None:
+def check_unknowns(
+    problem: Task, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
+) -> None:
     """Refuse unknowns that a method cannot update, and priors where it knows none.
 
     Parameters
@@ -300,9 +316,13 @@ def check_unknowns(problem: Task, name: str, cannot: Sequence[str], instead: str
     for p in problem.coordinates.parameters:
         for d in p.acts_on:
             if d.quantity in cannot:
-                raise ParameterError(f"method {name!r} cannot update {d.quantity} (unknown {p.name!r}); {instead}")
+                raise ParameterError(
+                    f"method {name!r} cannot update {d.quantity} (unknown {p.name!r}); {instead}"
+                )
     if not priors and problem.coordinates.prior[1].any():
-        raise OptionError(f"method {name!r}, the plain iteration, knows no priors; leave prior_std out")
+        raise OptionError(
+            f"method {name!r}, the plain iteration, knows no priors; leave prior_std out"
+        )
 
 
 def fit_of(problem: Task, residual: ByLine, x: _Vector, reason: str, kind: str, note: str) -> Fit:
@@ -313,4 +333,6 @@ def fit_of(problem: Task, residual: ByLine, x: _Vector, reason: str, kind: str, 
         return Fit.blind(x, "stopped")
     sigma = spread_of(local, problem.n_values, problem.n)
     record = {"kind": kind, "chi_square": 1.0, "inflation": 1.0}
-    return Fit(x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note)
+    return Fit(
+        x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note
+    )

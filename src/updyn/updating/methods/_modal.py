@@ -23,7 +23,8 @@ __all__ = ["ModalError", "Pairs", "Target", "measured_rms"]
 
 _Real = NDArray[np.float64]
 
-#: What a factor e between two frequencies costs in the pairing, in MAC: it breaks ties where sensors are few.
+#: What a factor e between two frequencies costs in the pairing, in MAC: it breaks ties where
+#: sensors are few.
 _APART = 0.5
 #: Modes are computed up to this multiple of the highest measured frequency.
 _BEYOND = 1.5
@@ -42,7 +43,8 @@ class Target:
     rows : ndarray of int, shape (k,)
         DOFs of the model.
     weight : ndarray of float, shape (k,)
-        Sign of each sensor over the level of all modes at sensors of its unit (translation or rotation).
+        Sign of each sensor over the level of all modes at sensors of its unit (translation or
+        rotation).
     digest : str
         What tells it from others.
     """
@@ -66,7 +68,9 @@ class Target:
         """
         match = problem.solver.system.dofs.match(modes.dofs, "DOF of the modes")
         if (modes.frequency == 0).any():
-            raise DataError("modal: a measured mode at 0 Hz, a rigid-body motion, says nothing; leave it out")
+            raise DataError(
+                "modal: a measured mode at 0 Hz, a rigid-body motion, says nothing; leave it out"
+            )
         rotates = modes.dofs.axes >= 3
         level = np.ones(len(rotates))
         for kind in (rotates, ~rotates):
@@ -81,7 +85,12 @@ class Target:
     def keep(self, which: NDArray[np.bool_]) -> Target:
         """Return it with some of its modes."""
         chosen = "".join("1" if k else "0" for k in which)
-        return replace(self, value=self.value[which], shapes=self.shapes[:, which], digest=f"{self.digest}/{chosen}")
+        return replace(
+            self,
+            value=self.value[which],
+            shapes=self.shapes[:, which],
+            digest=f"{self.digest}/{chosen}",
+        )
 
     def seen(self, shapes: _Real) -> _Real:
         """Return shapes of the model as the sensors see them, shape (k, n)."""
@@ -110,8 +119,8 @@ class Pairs:
     def at(cls, problem: Problem, target: Target, x: _Real) -> Pairs:
         """Compute the model's modes at x and pair them.
 
-        One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies (Hungarian
-        assignment; Kuhn 1955).
+        One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
+        (Hungarian assignment; Kuhn 1955).
 
         Raises
         ------
@@ -121,11 +130,13 @@ class Pairs:
             If the model has fewer.
         """
         highest = _BEYOND * float(np.sqrt(target.value[-1])) / (2.0 * np.pi)
-        modes = RealModes.lowest(problem.solver.system, problem.state(x), len(target.value), highest)
+        modes = RealModes.lowest(
+            problem.solver.system, problem.state(x), len(target.value), highest
+        )
         if len(modes.value) < len(target.value):
             raise DataError(
-                f"modal: {len(target.value)} modes were measured; besides rigid-body motions the model has "
-                f"{len(modes.value)}. Give n_modes, or fewer modes"
+                f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
+                f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
         about = problem.solver.system, problem.unknowns, problem.values(x)
         modes = separated(modes, *about, target.seen, target.shapes)
@@ -143,8 +154,8 @@ class Pairs:
 class ModalError:
     """r = ln(f_A / f_X) of each pair of modes, and the difference of their shapes.
 
-    The shape of the model is brought to the length of the measured one by the modal scale factor; the difference is
-    a share of the rms of the measured shape, times `shape_weight`.
+    The shape of the model is brought to the length of the measured one by the modal scale factor;
+    the difference is a share of the rms of the measured shape, times `shape_weight`.
 
     Parameters
     ----------
@@ -227,7 +238,8 @@ class ModalError:
 def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Real]:
     """Return u (u^T psi) - psi and its derivatives, shapes (k,) and (k, n), with u = phi / |phi|.
 
-    The factor is the modal scale factor of unit shapes (Allemang & Brown 1982); the squared length is 1 - MAC.
+    The factor is the modal scale factor of unit shapes (Allemang & Brown 1982); the squared length
+    is 1 - MAC.
     """
     length = float(np.linalg.norm(seen))
     if length == 0.0:
@@ -238,9 +250,15 @@ def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Rea
     return u * factor - measured, du * factor + np.outer(u, measured @ du)
 
 
-def measured_rms(problems: Sequence[Problem], targets: Sequence[Target], x: _Real) -> dict[str, float]:
+def measured_rms(
+    problems: Sequence[Problem], targets: Sequence[Target], x: _Real
+) -> dict[str, float]:
     """Return, for the record, what is left of frequencies and shapes, and the least alike pair."""
-    found = [(Pairs.at(p, target, x), target) for p, target in zip(problems, targets, strict=True) if len(target.value)]
+    found = [
+        (Pairs.at(p, target, x), target)
+        for p, target in zip(problems, targets, strict=True)
+        if len(target.value)
+    ]
     off = [0.5 * np.log(pairs.modes.value[pairs.which] / target.value) for pairs, target in found]
     alike = np.concatenate([pairs.mac for pairs, _ in found])
     return {

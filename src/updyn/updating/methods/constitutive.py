@@ -33,9 +33,9 @@ _Vector = NDArray[np.float64]
 
 _NAME = "constitutive"
 _NOTE = (
-    "The error in the constitutive relations weighs the data by what model errors would do to them, not by noise, "
-    "and its standard deviations take what is left as independent and equal; use maximum likelihood where the data are "
-    "noisy."
+    "The error in the constitutive relations weighs the data by what model errors would do to them,"
+    " not by noise, and its standard deviations take what is left as independent and equal; use"
+    " maximum likelihood where the data are noisy."
 )
 
 
@@ -43,22 +43,24 @@ _NOTE = (
 class ConstitutiveMethod:
     """Least error in the constitutive relations with a weighted measurement term (method ``"constitutive"``).
 
-    Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v) and
-    force-acceleration relations (u - w), and may miss the measurement. What has to be broken and missed at least,
+    Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
+    and force-acceleration relations (u - w), and may miss the measurement. What has to be broken
+    and missed at least,
 
         E = 1/2 |u - v|_K^2 + omega^2/2 |u - w|_M^2 + r / (1 - r) 1/2 |Pi u - h_X|_G^2,
 
-    is summed over lines and references and minimised over the unknowns (Ladeveze, Nedjar & Reynier, AIAA J. 32 (1994)
-    1485; Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427, whose form this is, here
-    with damping; Banerjee, Walsh, Aquino & Bonnet, Comput. Methods Appl. Mech. Eng. 253 (2013) 60). The fields are
-    eliminated exactly. What remains is the output error weighted by what errors of the model would make of it.
+    is summed over lines and references and minimised over the unknowns (Ladeveze, Nedjar & Reynier,
+    AIAA J. 32 (1994) 1485; Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191
+    (2002) 2427, whose form this is, here with damping; Banerjee, Walsh, Aquino & Bonnet, Comput.
+    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly. What remains is the
+    output error weighted by what errors of the model would make of it.
 
     Parameters
     ----------
     weight : float
-        r, above 0 and at most 1. Near 0 the model is trusted and the output error is minimised with fixed weights; at 1
-        the measurement is matched exactly, and with all DOFs measured this is the equation error in the norm of the
-        energy, biased by noise as that is.
+        r, above 0 and at most 1. Near 0 the model is trusted and the output error is minimised with
+        fixed weights; at 1 the measurement is matched exactly, and with all DOFs measured this is
+        the equation error in the norm of the energy, biased by noise as that is.
     max_iterations : int
         Largest number of steps.
     tolerance : float
@@ -69,12 +71,16 @@ class ConstitutiveMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
-    reference: ClassVar[str] = "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
+    reference: ClassVar[str] = (
+        "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
+    )
     cannot: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.weight <= 1.0:
-            raise OptionError(f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1")
+            raise OptionError(
+                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1"
+            )
 
     def search(self, problem: Task, monitor: Monitor) -> _Vector:
         """Return the start of the unknowns, shape (n,): there is no search."""
@@ -85,7 +91,9 @@ class ConstitutiveMethod:
         with monitor.stage(_NAME):
             try:
                 residual = EachOf(tuple(_at_start(part, self.weight) for part in problem.parts))
-                local_of(problem, residual, x)  # a start that cannot be solved is said with its line
+                local_of(
+                    problem, residual, x
+                )  # a start that cannot be solved is said with its line
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
             except Stopped:
@@ -101,22 +109,26 @@ class ConstitutiveError:
     Parameters
     ----------
     slack : ndarray of float, shape (n_f, n_i), or None
-        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N; None: by nothing.
+        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N; None:
+        by nothing.
     level : float
         What the residual is divided by, so that it is of the size of a relative misfit.
     compliance : ndarray of float, shape (N,), optional
-        Takes the place of W, as its diagonal: then forces stand for the error, each in proportion to its own.
+        Takes the place of W, as its diagonal: then forces stand for the error, each in proportion
+        to its own.
     name : str
         How the report calls it.
 
     Notes
     -----
-    With coefficients c_t of Z = sum c_t A_t the relations of each matrix are broken in the energy of a_t A_t (a =
-    kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives Z u - W lambda = f and Z^H lambda =
+    With coefficients c_t of Z = sum c_t A_t the relations of each matrix are broken in the energy
+    of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives Z
+    u - W lambda = f and Z^H lambda =
     -G Pi^T (Pi u - h_X). With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is h - h_X = (1 + S
-    G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives by adjoint fields: P and Y = Z^-1 W conj(P) serve
-    all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and dr = L^-1 (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up
-    to a rotation that changes neither E nor its derivatives.
+    G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives by adjoint fields: P and Y =
+    Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and dr = L^-1
+    (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
+    derivatives.
     """
 
     slack: _Vector | None
@@ -141,7 +153,9 @@ class ConstitutiveError:
     def partition(self, problem: Problem) -> list[slice]:
         """Return the blocks of lines."""
         n_i = len(problem.rows)
-        return problem.partition(4 * n_i + len(problem.columns) + problem.n * n_i * n_i // problem.solver.system.n)
+        return problem.partition(
+            4 * n_i + len(problem.columns) + problem.n * n_i * n_i // problem.solver.system.n
+        )
 
     @alone
     def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
@@ -220,10 +234,14 @@ def adjoint_fields(
     return P, U, 0.5 * (S + S.conj().swapaxes(1, 2)), moved, c
 
 
-def _weight_slopes(system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex) -> _Vector:
+def _weight_slopes(
+    system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex
+) -> _Vector:
     """Return the derivative of each drive's weight in W, shape (n_d, n_f), from that of its coefficient in Z."""
     own = c[unknowns.at]
-    elastic = np.array([system.terms[t].quantity == "stiffness" for t in unknowns.at], dtype=np.bool_)[:, None]
+    elastic = np.array(
+        [system.terms[t].quantity == "stiffness" for t in unknowns.at], dtype=np.bool_
+    )[:, None]
     size = np.where(elastic, np.abs(own.real), np.abs(own))
     safe = np.where(size > 0.0, size, 1.0)
     change = (own.conj() * slopes).real
@@ -242,9 +260,13 @@ def _at_start(problem: Problem, weight: float) -> ConstitutiveError:
         If the model cannot be solved there.
     """
     if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
-        raise DataError(f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out")
+        raise DataError(
+            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+        )
     blank = ConstitutiveError(np.zeros((len(problem.frf.freq), len(problem.rows))), 1.0)
-    spread = np.concatenate(list(problem.each(_diagonal, [(lines,) for lines in blank.partition(problem)])))
+    spread = np.concatenate(
+        list(problem.each(_diagonal, [(lines,) for lines in blank.partition(problem)]))
+    )
     spread = np.maximum(spread, np.finfo(float).tiny)
     size = np.abs(problem.frf.converted("receptance").values) ** 2
     level = float(np.sqrt(np.mean(size / spread[:, :, None]))) or 1.0

@@ -32,8 +32,8 @@ class EquationErrorMethod:
     max_iterations : int
         Largest number of steps.
     tolerance : float
-        ``gauss-newton``: epsilon of the paper's stopping rule ||Z_red H_X - I||_inf <= epsilon. ``trust-region``:
-        relative step.
+        ``gauss-newton``: epsilon of the paper's stopping rule ||Z_red H_X - I||_inf <= epsilon.
+        ``trust-region``: relative step.
     solver : {"trust-region", "gauss-newton"}
         The plain iteration as published, or the safeguarded one with bounds.
     """
@@ -54,10 +54,15 @@ class EquationErrorMethod:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
-            raise OptionError("solver 'gauss-newton' is the plain iteration and knows no priors; use 'trust-region'")
+            raise OptionError(
+                "solver 'gauss-newton' is the plain iteration and knows no priors; use"
+                " 'trust-region'"
+            )
         residual = EquationError()
         with monitor.stage("equation-error"):
             if self.solver == "gauss-newton":
@@ -67,7 +72,9 @@ class EquationErrorMethod:
                 try:
                     for part in problem.parts:
                         residual.check(part)
-                        solved(residual, part, x)  # a start that cannot be condensed is said with its line
+                        solved(
+                            residual, part, x
+                        )  # a start that cannot be condensed is said with its line
                     outcome = descend_to_scale(problem, residual, x, monitor, settings)
                 except Stopped:
                     return Fit.blind(x, "stopped")
@@ -80,11 +87,13 @@ class EquationErrorMethod:
         sigma = spread_of(local, problem.n_values, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
         note = (
-            "The equation error is biased by noise in the measurement, and its standard deviations do not show that; "
-            "use maximum likelihood where the data are noisy."
+            "The equation error is biased by noise in the measurement, and its standard deviations"
+            " do not show that; use maximum likelihood where the data are noisy."
         )
         R = local.R / sigma if sigma > 0 else local.R
-        return Fit(x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma)
+        return Fit(
+            x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma
+        )
 
 
 def _gauss_newton(
@@ -103,7 +112,9 @@ def _gauss_newton(
     length, before = 0.0, x
     for number in range(max_iterations + 1):
         try:
-            cost, R, change, error = problem.recall("gauss-newton", x, partial(_plain_step, problem, x))
+            cost, R, change, error = problem.recall(
+                "gauss-newton", x, partial(_plain_step, problem, x)
+            )
         except Stopped:
             return before, "stopped"
         stop = monitor.step(Step(x, Local(float(cost), R, np.zeros(len(R))), length, True))
@@ -114,7 +125,8 @@ def _gauss_newton(
         values = coordinates.to_values(x)
         if (values + change)[problem.coordinates.parameters.is_factor].min(initial=1.0) <= 0.0:
             raise SolverError(
-                f"A mass or a stiffness would turn negative in step {number + 1}: the plain iteration has diverged."
+                f"A mass or a stiffness would turn negative in step {number + 1}: the plain"
+                " iteration has diverged."
             )
         moved = coordinates.to_x(values + change)
         before, x, length = x, moved, float(np.abs(moved - x).max())
@@ -129,4 +141,9 @@ def _plain_step(problem: Task, x: NDArray[np.float64]) -> Record:
     A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
     change = basic_solution(A / problem.coordinates.slope(x), b)
     error = max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts)
-    return np.array(0.5 * float(b @ b)), np.asarray(np.linalg.qr(A, mode="r")), change, np.array(error)
+    return (
+        np.array(0.5 * float(b @ b)),
+        np.asarray(np.linalg.qr(A, mode="r")),
+        change,
+        np.array(error),
+    )

@@ -16,7 +16,14 @@ from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.updating.fit import Fit, descend_to_scale
 from updyn.updating.joint import Task
-from updyn.updating.methods._linear import Amounts, Plain, check_unknowns, fit_of, linear_step, local_of
+from updyn.updating.methods._linear import (
+    Amounts,
+    Plain,
+    check_unknowns,
+    fit_of,
+    linear_step,
+    local_of,
+)
 from updyn.updating.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.monitor import Monitor
 from updyn.updating.noise import NoiseModel
@@ -32,8 +39,8 @@ _Vector = NDArray[np.float64]
 
 _NAME = "force-residual"
 _NOTE = (
-    "The measured motion stands in the equation: noise biases the estimate, and its standard deviations do not show "
-    "that. {}Use maximum likelihood where the data are noisy."
+    "The measured motion stands in the equation: noise biases the estimate, and its standard"
+    " deviations do not show that. {}Use maximum likelihood where the data are noisy."
 )
 _UNBOUNDED = "The published iteration knows no bounds. "
 _ADVICE = "Use solver='trust-region'."
@@ -43,13 +50,14 @@ _ADVICE = "Use solver='trust-region'."
 class ForceResidualMethod:
     """Least ||Z(p) h - f|| over the unknowns and over the motion h where there is no sensor (``"force-residual"``).
 
-    In turn: the measured motion is expanded to all DOFs such that the present model leaves the least unbalanced force;
-    then, with that motion, the residual is linear in the unknowns and is minimised (Farhat & Hemez, AIAA J. 31 (1993)
-    1702; for frequency responses Hemez, as Bao, Wang & Cheng 2010 quote him in [5]). Each half lowers the same sum of
-    squares, so that the iteration descends, but slowly where much is expanded: motion and unknowns hold each other.
+    In turn: the measured motion is expanded to all DOFs such that the present model leaves the
+    least unbalanced force; then, with that motion, the residual is linear in the unknowns and is
+    minimised (Farhat & Hemez, AIAA J. 31 (1993) 1702; for frequency responses Hemez, as Bao, Wang &
+    Cheng 2010 quote him in [5]). Each half lowers the same sum of squares, so that the iteration
+    descends, but slowly where much is expanded: motion and unknowns hold each other.
 
-    Where rotations are among the DOFs, moments count over the length at which rotational and translational stiffnesses
-    of the start are alike.
+    Where rotations are among the DOFs, moments count over the length at which rotational and
+    translational stiffnesses of the start are alike.
 
     Parameters
     ----------
@@ -58,8 +66,8 @@ class ForceResidualMethod:
     tolerance : float
         Relative step at which it has converged.
     solver : {"alternating", "trust-region"}
-        As published; or the same sum of squares with the motion eliminated, within bounds and with priors, in far
-        fewer steps.
+        As published; or the same sum of squares with the motion eliminated, within bounds and with
+        priors, in far fewer steps.
     """
 
     max_iterations: int = 2000
@@ -84,16 +92,22 @@ class ForceResidualMethod:
         check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
         for part in problem.parts:
             _check(part)
-        residual = EachOf(tuple(ForceResidual(_compliance(part), _level(part)) for part in problem.parts))
+        residual = EachOf(
+            tuple(ForceResidual(_compliance(part), _level(part)) for part in problem.parts)
+        )
         eliminated = EachOf(tuple(part.eliminated for part in residual.errors))
         with monitor.stage(_NAME):
             if plain:
                 step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
                 settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
-                x, reason = settings.run(problem, partial(local_of, problem, residual), step, x, monitor)
+                x, reason = settings.run(
+                    problem, partial(local_of, problem, residual), step, x, monitor
+                )
             else:
                 try:
-                    local_of(problem, eliminated, x)  # a start that cannot be solved is said with its line
+                    local_of(
+                        problem, eliminated, x
+                    )  # a start that cannot be solved is said with its line
                     guarded = TrustRegion(self.max_iterations, self.tolerance)
                     outcome = descend_to_scale(problem, eliminated, x, monitor, guarded)
                 except Stopped:
@@ -110,14 +124,16 @@ class ForceResidual:
     Parameters
     ----------
     compliance : ndarray of float, shape (N,)
-        The residual's rows are divided by its root: 1 for forces, the square of a length for moments.
+        The residual's rows are divided by its root: 1 for forces, the square of a length for
+        moments.
     level : float
         What the residual is divided by.
 
     Notes
     -----
-    The least force that makes the model move as measured at the sensors is -C conj(P) S^-1 (h_A - h_X), with C the
-    compliance, P = Z^-1 on the sensors and S = P^T C conj(P); the expanded motion is h_A plus what that force does.
+    The least force that makes the model move as measured at the sensors is -C conj(P) S^-1 (h_A -
+    h_X), with C the compliance, P = Z^-1 on the sensors and S = P^T C conj(P); the expanded motion
+    is h_A plus what that force does.
     """
 
     compliance: _Vector
@@ -166,7 +182,9 @@ class ForceResidual:
 
 def _check(problem: Problem) -> None:
     if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
-        raise DataError(f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out")
+        raise DataError(
+            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+        )
 
 
 def _compliance(problem: Problem) -> _Vector:
@@ -181,7 +199,9 @@ def _compliance(problem: Problem) -> _Vector:
     own = rows == system.indices
     diagonal[rows[own]] = np.abs(entries[own])
     kinds = [diagonal[at & (diagonal > 0.0)] for at in (turns, ~turns)]
-    squared = float(np.median(kinds[0]) / np.median(kinds[1])) if all(k.size for k in kinds) else 1.0
+    squared = (
+        float(np.median(kinds[0]) / np.median(kinds[1])) if all(k.size for k in kinds) else 1.0
+    )
     return np.where(turns, squared, 1.0)
 
 

@@ -50,7 +50,9 @@ class LogMethod:
     continuation: bool = True
 
     reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
-    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
+    calibrates: ClassVar[bool] = (
+        True  # compares with `Problem.block`, which has the calibration factors
+    )
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
@@ -58,14 +60,22 @@ class LogMethod:
         if self.starts:
             rough = problem.thinned(SEARCH_LINES)
             steps = min(self.max_iterations, SEARCH_STEPS)
-            search = Search(self.starts, steps, seed=self.seed, inflate=self.inflate, continuation=self.continuation)
+            search = Search(
+                self.starts,
+                steps,
+                seed=self.seed,
+                inflate=self.inflate,
+                continuation=self.continuation,
+            )
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
                 if not monitor.stopped:
                     x = search.escape(rough, x, monitor)
         return x
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
         """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("log"):
@@ -79,8 +89,8 @@ class LogMethod:
 class OutputMethod:
     """Output error, r = H_A - H_X, equal weight to all values of one unit (method ``"output-error"``).
 
-    The largest peaks decide. It suits noise that does not depend on the level, and needs a start close to the truth:
-    there is no search.
+    The largest peaks decide. It suits noise that does not depend on the level, and needs a start
+    close to the truth: there is no search.
 
     Parameters
     ----------
@@ -94,19 +104,27 @@ class OutputMethod:
     tolerance: float = 1e-10
 
     reference: ClassVar[str] = "Pintelon & Schoukens 2012"
-    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
+    calibrates: ClassVar[bool] = (
+        True  # compares with `Problem.block`, which has the calibration factors
+    )
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
         """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
-        weights = [np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts]
+        weights = [
+            np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts
+        ]
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage("output-error"):
             try:
-                return _descend(problem, Each(tuple(map(OutputError, weights))), x, monitor, settings, noises)
+                return _descend(
+                    problem, Each(tuple(map(OutputError, weights))), x, monitor, settings, noises
+                )
             except Stopped:
                 return Fit.blind(x, "stopped")
 
@@ -163,7 +181,15 @@ def judged(
     except Stopped:
         reason = "stopped"
     if found is not None:
-        return Fit(x, reason, found.R, found.noise, f"{note} {found.note}".strip(), in_units(local, sigma), sigma)
+        return Fit(
+            x,
+            reason,
+            found.R,
+            found.noise,
+            f"{note} {found.note}".strip(),
+            in_units(local, sigma),
+            sigma,
+        )
 
     def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
         measured = problem.parts[part].frf.values

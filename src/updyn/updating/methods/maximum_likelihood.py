@@ -30,9 +30,9 @@ _FALL = 1e-6
 class MaximumLikelihood:
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
-    The weights follow the model, not the noisy data: they are renewed after every descent until the estimate stays
-    within a hundredth of its standard deviation (iteratively reweighted least squares; Green, J. R. Stat. Soc. B 46
-    (1984) 149).
+    The weights follow the model, not the noisy data: they are renewed after every descent until the
+    estimate stays within a hundredth of its standard deviation (iteratively reweighted least
+    squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
 
     Parameters
     ----------
@@ -58,7 +58,9 @@ class MaximumLikelihood:
     continuation: bool = True
 
     reference: ClassVar[str] = "Pintelon & Schoukens 2012; Green 1984"
-    calibrates: ClassVar[bool] = True  # compares with `Problem.block`, which has the calibration factors
+    calibrates: ClassVar[bool] = (
+        True  # compares with `Problem.block`, which has the calibration factors
+    )
 
     def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,).
@@ -74,7 +76,13 @@ class MaximumLikelihood:
         if self.starts:
             rough = problem.thinned(SEARCH_LINES)
             steps = min(self.max_iterations, SEARCH_STEPS)
-            search = Search(self.starts, steps, seed=self.seed, inflate=self.inflate, continuation=self.continuation)
+            search = Search(
+                self.starts,
+                steps,
+                seed=self.seed,
+                inflate=self.inflate,
+                continuation=self.continuation,
+            )
             with monitor.stage("search", rough):
                 x = search.run(rough, monitor)
             with monitor.stage("log", rough):
@@ -87,7 +95,9 @@ class MaximumLikelihood:
                     x = search.escape(rough, x, monitor)
         return x
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]) -> Fit:
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
         """Fit the unknowns.
 
         Parameters
@@ -139,17 +149,25 @@ class MaximumLikelihood:
         return x, reason, weighted
 
     def _judge(
-        self, problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel], residual: Each, reason: str
+        self,
+        problem: Task,
+        x: NDArray[np.float64],
+        noises: Sequence[NoiseModel],
+        residual: Each,
+        reason: str,
     ) -> Fit:
         local = residual.local(problem, x)
         assert local is not None
         freedom = 2 * problem.n_values - problem.n
         # Without a value to spare the misfit says nothing about the noise.
         chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
-        known = known_length(problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values))
+        known = known_length(
+            problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)
+        )
         length = known.get("correlation_length", 1.0)
-        # More misfit than the noise explains widens the error bars; less of it narrows them only where the scale of the
-        # noise was not known. Misfit that is alike from line to line holds less information than independent noise.
+        # More misfit than the noise explains widens the error bars; less of it narrows them only
+        # where the scale of the noise was not known. Misfit that is alike from line to line holds
+        # less information than independent noise.
         scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
         inflation = float(np.sqrt(scale * length))
         record = {
@@ -158,15 +176,21 @@ class MaximumLikelihood:
             "inflation": inflation,
         }
         by_part = tuple({"kind": noise.kind, **record, **noise.figures()} for noise in noises)
-        return Fit(x, reason, local.R / inflation if inflation > 0 else local.R, by_part, local=local)
+        return Fit(
+            x, reason, local.R / inflation if inflation > 0 else local.R, by_part, local=local
+        )
 
 
-def _weigh(problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]) -> tuple[Sequence[NoiseModel], Each]:
+def _weigh(
+    problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+) -> tuple[Sequence[NoiseModel], Each]:
     """Return the noise models after a look at the residual, and the weights that follow from them at x."""
     looked, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)
         # Each part pays for its share of the unknowns.
         looked.append(noise.refit(H, part.frf, -(-problem.n * part.n_values // problem.n_values)))
-        errors.append(OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood"))
+        errors.append(
+            OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
+        )
     return looked, Each(tuple(errors))

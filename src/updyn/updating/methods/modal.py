@@ -30,8 +30,9 @@ _Vector = NDArray[np.float64]
 #: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
 _ASSUMED = 0.01
 _CURE = (
-    "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes, or sensors that tell "
-    "their shapes; or fit the FRFs with the default method, whose level shows both."
+    "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
+    " or sensors that tell their shapes; or fit the FRFs with the default method, whose level shows"
+    " both."
 )
 
 
@@ -39,13 +40,14 @@ _CURE = (
 class ModalMethod:
     """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
 
-    R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976) 1201 (eigenvectors);
-    J. E. Mottershead, M. Link & M. I. Friswell, "The sensitivity method in finite element model updating: a tutorial",
-    Mech. Syst. Signal Process. 25 (2011) 2275-2296 (residuals, weights, pairing). Modes of the undamped model are
-    paired with the measured ones by MAC anew in every step; the step is safeguarded by a trust region and bounds.
+    R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
+    1201 (eigenvectors); J. E. Mottershead, M. Link & M. I. Friswell, "The sensitivity method in
+    finite element model updating: a tutorial", Mech. Syst. Signal Process. 25 (2011) 2275-2296
+    (residuals, weights, pairing). Modes of the undamped model are paired with the measured ones by
+    MAC anew in every step; the step is safeguarded by a trust region and bounds.
 
-    It sees nothing but the modes: no damping, nothing between resonances, no level of the FRFs. Stiffness and mass
-    that grow together change neither frequencies nor shapes.
+    It sees nothing but the modes: no damping, nothing between resonances, no level of the FRFs.
+    Stiffness and mass that grow together change neither frequencies nor shapes.
 
     Parameters
     ----------
@@ -58,14 +60,16 @@ class ModalMethod:
     shapes : bool
         Whether shapes are fitted beside frequencies. They decide on the pairs in any case.
     shape_weight : float
-        What a shape that is off by a share of its rms counts for, against a frequency that is off by that share.
-        The default says that shapes are measured ten times less exactly (Friswell & Mottershead, Finite Element Model
-        Updating in Structural Dynamics, 1995: frequencies to 1 %, shapes to 10 %).
+        What a shape that is off by a share of its rms counts for, against a frequency that is off
+        by that share. The default says that shapes are measured ten times less exactly (Friswell &
+        Mottershead, Finite Element Model Updating in Structural Dynamics, 1995: frequencies to 1 %,
+        shapes to 10 %).
     mac : float
-        Measured modes that resemble no mode of the model by this MAC are left out. The fit begins with those that do at
-        the start; where it ends others may, and it goes on with these too.
+        Measured modes that resemble no mode of the model by this MAC are left out. The fit begins
+        with those that do at the start; where it ends others may, and it goes on with these too.
     modes : ModeSet, or mapping of str to ModeSet, optional
-        Measured modes; of several tests by their names. None: identified from the FRFs (`updyn.identify_modes`).
+        Measured modes; of several tests by their names. None: identified from the FRFs
+        (`updyn.identify_modes`).
     """
 
     max_iterations: int = 100
@@ -78,19 +82,24 @@ class ModalMethod:
 
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
     needs: ClassVar[str] = "modes that can be told apart"
-    cannot: ClassVar[tuple[str, ...]] = (*(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")), *CHANNELS)
+    cannot: ClassVar[tuple[str, ...]] = (
+        *(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")),
+        *CHANNELS,
+    )
 
     def __post_init__(self) -> None:
         if self.shapes and not self.shape_weight > 0:
-            raise OptionError("option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out")
+            raise OptionError(
+                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out"
+            )
         if self.mac > 1.0:
             raise OptionError(f"option mac = {self.mac:g}: expected a number from 0 to 1")
         given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
         for one in given:
             if one is not None and not isinstance(one, ModeSet):
                 raise OptionError(
-                    f"option modes: expected a ModeSet, found {type(one).__name__}; read one with updyn.read_modes, or "
-                    "name the file in a job: [test] modes"
+                    f"option modes: expected a ModeSet, found {type(one).__name__}; read one with"
+                    " updyn.read_modes, or name the file in a job: [test] modes"
                 )
 
     def search(self, problem: Task, monitor: Monitor) -> _Vector:
@@ -123,28 +132,48 @@ class ModalMethod:
             except Stopped:
                 return Fit.blind(x, "stopped")
         sigma = _spread(local, residual.count, problem.n)
-        common = {"kind": "spread of the modal residuals", **left, "chi_square": 1.0, "inflation": 1.0}
+        common = {
+            "kind": "spread of the modal residuals",
+            **left,
+            "chi_square": 1.0,
+            "inflation": 1.0,
+        }
         missing = [_shown(target, ~like) for target, like in zip(measured, kept, strict=True)]
         records = tuple({**common, "left_out": text} if text else common for text in missing)
         missing = [text for text in missing if text]
-        note = f"Measured modes that resemble none of the model are left out: {', '.join(missing)}." if missing else ""
+        note = (
+            f"Measured modes that resemble none of the model are left out: {', '.join(missing)}."
+            if missing
+            else ""
+        )
         if left["lowest_mac"] < self.mac:
-            note += f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
+            note += (
+                f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
+            )
         unit = sigma if sigma > 0 else 1.0
         return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), cure=_CURE)
 
     def _check_unknowns(self, problem: Task) -> None:
-        unseen = [p.name for p in problem.coordinates.parameters if any(d.quantity in self.cannot for d in p.acts_on)]
+        unseen = [
+            p.name
+            for p in problem.coordinates.parameters
+            if any(d.quantity in self.cannot for d in p.acts_on)
+        ]
         if unseen:
-            shown = ", ".join(unseen[:4]) + (f" and {len(unseen) - 4} more" if len(unseen) > 4 else "")
+            shown = ", ".join(unseen[:4]) + (
+                f" and {len(unseen) - 4} more" if len(unseen) > 4 else ""
+            )
             raise ParameterError(
-                f"method 'modal': real modes show neither damping nor the level of a channel ({shown}); leave these "
-                "unknowns out, or use a method that fits the FRFs, such as the default"
+                "method 'modal': real modes show neither damping nor the level of a channel"
+                f" ({shown}); leave these unknowns out, or use a method that fits the FRFs, such as"
+                " the default"
             )
 
     def _check_names(self, names: Sequence[str]) -> None:
         if isinstance(self.modes, ModeSet) and len(names) > 1:
-            raise OptionError("option modes: there are several tests; give modes by the name of the test")
+            raise OptionError(
+                "option modes: there are several tests; give modes by the name of the test"
+            )
         for name in self.modes if isinstance(self.modes, Mapping) else ():
             if name not in names:
                 raise OptionError(f"option modes: no test {name!r}; {suggest(str(name), names)}")
@@ -161,10 +190,16 @@ class ModalMethod:
         self, problem: Task, measured: Sequence[Target], x: _Vector, monitor: Monitor
     ) -> tuple[Outcome, ModalError, list[NDArray[np.bool_]]]:
         """Fit the modes that resemble one of the model, then those too that do so there, until there are no more."""
-        left, kept = self.max_iterations, [np.zeros(len(target.value), dtype=np.bool_) for target in measured]
+        left, kept = (
+            self.max_iterations,
+            [np.zeros(len(target.value), dtype=np.bool_) for target in measured],
+        )
         found: tuple[Outcome, ModalError] | None = None
         while True:
-            pairs = [Pairs.at(part, target, x) for part, target in zip(problem.parts, measured, strict=True)]
+            pairs = [
+                Pairs.at(part, target, x)
+                for part, target in zip(problem.parts, measured, strict=True)
+            ]
             like = [k | (own.mac >= self.mac) for k, own in zip(kept, pairs, strict=True)]
             if found is None:
                 _check_any(like, pairs, measured, self.mac)
@@ -186,15 +221,18 @@ class ModalMethod:
 
 
 def _check_any(
-    like: Sequence[NDArray[np.bool_]], pairs: Sequence[Pairs], measured: Sequence[Target], mac: float
+    like: Sequence[NDArray[np.bool_]],
+    pairs: Sequence[Pairs],
+    measured: Sequence[Target],
+    mac: float,
 ) -> None:
     if any(k.any() for k in like):
         return
     best, target = max(zip(pairs, measured, strict=True), key=lambda both: float(both[0].mac.max()))
     frequency = float(np.sqrt(target.value[np.argmax(best.mac)])) / (2.0 * np.pi)
     raise DataError(
-        f"modal: no measured mode resembles a mode of the model at its start: the largest MAC is {best.mac.max():.2f}, "
-        f"at {frequency:.4g} Hz (expected {mac:g})"
+        "modal: no measured mode resembles a mode of the model at its start: the largest MAC is"
+        f" {best.mac.max():.2f}, at {frequency:.4g} Hz (expected {mac:g})"
     )
 
 

@@ -1,7 +1,8 @@
 """Noise models: how uncertain each measured value is, given or estimated; one file each.
 
-Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half of it each. Where the
-noise is proportional the model's |H| is used, not the measured one, as weights made from noisy data bias the estimate.
+Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half
+of it each. Where the noise is proportional the model's |H| is used, not the measured one, as
+weights made from noisy data bias the estimate.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ __all__ = [
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
 
-#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of freedom.
+#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of
+#: freedom.
 SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
     "variance": lambda frf, tails: Variance(),
     "coherence": lambda frf, tails: Coherence.of(frf),
@@ -56,10 +58,11 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     Parameters
     ----------
     noise : None, str or mapping
-        None: from the data's variance, else their coherence (of two averages or more), else estimated.
-        ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one. A mapping with
-        ``relative`` and/or ``floor`` states it; one with ``source`` forces one as the text does; in both
-        ``robust = "student-t"`` gives less weight to outliers, and alone keeps the default source.
+        None: from the data's variance, else their coherence (of two averages or more), else
+        estimated. ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"``
+        force one. A mapping with ``relative`` and/or ``floor`` states it; one with ``source``
+        forces one as the text does; in both ``robust = "student-t"`` gives less weight to outliers,
+        and alone keeps the default source.
     frf : FRF
         The data of the fit.
 
@@ -78,7 +81,10 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
     numbers = {key: noise[key] for key in _NUMBERS if key in noise}
     if numbers and "source" in noise:
-        raise OptionError("noise: relative and floor state it, source takes it from elsewhere; give one of the two")
+        raise OptionError(
+            "noise: relative and floor state it, source takes it from elsewhere; give one of"
+            " the two"
+        )
     tails = np.inf if robust is None else FREEDOM
     stated = numbers or not (robust or "source" in noise)
     made = _stated(numbers) if stated else _sourced(noise.get("source"), frf, tails)
@@ -91,23 +97,35 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
         usable = frf.coherence is not None and not single
         source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
     if source not in SOURCES:
-        raise OptionError(f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor")
+        raise OptionError(
+            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor"
+        )
     if source in ("variance", "coherence") and getattr(frf, source) is None:
         raise OptionError(f"noise {source!r}: the data carry no {source}")
     if source == "coherence" and frf.averages == 1:
-        raise OptionError("noise 'coherence': that of a single average is 1 whatever the noise; it says nothing")
+        raise OptionError(
+            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing"
+        )
     return SOURCES[source](frf, tails)
 
 
 def _stated(noise: Mapping[str, float | str]) -> Stated:
     usable: dict[str, float] = {}
     for key, value in noise.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not np.isfinite(value)
+            or value < 0
+        ):
             raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
         usable[key] = float(value)
     stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
     if stated.relative == stated.floor == 0.0:
-        raise OptionError("noise: relative and floor are both 0; data without noise need no noise model, leave it out")
+        raise OptionError(
+            "noise: relative and floor are both 0; data without noise need no noise model, leave"
+            " it out"
+        )
     return stated
 
 

@@ -29,8 +29,8 @@ class EstimatedByChannel:
     tails : float
         Degrees of freedom of Student's distribution in the likelihood; inf: Gaussian.
     relative, floor : ndarray of float, shape (n_i,), optional
-        The numbers, once a residual was seen; before, noise of ordinary size is taken. The floor is a share of the rms
-        of all data of the same unit.
+        The numbers, once a residual was seen; before, noise of ordinary size is taken. The floor is
+        a share of the rms of all data of the same unit.
     names : tuple of str
         The responses, then.
     held : bool
@@ -51,7 +51,9 @@ class EstimatedByChannel:
             return Stated(**ASSUMED).variance(H, frf)
         return two_part(self.relative[:, None], self.floor[:, None], H, level_by_unit(frf))
 
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> EstimatedByChannel | Estimated | Assumed:
+    def refit(
+        self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
+    ) -> EstimatedByChannel | Estimated | Assumed:
         """Return the model with the numbers of each response, or of all together where these have too few values."""
         if self.held:
             return self
@@ -60,9 +62,14 @@ class EstimatedByChannel:
         level = np.broadcast_to(level_by_unit(frf), H.shape)
         squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
         found = np.array(
-            [two_numbers(np.abs(H[:, i]), level[:, i], squared[:, i], self.tails) for i in range(H.shape[1])]
+            [
+                two_numbers(np.abs(H[:, i]), level[:, i], squared[:, i], self.tails)
+                for i in range(H.shape[1])
+            ]
         )
-        return replace(self, relative=found[:, 0], floor=found[:, 1], names=tuple(frf.responses.labels))
+        return replace(
+            self, relative=found[:, 0], floor=found[:, 1], names=tuple(frf.responses.labels)
+        )
 
     def figures(self) -> dict[str, Any]:
         """Return relative and floor of each response."""

@@ -22,13 +22,14 @@ _USUAL = 10
 class Coherence:
     """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), made steady along the lines (`smooth.steady`).
 
-    H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2) S_yy is the output that
-    the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010, sections 6.1.4 and 9.2.3, there with n for
-    n - 1). Given the inputs, H1 is a regression with one complex unknown: its variance S_nn / (n S_xx) is
-    estimated by this without bias, whatever that of gamma^2 itself (Carter, Knapp & Nuttall, IEEE Trans. Audio
-    Electroacoust. 21 (1973) 337), and independently of the error of H_X. The model's |H| in place of |H_X| would give
-    nearly no variance in an antiresonance, where gamma^2 was formed by |H_X|, mostly noise. It scatters with n - 1
-    degrees of freedom, too few for a weight.
+    H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2)
+    S_yy is the output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010,
+    sections 6.1.4 and 9.2.3, there with n for n - 1). Given the inputs, H1 is a regression with one
+    complex unknown: its variance S_nn / (n S_xx) is estimated by this without bias, whatever that
+    of gamma^2 itself (Carter, Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337), and
+    independently of the error of H_X. The model's |H| in place of |H_X| would give nearly no
+    variance in an antiresonance, where gamma^2 was formed by |H_X|, mostly noise. It scatters with
+    n - 1 degrees of freedom, too few for a weight.
 
     Parameters
     ----------
@@ -52,7 +53,11 @@ class Coherence:
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
-        if self.freq is not None and self.learnt is not None and self.learnt.floor.shape[1:] == H.shape[1:]:
+        if (
+            self.freq is not None
+            and self.learnt is not None
+            and self.learnt.floor.shape[1:] == H.shape[1:]
+        ):
             at = np.searchsorted(self.freq, frf.freq)
             if at[-1] < len(self.freq) and (self.freq[at] == frf.freq).all():
                 return self.learnt.at(np.abs(H), at)

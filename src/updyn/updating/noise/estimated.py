@@ -23,15 +23,17 @@ _SAMPLES = 20_000
 class Estimated:
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with both numbers estimated from the residual.
 
-    They maximise the likelihood of the residual under complex Gaussian noise; the residual is first corrected for the
-    unknowns that were fitted. Model error counts as noise here: nothing else is known.
+    They maximise the likelihood of the residual under complex Gaussian noise; the residual is first
+    corrected for the unknowns that were fitted. Model error counts as noise here: nothing else is
+    known.
 
     Parameters
     ----------
     relative, floor : float
         The two numbers, once they are known.
     tails : float
-        Degrees of freedom of Student's distribution, whose likelihood is used in place of the Gaussian one; inf: that.
+        Degrees of freedom of Student's distribution, whose likelihood is used in place of the
+        Gaussian one; inf: that.
     """
 
     relative: float = np.nan
@@ -90,7 +92,10 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     both = max(guess, SMALLEST), max(np.sqrt(middle(squared / level**2)), SMALLEST)
     tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
     found = min(
-        (minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6}) for t in tries),
+        (
+            minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
+            for t in tries
+        ),
         key=lambda m: float(m.fun),
     )
     a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))

@@ -40,11 +40,12 @@ class Steady:
 def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     """Return a steady form of variances that scatter as chi-square.
 
-    Two parts, one of them proportional to |H|^2, both piecewise linear along the lines, are fitted to each channel by
-    the likelihood of variances that scatter in proportion to themselves (the Itakura-Saito divergence, by the
-    multiplicative steps of Fevotte, Bertin & Durrieu, Neural Computation 21 (2009) 793, with the exponent 1/2 with
-    which they descend). What the lines hold beyond them is a mean over neighbouring lines. A line that stands out by a
-    factor of ten from the median around it keeps its own: it is a hum or a glitch, not scatter.
+    Two parts, one of them proportional to |H|^2, both piecewise linear along the lines, are fitted
+    to each channel by the likelihood of variances that scatter in proportion to themselves (the
+    Itakura-Saito divergence, by the multiplicative steps of Fevotte, Bertin & Durrieu, Neural
+    Computation 21 (2009) 793, with the exponent 1/2 with which they descend). What the lines hold
+    beyond them is a mean over neighbouring lines. A line that stands out by a factor of ten from
+    the median around it keeps its own: it is a hum or a glitch, not scatter.
 
     Parameters
     ----------
@@ -58,8 +59,8 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     Returns
     -------
     Steady
-        Such that the mean of its inverse is the inverse of the variance, so that it makes unbiased weights: for a mean
-        of d Gamma(1) the mean of the inverse is d / (d - 1) too large.
+        Such that the mean of its inverse is the inverse of the variance, so that it makes unbiased
+        weights: for a mean of d Gamma(1) the mean of the inverse is d / (d - 1) too large.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -102,7 +103,9 @@ def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Rea
         excess, inverse = counts * v / model**2, counts / model
         gains = [np.sqrt((hat.T @ (b * excess)) / (hat.T @ (b * inverse))) for b in (1.0, s)]
         floor, relative = floor * gains[0], relative * gains[1]
-    return (hats @ floor).reshape(n_f, *channels), (hats @ (relative / level)).reshape(n_f, *channels)
+    return (hats @ floor).reshape(n_f, *channels), (hats @ (relative / level)).reshape(
+        n_f, *channels
+    )
 
 
 def _hats(n_f: int, knots: int) -> _Real:
