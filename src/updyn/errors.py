@@ -2,15 +2,18 @@
 
 Everything raised because of what a user supplied derives from `UpdynError`::
 
-    UpdynError ├── InputError            what was supplied cannot be used │   ├── DofError
-    a degree of freedom: unreadable, unknown, or named twice │   ├── ModelError        a matrix, a
-    group or a model │   │   └── ToleranceError  no plant of it holds the tolerance │   ├──
-    DataError         a frequency response function or its selection │   ├── FormatError       a
-    file: says path, and line or record where there is one │   ├── ParameterError    an unknown, its
-    bounds or its group │   ├── OptionError       an option, a method or a keyword │   └── JobError
-    the job file: says file and line ├── SolverError           a line that could not be solved (a
-    resonance without damping, a singular model) └── EngineError           the processes or the
-    cluster that were to do the work are lost
+    UpdynError
+    ├── InputError            what was supplied cannot be used
+    │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
+    │   ├── ModelError        a matrix, a group or a model
+    │   │   └── ToleranceError  no plant of it holds the tolerance
+    │   ├── DataError         a frequency response function or its selection
+    │   ├── FormatError       a file: says path, and line or record where there is one
+    │   ├── ParameterError    an unknown, its bounds or its group
+    │   ├── OptionError       an option, a method or a keyword
+    │   └── JobError          the job file: says file and line
+    ├── SolverError           a line that could not be solved (a resonance without damping, a singular model)
+    └── EngineError           the processes or the cluster that were to do the work are lost
 
 `UpdynWarning` marks what a user should know and may accept.
 """

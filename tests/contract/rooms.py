@@ -14,6 +14,7 @@ SRC = Path(updyn.__file__).parent
 #: other.
 ORDER = (
     ("errors",),
+    ("registry",),
     ("dofs",),
     ("geometry",),
     ("frf",),

@@ -2,26 +2,24 @@
 
 With structural damping the model has the receptance (M = I in modal coordinates)
 
-    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C)
-    u_j = 1
+    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C) u_j = 1
 
-(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that
-come in no conjugate pairs: r of them above the real axis, stable, which make the resonances, and r
-below it, of which the structural damping makes unstable ones. At positive frequencies those below
-are far away. They are replaced by the conjugates of those above:
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that come in no
+conjugate pairs: r of them above the real axis, stable, which make the resonances, and r below it, of which the
+structural damping makes unstable ones. At positive frequencies those below are far away. They are replaced by the
+conjugates of those above:
 
     G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
 
-Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at
-most eta^2 at rest, where nothing causal has losses; the poles and residues that make the resonances
-it does not change at all. That is closer than any real damping matrix where damping is strong and
-local. It is stable, and passive only as far as the structure it stands for is close to causal. Real
-poles, of rigid-body motion and of overdamped motion with a viscous damper, are those of the
-structure without D.
+Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at most eta^2 at rest,
+where nothing causal has losses; the poles and residues that make the resonances it does not change at all. That is
+closer than any real damping matrix where damping is strong and local. It is stable, and passive
+only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
+with a viscous damper, are those of the structure without D.
 
-The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with
-a force. Those of G do not quite: a velocity has a small feed-through in the band. Above the band a
-real pole takes it away, so that the plant rolls off as the structure does.
+The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with a force. Those of G
+do not quite: a velocity has a small feed-through in the band. Above the band a real pole takes it away, so that the
+plant rolls off as the structure does.
 """
 
 from __future__ import annotations

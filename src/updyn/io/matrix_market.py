@@ -2,8 +2,8 @@
 
 ::
 
-    title = "Gear case" dofs = "dofs.csv"                 # a table, see updyn.io.dof_table; or the
-    labels: ["1:X", "1:Y"]
+    title = "Gear case"
+    dofs = "dofs.csv"                 # a table, see updyn.io.dof_table; or the labels: ["1:X", "1:Y"]
 
     [geometry]                        # optional
     nodes = "nodes.csv"
@@ -18,9 +18,9 @@
     stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
     loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
 
-File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or
-general. Where they are those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`;
-OUTPUT4 and DMIG files of Nastran, as in `updyn.io.nastran.matrices`.
+File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
+those that Abaqus writes, the file reads as in `updyn.io.abaqus_toml`; OUTPUT4 and DMIG files of Nastran, as in
+`updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
 An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB struct). A model is::
 
-    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6
-    for X Y Z RX RY RZ K, M, C, loss_factor    one group, called "model"; K or M or C at least
-    } one of groups                  mapping of group name to K, M, C, loss_factor, name
-    } these
+    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
+    K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
+    groups                  mapping of group name to K, M, C, loss_factor, name                 } these
                             (or one of the ways in `updyn.io.named_groups`)
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
@@ -15,11 +14,13 @@ An item is a number array, a sparse matrix, a list of texts, or a mapping of ite
 
 and an FRF is::
 
-    freq                    n_f lines in Hz H (or values)           complex, (n_f, n_responses,
-    n_references) responses, references   signed labels, or tables of node and direction, negative
-    for the opposite sense quantity                "receptance", "mobility" or "accelerance"
-    coherence, variance     of the shape of H, optional averages, source        optional nodes, xyz,
-    lines, axes geometry, optional
+    freq                    n_f lines in Hz
+    H (or values)           complex, (n_f, n_responses, n_references)
+    responses, references   signed labels, or tables of node and direction, negative for the opposite sense
+    quantity                "receptance", "mobility" or "accelerance"
+    coherence, variance     of the shape of H, optional
+    averages, source        optional
+    nodes, xyz, lines, axes geometry, optional
 """
 
 from __future__ import annotations

@@ -2,15 +2,15 @@
 
 Items (`plant_items`), as ``.json`` has them::
 
-    format, schema                       "updyn plant", 1 A, B, C, D                           (n,
-    n), (n, n_u), (n_y, n), (n_y, n_u), in SI units dt, delay                            sampling
-    interval in s, None where continuous; intervals of delay within A inputs
-    one {name, unit, weights, rotation} each; weights by DOF label outputs
-    the same with quantity band                                 Hz tolerance, error, peak_error,
-    route, rigid, modes, facts    see `updyn.control.plant.Plant`
+    format, schema                       "updyn plant", 1
+    A, B, C, D                           (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
+    dt, delay                            sampling interval in s, None where continuous; intervals of delay within A
+    inputs                               one {name, unit, weights, rotation} each; weights by DOF label
+    outputs                              the same with quantity
+    band                                 Hz
+    tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
 
-Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so
-of ``outputs``
+Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so of ``outputs``
 (`flat_items`)::
 
     inputs, input_units                  names and units

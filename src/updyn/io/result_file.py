@@ -3,17 +3,16 @@
 xarray opens the root, which holds what one plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
-    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound
-    (parameter) link *                                (parameter): JSON text of drives, nominal,
-    unit covariance                            (parameter, parameter_other) history_stage,
-    history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
-    history_value                         (iteration, parameter) line
-    lines of the fit, in Hz residual_bands *                      (band, edge): Hz residual_misfit
-    *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see
-                                          updyn.updating.adequacy
-    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see
-    updyn.io.values_text
+    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound     (parameter)
+    link *                                (parameter): JSON text of drives, nominal, unit
+    covariance                            (parameter, parameter_other)
+    history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
+    history_value                         (iteration, parameter)
+    line                                  lines of the fit, in Hz
+    residual_bands *                      (band, edge): Hz
+    residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
+                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
+    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.io.values_text
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """

@@ -3,8 +3,7 @@
 ``mass``, ``stiffness``, ``damping``
     M, K, C in the internal states of the system, (n, n).
 ``transformation``
-    (m, n): what the coordinates do where the states are; the identity unless the system was reduced
-    or transformed.
+    (m, n): what the coordinates do where the states are; the identity unless the system was reduced or transformed.
 ``coordinate``
     m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
 ``enforce_symmetry``

@@ -1,8 +1,8 @@
 """Mixed values (options, figures, advice) as JSON text, exactly and back, or as plain JSON for other programs.
 
-JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them
-(``{"__float__": "inf"}``), so that `from_text` gives back what was there; `plain` gives up the
-difference: inf and nan become null, tuples and arrays lists.
+JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them (``{"__float__": "inf"}``), so
+that `from_text` gives back what was there; `plain` gives up the difference: inf and nan become null, tuples and arrays
+lists.
 """
 
 from __future__ import annotations
