@@ -9,10 +9,20 @@ import numpy as np
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.report.section import Content, sections_of
 from updyn.updating.adequacy import Suspect, assess, blamed
 from updyn.updating.choice import parameters
 from updyn.updating.parameters import Parameter, ParameterSet
 from updyn.updating.result import Identifiability, Iteration, UpdateResult
+
+
+def all_figures(result):
+    """Every figure of a page."""
+    content = Content(result)
+    out = {}
+    for section in sections_of(content):
+        out |= section.figures(content)
+    return out
 
 
 def chain(n=12, k=2.0e6, m=1.5, title=""):

@@ -46,7 +46,7 @@ def plant(
     from updyn.job import load_job, prepare
     from updyn.job.folder import CONTROL, PLANT_PAGE
     from updyn.job.planting import check_plant_out, default_plant_out, plant_job
-    from updyn.report import write_plant_page
+    from updyn.report.plant_page import write_plant_page
 
     loaded = load_job(job)
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)

@@ -308,9 +308,9 @@ def _report(
         )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    more: tuple[object, ...] = () if found is None else (found,)
-    more = more if planted is None else (found, planted)
-    report(result, folder / "report.html", *more)
+    more = () if found is None else (found,)
+    further = {} if planted is None else {"plant": planted}
+    report(result, folder / "report.html", *more, **further)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

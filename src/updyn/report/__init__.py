@@ -2,6 +2,5 @@
 
 from updyn.report.comparison import write_comparison
 from updyn.report.page import write_report
-from updyn.report.plant_page import write_plant_page
 
-__all__ = ["write_comparison", "write_plant_page", "write_report"]
+__all__ = ["write_comparison", "write_report"]
