@@ -36,7 +36,7 @@ from updyn.control.ports import Port, as_ports
 from updyn.errors import FormatError, suggest
 from updyn.frf import QUANTITIES
 from updyn.group import is_number
-from updyn.io.guard import known_only, placed
+from updyn.io.items import known_only, placed
 from updyn.io.values_text import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]

@@ -15,7 +15,7 @@ import numpy as np
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.mat_variables import read_variables
+from updyn.io.matlab import read_variables
 from updyn.io.plant_items import build_plant, flat_items, nested_items
 
 __all__ = ["read_plant", "write_plant"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.control.plant import Plant
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import library
+from updyn.io.items import library
 from updyn.io.plant_items import build_plant, flat_items, nested_items
 
 __all__ = ["read_plant", "write_plant"]

@@ -172,7 +172,7 @@ def _check_properties(job: Job) -> None:
     """Check that the properties of the model's source can be written, before anything is computed."""
     if job.output.properties is None:
         return
-    from updyn.io.registry import find_format
+    from updyn.io.formats import find_format
 
     with located(job, "output", "properties"):
         if job.model.file is None:
