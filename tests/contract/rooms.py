@@ -18,7 +18,6 @@ ORDER = (
     ("dofs",),
     ("geometry",),
     ("frf",),
-    ("loss_table",),
     ("group",),
     ("model",),
     ("engines",),
@@ -42,7 +41,7 @@ LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.
-PRIVATE = {"_frf_xarray": "frf", "__main__": "cli"}
+PRIVATE = {"__main__": "cli"}
 
 
 def files() -> list[Path]:
