@@ -96,9 +96,10 @@ def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
 
     Parameters
     ----------
-    HX, HA : array_like of complex, shape (n_x, n_responses, n_references) and (n_a, n_responses,
-    n_references)
-        Measured and computed; the lines may differ.
+    HX : array_like of complex, shape (n_x, n_responses, n_references)
+        Measured.
+    HA : array_like of complex, shape (n_a, n_responses, n_references)
+        Computed; its lines may differ.
 
     Returns
     -------
