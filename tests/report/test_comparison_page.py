@@ -12,8 +12,7 @@ from test_browser import attributes, browser, dump
 
 import updyn
 from updyn.comparison import Comparison, Fewest, Row
-from updyn.demos.gear_train_bench import known_masses
-from updyn.demos.gear_train_case import true_model, true_values
+from updyn.demos.gear_train import known_masses, true_model, true_values
 from updyn.report import write_comparison
 from updyn.report.comparison_data import gather_curves, is_geometric
 
