@@ -30,7 +30,6 @@ ORDER = (
     ("modal",),
     ("updating",),
     ("comparison", "uncertainty"),
-    ("control",),
     ("elements",),
     ("io",),
     ("matching",),
@@ -38,8 +37,11 @@ ORDER = (
     ("report", "viewer"),
     ("demos",),
     ("cli", "web"),
+    ("control",),
 )
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
+#: Rooms that still name parts of `control` instead of finding them in a registry.
+KNOWS_CONTROL = {"job", "report", "demos", "cli"}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.

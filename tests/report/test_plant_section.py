@@ -11,13 +11,13 @@ from test_browser import attributes, dump
 from test_comparison_page import values
 
 import updyn
+from updyn.control.job.plant_record import control_record
+from updyn.control.job.plant_result import lines_of, planted_of
+from updyn.control.report.plant_parts import plant_parts
+from updyn.control.report.plant_sections import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
-from updyn.job.control_record import control_record
-from updyn.job.planted import lines_of, planted_of
 from updyn.report import write_plant_page
-from updyn.report.plant_parts import plant_parts
-from updyn.report.sections_plant import share
 from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"

@@ -10,9 +10,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from updyn.control.job.checks import check_control_tables
 from updyn.errors import JobError, OptionError, suggest
 from updyn.job.complaints import complaints
-from updyn.job.control_checks import check_control_tables
 from updyn.job.schema import KINDS, Job, MethodTable
 from updyn.job.toml_lines import Place, read_toml
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from updyn.control.job.checks import check_control
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
-from updyn.job.control_checks import check_control
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
 from updyn.job.schema import KINDS, OUTPUTS, Job

@@ -8,12 +8,12 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from updyn.job.planted import Planted
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.plant_parts import plant_parts
 from updyn.report import markup as m
 from updyn.report.content import Content, agreement_figures, asset
 from updyn.report.data import gather
 from updyn.report.figures import all_figures, overlay
-from updyn.report.plant_parts import plant_parts
 from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
 from updyn.report.sections_tests import COMMON, joint_head, tests

@@ -4,12 +4,12 @@ import tomllib
 
 import pytest
 
+from updyn.control.job.checks import band_of_plant, beyond_the_data
 from updyn.control.servo.controller import Controller, Notch
 from updyn.control.servo.wind import Wind
 from updyn.demos import find_demo
 from updyn.errors import JobError
 from updyn.job import load_job, prepare
-from updyn.job.control_checks import band_of_plant, beyond_the_data
 from updyn.job.resolved import resolved_job
 
 JOB = """[model]

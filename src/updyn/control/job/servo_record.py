@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from updyn.control.job.nonlinear import Nonlinear
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.io.values_text import plain
-from updyn.job.nonlinear_of import Nonlinear
 
 __all__ = ["drive_record", "nonlinear_record", "servo_record"]
 

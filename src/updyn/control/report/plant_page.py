@@ -6,10 +6,10 @@ from os import PathLike
 from pathlib import Path
 
 from updyn import __version__
-from updyn.job.planted import Planted
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.plant_parts import plant_parts
 from updyn.report import markup as m
 from updyn.report.page import page_text
-from updyn.report.plant_parts import plant_parts
 
 __all__ = ["write_plant_page"]
 
@@ -20,7 +20,7 @@ def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
     Parameters
     ----------
     planted : Planted
-        What `updyn.job.planting.plant_job` made.
+        What `updyn.control.job.make_plant.plant_job` made.
     path : str or path-like
         Where to write; an existing file is replaced only once the new page is complete.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from updyn.job.planted import Planted
-from updyn.report.nonlinear import nonlinear_figures
-from updyn.report.plant_figures import plant_figures
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.nonlinear import nonlinear_figures
+from updyn.control.report.plant_figures import plant_figures
+from updyn.control.report.plant_sections import plant_section
+from updyn.control.report.servo_figures import servo_figures
+from updyn.control.report.servo_sections import servo_section
 from updyn.report.plots import Figure
-from updyn.report.sections_plant import plant_section
-from updyn.report.sections_servo import servo_section
-from updyn.report.servo_figures import servo_figures
 
 __all__ = ["plant_parts"]
 

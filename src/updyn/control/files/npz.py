@@ -1,4 +1,4 @@
-"""A plant as a NumPy ``.npz`` archive: `updyn.io.plant_items` as arrays. Nothing pickled is ever read."""
+"""A plant as a NumPy ``.npz`` archive: `updyn.control.files.items` as arrays. Nothing pickled is ever read."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from updyn.control.files.items import build_plant, flat_items, nested_items
 from updyn.control.plant import Plant
 from updyn.io.atomic import atomic_path
 from updyn.io.guard import library
-from updyn.io.plant_items import build_plant, flat_items, nested_items
 
 __all__ = ["read_plant", "write_plant"]
 

@@ -21,10 +21,10 @@ __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 _BOTH = ("read_plant", "write_plant")
 
 PLANT_FORMATS = (
-    Format("json", "updyn.io.plant_json", (".json",), (b"{", b"\xef\xbb\xbf{"), _BOTH),
-    Format("mat", "updyn.io.plant_mat", (".mat",), (b"MATLAB ",), _BOTH),
-    Format("npz", "updyn.io.plant_npz", (".npz",), (b"PK\x03\x04",), _BOTH),
-    Format("header", "updyn.io.plant_header", (".h",), (), ("write_plant",)),
+    Format("json", "updyn.control.files.json", (".json",), (b"{", b"\xef\xbb\xbf{"), _BOTH),
+    Format("mat", "updyn.control.files.mat", (".mat",), (b"MATLAB ",), _BOTH),
+    Format("npz", "updyn.control.files.npz", (".npz",), (b"PK\x03\x04",), _BOTH),
+    Format("header", "updyn.control.files.header", (".h",), (), ("write_plant",)),
 )
 
 

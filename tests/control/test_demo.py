@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos import antenna_servo as demo
+from updyn.control import demo
+from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.servo_tables import ServoTable
 from updyn.demos.antenna import TRUTH
-from updyn.job.control_tables import PlantTable
-from updyn.job.servo_tables import ServoTable
 
 pytest.importorskip("pyfe3d")
 

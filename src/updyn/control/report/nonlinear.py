@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from updyn.control.job.nonlinear import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
-from updyn.job.nonlinear_of import Nonlinear
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.plots import Figure, label, numbers

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from updyn.control.job.plant_result import Planted
 from updyn.control.plant import Plant
-from updyn.job.planted import Planted
+from updyn.control.report.plant_figures import bode_name, channels, unit_of, weight_name
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.plant_figures import bode_name, channels, unit_of, weight_name
 from updyn.report.plots import Figure
 
 __all__ = ["plant_section", "plant_tiles", "share"]

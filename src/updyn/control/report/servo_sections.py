@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.nonlinear import nonlinear_part
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
-from updyn.job.planted import Planted
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.nonlinear import nonlinear_part
 from updyn.report.plots import Figure
 
 __all__ = ["servo_section"]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.plant import Plant
+from updyn.control.report.plant_figures import degree_axis
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
-from updyn.report.plant_figures import degree_axis
 from updyn.report.plots import Figure, label, numbers
 from updyn.report.stacked import (
     Panel,

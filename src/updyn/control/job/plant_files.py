@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from updyn.control.job.plant_record import write_control_record
+from updyn.control.job.plant_result import Planted, planted_of
 from updyn.errors import UpdynError, UpdynWarning
-from updyn.job.control_record import write_control_record
 from updyn.job.folder import CONTROL
-from updyn.job.planted import Planted, planted_of
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 
@@ -98,7 +98,7 @@ def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:
     folder : Path
         Where to.
     """
-    from updyn.io.plant_file import write_plant
+    from updyn.control.files.plant_file import write_plant
 
     assert job.plant is not None
     for made, names in (

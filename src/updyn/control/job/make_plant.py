@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from updyn.control.job.checks import part_of_plant
+from updyn.control.job.plant_files import write_plant_files
+from updyn.control.job.plant_result import Planted, planted_of
 from updyn.errors import InputError, JobError
-from updyn.job.control_checks import part_of_plant
 from updyn.job.folder import (
     PLANT_PAGE,
     check_folder,
@@ -22,8 +24,6 @@ from updyn.job.folder import (
     put_in_place,
     unfinished,
 )
-from updyn.job.planted import Planted, planted_of
-from updyn.job.planted_files import write_plant_files
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import MARK, resolved_job
 from updyn.job.schema import Job

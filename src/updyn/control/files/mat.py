@@ -1,7 +1,7 @@
 """A plant as MATLAB variables without structs, so that ``load`` and ``ss`` are all that it takes.
 
 The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant, as ``ss`` has it;
-names and units are cell arrays of char. All variables: `updyn.io.plant_items`. Version 5 is written; 5 to 7.3 are read.
+names and units are cell arrays of char. All variables: `updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from updyn.control.files.items import build_plant, flat_items, nested_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
 from updyn.io.mat_variables import read_variables
-from updyn.io.plant_items import build_plant, flat_items, nested_items
 
 __all__ = ["read_plant", "write_plant"]
 

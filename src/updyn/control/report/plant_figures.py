@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from updyn.control.job.plant_result import Planted
 from updyn.control.plant import Plant
 from updyn.control.weight import UncertaintyWeight
-from updyn.job.planted import Planted
 from updyn.report.plots import Figure
 from updyn.report.stacked import (
     Panel,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.plant import Plant
 from updyn.errors import InputError, JobError, ToleranceError, UpdynError
-from updyn.job.control_checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -20,10 +20,10 @@ from updyn.model import Model
 if TYPE_CHECKING:
     from updyn.control.build import ConversionError
     from updyn.control.family import PlantFamily
+    from updyn.control.job.nonlinear import Nonlinear
     from updyn.control.servo.drive_figures import DriveFigures
     from updyn.control.servo.record import Servo
     from updyn.control.weight import UncertaintyWeight
-    from updyn.job.nonlinear_of import Nonlinear
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
 
@@ -224,8 +224,8 @@ def _servo(
     strict: bool,
 ) -> tuple[dict[str, Any], str]:
     """Return drive and servo, and why one of them is not there."""
-    from updyn.job.nonlinear_of import nonlinear_of
-    from updyn.job.servo_of import drive_of, servo_of
+    from updyn.control.job.nonlinear import nonlinear_of
+    from updyn.control.job.servo import drive_of, servo_of
 
     out: dict[str, Any] = {}
     try:

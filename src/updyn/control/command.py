@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from updyn.job.planted import Planted
+    from updyn.control.job.plant_result import Planted
     from updyn.job.prepare import Prepared
 
 __all__ = ["describe_planted", "describe_wish", "plant"]
@@ -43,9 +43,9 @@ def plant(
     """
     from updyn.cli import DONE, NOT_DETERMINED, _note, _say
     from updyn.cli.engine import engine
+    from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
     from updyn.job import load_job, prepare
     from updyn.job.folder import CONTROL, PLANT_PAGE
-    from updyn.job.planting import check_plant_out, default_plant_out, plant_job
     from updyn.report import write_plant_page
 
     loaded = load_job(job)
@@ -136,7 +136,7 @@ def describe_planted(made: Planted) -> str:
 
 def describe_wish(ready: Prepared) -> str:
     """Return what a job asks for with ``[plant]`` and ``[servo]``, as text; empty where it asks for nothing."""
-    from updyn.job.control_checks import band_of_plant, beyond_the_data, part_of_plant
+    from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 
     table, servo = ready.job.plant, ready.job.servo
     if table is None:

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from updyn.control.files.items import build_plant, plant_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.plant_items import build_plant, plant_items
 from updyn.io.values_text import from_text, to_text
 
 __all__ = ["read_plant", "write_plant"]
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
-    """Write a plant; names are those of `updyn.io.plant_items`.
+    """Write a plant; names are those of `updyn.control.files.items`.
 
     Parameters
     ----------

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from updyn import __version__
+from updyn.control.job.plant_result import Planted
+from updyn.control.job.servo_record import drive_record, nonlinear_record, servo_record
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.io.values_text import plain
-from updyn.job.planted import Planted
-from updyn.job.servo_record import drive_record, nonlinear_record, servo_record
 
 __all__ = ["control_record", "write_control_record"]
 

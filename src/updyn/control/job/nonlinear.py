@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from updyn.control.job.servo import located_in
+from updyn.control.job.servo_tables import NonlinearTable
 from updyn.errors import UpdynError
 from updyn.job.schema import Job
-from updyn.job.servo_of import located_in
-from updyn.job.servo_tables import NonlinearTable
 from updyn.model import Model
 
 if TYPE_CHECKING:
