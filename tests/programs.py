@@ -69,7 +69,7 @@ def not_run(reports: Iterable[pytest.TestReport]) -> list[str]:
     lines = []
     for _, description in PROGRAMS.values():
         reason = f"Skipped: needs {description}"
-        tests = [r.nodeid for r in reports if str(r.longrepr).rstrip("')").endswith(reason)]
+        tests = [report.nodeid for report in reports if reason in str(report.longrepr)]
         if tests:
             lines.append(f"without {description}, {len(tests)} not run:")
             lines += [f"    {test}" for test in tests]
