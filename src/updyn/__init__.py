@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from updyn.frf import FRF as FRF
     from updyn.geometry import Geometry as Geometry
     from updyn.group import Group as Group
+    from updyn.group import LossTable as LossTable
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
@@ -66,7 +67,6 @@ if TYPE_CHECKING:
     from updyn.io import write_result as write_result
     from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
     from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
-    from updyn.loss_table import LossTable as LossTable
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
@@ -105,7 +105,7 @@ _WHERE = {
     "Geometry": "updyn.geometry",
     "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
-    "LossTable": "updyn.loss_table",
+    "LossTable": "updyn.group",
     "ModeSet": "updyn.modal",
     "Model": "updyn.model",
     "Plant": "updyn.control.plant",

@@ -19,7 +19,6 @@ ORDER = (
     ("dofs",),
     ("geometry",),
     ("frf",),
-    ("loss_table",),
     ("group",),
     ("model",),
     ("engines",),
@@ -45,7 +44,7 @@ KNOWS_CONTROL = {"job", "report", "demos", "cli"}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.
-PRIVATE = {"_frf_xarray": "frf", "__main__": "cli"}
+PRIVATE = {"__main__": "cli"}
 
 
 def files() -> list[Path]:

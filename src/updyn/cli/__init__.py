@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from updyn.engines import Engine
     from updyn.job import Job, Prepared
     from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profiles import Profiles
+    from updyn.uncertainty.profile import Profiles
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["BAD_INPUT", "DONE", "NOT_DETERMINED", "STOPPED", "main"]

@@ -274,7 +274,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
-    from updyn.linalg.factorise import check_backend
+    from updyn.linalg.solver import check_backend
     from updyn.updating.noise import choose_noise
     from updyn.updating.reducing import is_reduced
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profiles import Profiles
+    from updyn.uncertainty.profile import Profiles
     from updyn.updating.monitor import Progress
     from updyn.updating.result import Identifiability, JointResult, UpdateResult
     from updyn.updating.run import Test

@@ -20,7 +20,7 @@ from updyn.report.sections_tests import COMMON, joint_head, tests
 from updyn.report.structure import structure_of
 from updyn.report.uncertain import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "page_text", "write_report"]

@@ -26,22 +26,30 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.fields import ACCURACY, line_blocks
-from updyn.dynamics.reduced.basis import Basis
-from updyn.dynamics.reduced.residual import Channels, LineResidual
-from updyn.dynamics.reduced.solver import ReducedSolver
+from updyn.dofs import DofSet
+from updyn.dynamics.affine import AffineSystem, State, Term
+from updyn.dynamics.fields import ACCURACY, line_blocks, solve_dense
 from updyn.errors import OptionError, SolverError
-from updyn.linalg.factorise import Factorised, SparseSolver
+from updyn.linalg.solver import Factorised, SparseSolver
+from updyn.linalg.threads import alone
 
-__all__ = ["SAFETY", "Certificate", "Reduction"]
+__all__ = [
+    "NOT_CONDENSED",
+    "SAFETY",
+    "Basis",
+    "Certificate",
+    "Channels",
+    "LineResidual",
+    "ReducedSolver",
+    "Reduction",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -398,3 +406,380 @@ def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[floa
     choose = (lambda p: p[np.argmax(level[p])], lambda p: p[np.argmin(level[p])], rng.choice)
     picked = {int(choose[(i + number) % 3](p)) for i, p in enumerate(pieces)}
     return [float(freq[i]) for i in sorted(picked | {0, len(freq) - 1})]
+
+
+#: What is left of a unit column after those before it were taken out; less is rounding of what they
+#: hold already.
+_NEW = 1e-9
+_ROWS = 1 << 16
+
+
+@dataclass(slots=True, eq=False)
+class Basis:
+    """Real motions V and the matrices of a model projected on them, V^T A_t V for every term t.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model, N DOFs.
+    weight : ndarray of float, shape (N,)
+        Scale of each DOF, so that translations and rotations compare; the columns are normal in it.
+
+    Attributes
+    ----------
+    terms : list of ndarray of float, shape (r, r)
+        The projected matrices, one a term of the system.
+    """
+
+    system: AffineSystem
+    weight: _Real
+    terms: list[_Real] = field(init=False)
+    _blocks: list[_Real] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self.terms = [np.zeros((0, 0)) for _ in self.system.terms]
+
+    @property
+    def size(self) -> int:
+        """Number of motions r."""
+        return sum(b.shape[1] for b in self._blocks)
+
+    def at(self, dofs: NDArray[np.intp]) -> _Real:
+        """Return V at some DOFs, shape (len(dofs), r)."""
+        return np.hstack([b[dofs] for b in self._blocks])
+
+    def moved(self, coordinates: _Real) -> _Real:
+        """Return V q for real coordinates q, shape (r, k), as (N, k)."""
+        out = np.zeros((self.system.n, coordinates.shape[1]))
+        first = 0
+        for block in self._blocks:
+            out += block @ coordinates[first : first + block.shape[1]]
+            first += block.shape[1]
+        return out
+
+    def projected(self, F: _Real) -> _Real:
+        """Return V^T F for forces F, shape (N, k), as (r, k)."""
+        return np.vstack([b.T @ F for b in self._blocks])
+
+    def append(self, X: _Real) -> None:
+        """Add what is new in the columns of X, shape (N, k); X is overwritten."""
+        scale = self.weight[:, None]
+        X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
+        for _ in range(2):  # once more, for what rounding left
+            for block in self._blocks:
+                X -= block @ (block.T @ (scale**2 * X))
+        Q, R = np.linalg.qr(scale * X)
+        U, s, _ = np.linalg.svd(R)
+        Q = Q @ U[:, s > _NEW]
+        Q /= scale
+        self.extend(Q)
+
+    def extend(self, W: _Real) -> None:
+        """Add columns as they are, shape (N, k), and project the model's matrices on them."""
+        if W.shape[1] == 0:
+            return
+        W = np.ascontiguousarray(W)
+        rows: Any = None
+        for t, term in enumerate(self.system.terms):
+            if term.rows is not rows:  # stiffness and mass of a group share theirs
+                rows, own = term.rows, term.own
+                parts, w = [b[own] for b in self._blocks], W[own]
+            product = term.local @ w
+            cross = (
+                np.vstack([p.T @ product for p in parts]) if parts else np.zeros((0, W.shape[1]))
+            )
+            corner = w.T @ product
+            self.terms[t] = np.block([[self.terms[t], cross], [cross.T, 0.5 * (corner + corner.T)]])
+        self._blocks.append(W)
+
+    def rotate(self, C: _Real) -> None:
+        """Replace V by V C, C of shape (r, s), in one block."""
+        V = np.empty((self.system.n, C.shape[1]))
+        for first in range(0, len(V), _ROWS):
+            V[first : first + _ROWS] = (
+                np.hstack([b[first : first + _ROWS] for b in self._blocks]) @ C
+            )
+        self._blocks = [V]
+        self.terms = [C.T @ A @ C for A in self.terms]
+
+    def combined(self, weights: _Real) -> _Real:
+        """Return the sum of weight_t V^T A_t V, shape (r, r)."""
+        return np.tensordot(weights, np.stack(self.terms), axes=1)
+
+
+#: Why the condensed equation error is refused.
+NOT_CONDENSED = (
+    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
+    " a reduced model by the condition number of H; use tier 'sparse', or another method"
+)
+
+#: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
+_BLOCK_BYTES, _LINES = 192 * 2**20, 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedSolver:
+    """Solve in the coordinates of a basis. It holds no motion of the whole model, so that it is small to send.
+
+    Attributes
+    ----------
+    system : AffineSystem
+        The projected model: r coordinates, the same terms as the whole.
+    observed : ndarray of int, shape (k,)
+        DOFs of the model that can be loaded and read, ascending.
+    rows : ndarray of float, shape (k, r)
+        The basis there.
+    stack : ndarray of float, shape (n_terms, r * r)
+        The projected matrices.
+    backend : str
+        Which backend made the basis.
+    label : str
+        Tells the reduced models of a run apart.
+    """
+
+    system: AffineSystem
+    observed: NDArray[np.intp]
+    rows: NDArray[np.float64]
+    stack: NDArray[np.float64]
+    backend: str
+    label: str = "reduced"
+
+    tier: ClassVar[str] = "reduced"
+
+    @property
+    def used(self) -> dict[str, int]:
+        """No sparse solves."""
+        return {}
+
+    @classmethod
+    def project(
+        cls,
+        system: AffineSystem,
+        basis: Basis,
+        observed: NDArray[np.intp],
+        backend: str,
+        label: str = "reduced",
+    ) -> ReducedSolver:
+        """Return the solver in a basis as it is.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The whole model.
+        basis : Basis
+            Motions and projected matrices.
+        observed : ndarray of int
+            DOFs that will be loaded or read, ascending.
+        backend : str
+            Which backend made the basis.
+        label : str
+            Tells the reduced models of a run apart.
+        """
+        r = basis.size
+        rows, entries = np.arange(r), np.arange(r * r)
+        terms = tuple(
+            Term(t.group, t.quantity, rows, A, entries, A.ravel(), t.table)
+            for t, A in zip(system.terms, basis.terms, strict=True)
+        )
+        reduced = AffineSystem(
+            terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs
+        )
+        stack = np.stack([A.ravel() for A in basis.terms])
+        return cls(reduced, observed, basis.at(observed), stack, backend, label)
+
+    def block_size(self, n_columns: int) -> int:
+        """Return how many lines fit into one block of bounded memory."""
+        r = self.system.n
+        return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
+
+    @alone
+    def solve(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+    ) -> NDArray[np.complex128]:
+        """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
+
+        Parameters
+        ----------
+        coefficients : ndarray of complex, shape (n_terms, n_lines)
+            Of Z.
+        columns : ndarray of int, shape (k,)
+            DOFs of the model that carry a unit force.
+        freq : ndarray of float, shape (n_lines,)
+            In Hz, for messages.
+
+        Returns
+        -------
+        ndarray of complex, shape (r, n_lines, k)
+            Coordinates q; `at` gives the motion.
+
+        Raises
+        ------
+        SolverError
+            If the matrix is singular at a line; the message names it.
+        """
+        r = self.system.n
+        Z = np.empty((len(freq), r, r), dtype=np.complex128)
+        c = coefficients.T
+        Z.real = (c.real @ self.stack).reshape(-1, r, r)
+        Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
+        loads = self._rows_of(columns).T
+        q = solve_dense(Z, np.broadcast_to(loads, (len(freq), *loads.shape)), freq)
+        return q.transpose(1, 0, 2)
+
+    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+        """Return the motion at some DOFs, shape (len(dofs), n_lines, k), from what `solve` returned."""
+        r, n_lines, k = fields.shape
+        flat = np.ascontiguousarray(fields).reshape(r, -1).view(np.float64)
+        moved = np.ascontiguousarray(self._rows_of(dofs) @ flat)
+        return moved.view(np.complex128).reshape(len(dofs), n_lines, k)
+
+    def condense(
+        self,
+        coefficients: NDArray[np.complex128],
+        retained: NDArray[np.intp],
+        freq: NDArray[np.float64],
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Refuse: the condensed stiffness is the inverse of H, and multiplies its error by its condition number.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(NOT_CONDENSED)
+
+    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return DOFs besides `seen` that can be read."""
+        return np.setdiff1d(self.observed, seen)
+
+    def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:
+        place = np.searchsorted(self.observed, dofs)
+        if (place >= len(self.observed)).any() or (self.observed[place] != dofs).any():
+            raise KeyError("the reduced model was built without this DOF")
+        return self.rows[place]
+
+
+class Channels:
+    """Which DOFs are read and which are loaded.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int
+        DOFs of responses and of references.
+    dofs : DofSet
+        All DOFs of the model.
+
+    Attributes
+    ----------
+    loaded : ndarray of int, shape (k,)
+        Each of them once, ascending.
+    read, forced : ndarray of int
+        Where responses and references stand in `loaded`.
+    """
+
+    __slots__ = ("_turning", "forced", "loaded", "read")
+
+    def __init__(self, rows: NDArray[np.intp], columns: NDArray[np.intp], dofs: DofSet) -> None:
+        self.loaded = np.union1d(rows, columns)
+        self.read, self.forced = (
+            np.searchsorted(self.loaded, rows),
+            np.searchsorted(self.loaded, columns),
+        )
+        self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
+
+    def levels(self, H: _Complex) -> _Real:
+        """Return the largest measured |H| of the same units.
+
+        Parameters
+        ----------
+        H : ndarray of complex, shape (k, n_j)
+            Receptance of all loaded DOFs for the references.
+
+        Returns
+        -------
+        ndarray of float, shape (k, n_j)
+        """
+        size, turning, measured = np.abs(H), self._turning, np.isin(np.arange(len(H)), self.read)
+        out = np.empty(H.shape)
+        for a in (False, True):
+            for b in (False, True):
+                pushed = turning[self.forced] == b
+                block, seen = (
+                    np.ix_(turning == a, pushed),
+                    np.ix_((turning == a) & measured, pushed),
+                )
+                # Where no response of this unit is measured, the motion at the forces themselves is
+                # the level.
+                out[block] = size[seen].max(initial=0.0) or size[block].max(initial=0.0)
+        return np.maximum(out, np.finfo(np.float64).tiny)
+
+
+class LineResidual:
+    """The reduced model's answer at one line, and what the whole model says to it.
+
+    Complex fields are real parts beside imaginary ones, shape (N, 2 n_j): the whole model's
+    matrices are real.
+
+    Parameters
+    ----------
+    solver : ReducedSolver
+        The reduced model.
+    basis : Basis
+        Its motions.
+    channels : Channels
+        What is loaded and read.
+    state : State
+        Of the model.
+    freq : float
+        The line in Hz.
+    """
+
+    __slots__ = ("H", "_basis", "_c", "_channels", "_q")
+
+    def __init__(
+        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: float
+    ) -> None:
+        self._basis, self._channels = basis, channels
+        self._c = solver.system.coefficients(state, np.array([2.0 * np.pi * freq]))
+        q = solver.solve(self._c, channels.loaded, np.array([freq]))
+        self._q = q[:, 0]
+        #: Receptance of all loaded DOFs for the references, shape (k, n_j).
+        self.H = solver.at(q, channels.loaded)[:, 0][:, channels.forced]
+
+    def residual(self) -> _Real:
+        """Return e - Z V q for a unit force at each reference."""
+        forced = self._channels.forced
+        q = self._q[:, forced]
+        R = -self._times(self._basis.moved(np.hstack([q.real, q.imag])))
+        R[self._channels.loaded[forced], np.arange(len(forced))] += 1.0
+        return R
+
+    def errors(self, Y: _Real) -> _Complex:
+        """Return r_i^T y_j for all loaded DOFs i, shape (k, n_j), without their residuals: e_i^T y_j - q_i^T V^T Z y_j.
+
+        Parameters
+        ----------
+        Y : ndarray of float, shape (N, 2 n_j)
+            Fields y_j.
+        """
+        half = Y.shape[1] // 2
+        own, pulled = Y[self._channels.loaded], self._basis.projected(self._times(Y))
+        return np.asarray(
+            own[:, :half]
+            + 1j * own[:, half:]
+            - self._q.T @ (pulled[:, :half] + 1j * pulled[:, half:])
+        )
+
+    def _times(self, U: _Real) -> _Real:
+        """Return Z U, group by group: no matrix of the whole model is put together for a line."""
+        out, half = np.zeros_like(U), U.shape[1] // 2
+        for term, c in zip(self._basis.system.terms, self._c[:, 0], strict=True):
+            own, product = term.own, term.local @ U[term.own]
+            out[own] += c.real * product
+            if c.imag:
+                out[own, :half] -= c.imag * product[:, half:]
+                out[own, half:] += c.imag * product[:, :half]
+        return out

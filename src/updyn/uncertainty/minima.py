@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.watch import Watch
+from updyn.uncertainty.progress import Watch
 from updyn.updating.residuals import LogError, with_prior
 from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.trust_region import Local, TrustRegion
