@@ -29,7 +29,7 @@ from updyn.io.guard import library
 from updyn.io.hdf5 import check_kind, put_kind
 from updyn.io.values_text import from_text, to_text
 from updyn.uncertainty.draws import KINDS, Draws
-from updyn.uncertainty.profiles import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Hump, Profile, Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from updyn.control.job.checks import check_control_tables
 from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, suggest
 from updyn.job.complaints import complaints
-from updyn.job.control_checks import check_control_tables
 from updyn.job.schema import Job, MethodTable
 from updyn.job.toml_lines import Place, read_toml
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from updyn.control.job.checks import check_control
 from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
-from updyn.job.control_checks import check_control
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
 from updyn.job.schema import OUTPUTS, Job
@@ -272,7 +272,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
-    from updyn.linalg.factorise import check_backend
+    from updyn.linalg.solver import check_backend
     from updyn.updating.noise import choose_noise
     from updyn.updating.reducing import is_reduced
 

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 
+from updyn.control.job.plant_tables import PLANT_FILES, PlantTable
+from updyn.control.job.servo_tables import ServoTable
 from updyn.errors import JobError
-from updyn.job.control_tables import PLANT_FILES, PlantTable
 from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
-from updyn.job.servo_tables import ServoTable
 from updyn.job.tables import (
     CalibrationTable,
     DampingTable,
