@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, table, true_model
+from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
 from updyn.updating import identifiability, noise, problem, search
 from updyn.updating.lines import _RELATIVE_FLOOR

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from test_browser import attributes, browser, dump
+from test_browser import attributes, dump
 from test_comparison_page import values
 
 import updyn
@@ -360,7 +360,7 @@ def test_the_report_has_the_sections(made, tmp_path):
     ).read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
+@pytest.mark.needs("browser")
 def test_the_page_is_drawn_in_a_browser(made, tmp_path):
     page = write_plant_page(made[1], tmp_path / "plant.html")
     dom = dump(page, tmp_path / "profile")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from updyn.control.job.checks import check_control
+from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
-from updyn.job.schema import KINDS, OUTPUTS, Job
+from updyn.job.schema import OUTPUTS, Job
 from updyn.job.uncertain import check_uncertainty
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
@@ -148,12 +148,10 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
 def _model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
-        module, function = KINDS[table.kind]
         try:
-            model = getattr(importlib.import_module(module), function)(table.keys)
+            model = MODEL_KINDS[table.kind](table.keys)
         except InputError as error:
             raise job.error_about(str(error), "model") from error
-        assert isinstance(model, Model)
         return model
     from updyn.io import read_model
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import DofError
 from updyn.geometry import Geometry
-from updyn.matching.table import EXACT, SHOWN, MatchError, listed, vector_text
+from updyn.matching.result import EXACT, SHOWN, MatchError, listed, vector_text
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["Aim", "Seat", "seat"]
