@@ -12,7 +12,7 @@ from updyn.report.section import Content, check_further, sections_of
 from updyn.report.sections import agreement_figures, head
 from updyn.report.sections_tests import joint_head
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "assemble", "render", "write_report"]

@@ -33,7 +33,7 @@ from updyn.report.data import ReportData, gather
 from updyn.report.markup import esc
 from updyn.report.plots import Figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["SECTIONS", "Content", "Section", "check_further", "sections_of"]
@@ -171,8 +171,8 @@ SECTIONS: Registry[Section] = Registry(
         "validation": "updyn.report.sections_record:VALIDATION",
         "model-error": "updyn.report.sections_residual:MODEL_ERROR",
         "noise": "updyn.report.sections_record:NOISE",
-        "plant.plant": "updyn.report.sections_plant:PLANT",
-        "plant.servo": "updyn.report.sections_servo:SERVO",
+        "plant.plant": "updyn.control.report.plant_sections:PLANT",
+        "plant.servo": "updyn.control.report.servo_sections:SERVO",
         "provenance": "updyn.report.sections_record:PROVENANCE",
         "comparison.table": "updyn.report.comparison:METHODS",
         "comparison.frfs": "updyn.report.comparison:FRFS",

@@ -10,7 +10,7 @@ from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
 from updyn.report.uncertain import band_figure, ends_of, intervals_figure, level_of
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import UpdateResult
 
 __all__ = ["UNCERTAINTY"]

@@ -1,0 +1,1 @@
+"""Report sections, figures and page of a plant, its servo loops and non-linear elements."""
