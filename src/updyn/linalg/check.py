@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LARGEST_GROWTH", "RESIDUAL", "accuracy", "growth", "singular_message", "unit_scale"]
+__all__ = [
+    "LARGEST_GROWTH",
+    "LARGEST_PROBE_GROWTH",
+    "RESIDUAL",
+    "accuracy",
+    "growth",
+    "probe_load",
+    "singular_message",
+    "unit_scale",
+]
 
 #: Backward error above which an answer is not accepted.
 RESIDUAL = 1e-8
@@ -15,6 +24,11 @@ RESIDUAL = 1e-8
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.
 LARGEST_GROWTH = 1e12
+
+#: The same for a load that excites every mode (`probe_load`). At a natural frequency that is hit to
+#: rounding it grows by 1e14 or more, by an amount that depends on the kernel of BLAS. The forces of
+#: a test may grow by less than 1e12 there, if they excite that mode little.
+LARGEST_PROBE_GROWTH = 1e13
 
 #: Columns that are checked by one combination of them.
 _BLOCK = 64
@@ -62,6 +76,23 @@ def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[
     scale = unit_scale(diagonal)[..., None]
     grown = _grown((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
     return np.asarray(grown.max(axis=-1, initial=0))
+
+
+def probe_load(scale: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return a load that excites every mode: entries of random phase, as large as their rows.
+
+    Parameters
+    ----------
+    scale : ndarray of float, shape (..., n)
+        `unit_scale` of the matrix.
+
+    Returns
+    -------
+    ndarray of complex, shape (..., n, 1)
+        The same on every call; its `growth` is close to the condition number of the scaled matrix.
+    """
+    phase = 2j * np.pi * np.random.default_rng(0).random(scale.shape[-1])
+    return np.asarray(np.exp(phase) * scale)[..., None]
 
 
 def accuracy(

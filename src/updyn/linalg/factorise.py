@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg.check import (
     LARGEST_GROWTH,
+    LARGEST_PROBE_GROWTH,
     RESIDUAL,
     accuracy,
     growth,
+    probe_load,
     singular_message,
     unit_scale,
 )
@@ -245,7 +247,17 @@ class SparseSolver:
 class Factorised:
     """A factorised matrix, made by `SparseSolver.factorise`; valid until that solver factorises another."""
 
-    __slots__ = ("_A", "__weakref__", "_factors", "_line", "_name", "_names", "_scale", "_solver")
+    __slots__ = (
+        "_A",
+        "__weakref__",
+        "_factors",
+        "_line",
+        "_name",
+        "_names",
+        "_probed",
+        "_scale",
+        "_solver",
+    )
 
     def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str) -> None:
         names = list(BACKENDS)
@@ -254,6 +266,8 @@ class Factorised:
         self._names: Iterator[str] = iter(names[names.index(solver.backend) :])
         self._factors: Factors | None = None
         self._name = ""
+        # A real matrix is shifted to just beside an eigenvalue on purpose.
+        self._probed = solver.real
         if not self._factored_by_next():
             raise SolverError(singular_message(freq, held))
 
@@ -288,7 +302,13 @@ class Factorised:
         self._current()
         if self._solver.real and np.iscomplexobj(B):
             raise TypeError("a real solver was given complex right-hand sides")
-        B = np.asfortranarray(B, dtype=np.float64 if self._solver.real else np.complex128)
+        n, r = B.shape
+        if self._probed:
+            B = np.asfortranarray(B, dtype=np.float64 if self._solver.real else np.complex128)
+        else:
+            loads = np.empty((n, r + 1), dtype=np.complex128, order="F")
+            loads[:, :r], loads[:, r:] = B, probe_load(self._scale)
+            B = loads
         while True:
             try:
                 X, left, grown = self._refined(B)
@@ -302,13 +322,17 @@ class Factorised:
                     raise SolverError(singular_message(*self._line))
                 where = f"residual {left:.1e} at {self._line[0]:g} Hz"
                 raise SolverError(f"{name}: {where}; the matrix is singular there or nearly so")
-        if not grown <= LARGEST_GROWTH:
+        if not (grown[:r] <= LARGEST_GROWTH).all() or not (grown[r:] <= LARGEST_PROBE_GROWTH).all():
             raise SolverError(singular_message(*self._line))
+        self._probed = True
         self._solver.used[self._name] = self._solver.used.get(self._name, 0) + 1
-        return X
+        return X[:, :r]
 
-    def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
-        """Return the solution, its largest backward error and its growth; columns that are off are corrected once."""
+    def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
+        """Return the solution, its largest backward error and the growth of each column.
+
+        Columns that are off are corrected once.
+        """
         run = self._current()
         X = run(B)
         errors, grown = accuracy(self._A, self._scale, X, B)
@@ -318,7 +342,7 @@ class Factorised:
                 X[:, off] += run(np.asfortranarray(B[:, off] - self._A @ X[:, off]))
             errors[off], grown[off] = accuracy(self._A, self._scale, X[:, off], B[:, off])
             self._solver.refined += 1
-        return X, float(errors.max(initial=0.0)), float(grown.max(initial=0.0))
+        return X, float(errors.max(initial=0.0)), grown
 
     def _factored_by_next(self) -> bool:
         """Factorise with the next backend that can; False if none is left."""
