@@ -22,6 +22,7 @@ about the update itself. The group of entry points is ``updyn.report_sections``.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -92,7 +93,7 @@ class Content:
         return gather(self.result)
 
 
-class Section:
+class Section(ABC):
     """One section of a page; derive from it, set its attributes and define `body`.
 
     Attributes
@@ -121,6 +122,7 @@ class Section:
         """Return its figures as plotly data, by a name that is unique in the page."""
         return {}
 
+    @abstractmethod
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
         """Return its HTML below the heading.
 
@@ -136,7 +138,6 @@ class Section:
         str
             HTML. Where it is empty the section is left out.
         """
-        raise NotImplementedError
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return data for its scripts, ready for JSON, by the id of the element that holds them."""
