@@ -15,6 +15,7 @@ SRC = Path(updyn.__file__).parent
 ORDER = (
     ("errors",),
     ("registry",),
+    ("text_table",),
     ("dofs",),
     ("geometry",),
     ("frf",),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from updyn.errors import UpdynError
 from updyn.job.schema import Job
 from updyn.job.servo_of import located_in
-from updyn.job.servo_tables import NonlinearTable
+from updyn.job.servo_tables import NonlinearTable, ServoTable
 from updyn.model import Model
 
 if TYPE_CHECKING:
@@ -105,7 +105,8 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
         If a mesh cannot be opened, a plant with it not be made, or a number not be used, with the
         line.
     """
-    tables = () if job.servo is None else job.servo.nonlinear
+    servo_table = job.table(ServoTable)
+    tables = () if servo_table is None else servo_table.nonlinear
     return tuple(
         _one(job, number, table, model, plant, servo) for number, table in enumerate(tables)
     )
