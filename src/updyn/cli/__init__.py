@@ -43,7 +43,7 @@ COMMANDS: Registry[Any] = Registry(
         "info": "updyn.cli.commands:info",
         "correlate": "updyn.cli.commands:correlate",
         "compare": "updyn.cli.commands:compare",
-        "plant": "updyn.cli.planting:plant",
+        "plant": "updyn.control.command:plant",
     },
 )
 

@@ -313,7 +313,7 @@ def compare(
     list_
         List the methods, what they cannot update and where they come from, and do nothing.
     """
-    from updyn.comparison.words import listing
+    from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
     from updyn.job.comparing import check_comparison_out, compare_job, default_comparison_out
     from updyn.report import write_comparison

@@ -160,7 +160,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "updyn.job_tables",
     {
         "uncertainty": "updyn.job.uncertain:UNCERTAINTY",
-        "plant": "updyn.job.planted_files:PLANT",
-        "servo": "updyn.job.planted_files:SERVO",
+        "plant": "updyn.control.job.plant_files:PLANT",
+        "servo": "updyn.control.job.plant_files:SERVO",
     },
 )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
@@ -16,7 +16,7 @@ from updyn.job.folder import outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
-from updyn.job.schema import KINDS, Job
+from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
 from updyn.modal import ModeSet
@@ -149,12 +149,10 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
 def _model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
-        module, function = KINDS[table.kind]
         try:
-            model = getattr(importlib.import_module(module), function)(table.keys)
+            model = MODEL_KINDS[table.kind](table.keys)
         except InputError as error:
             raise job.error_about(str(error), "model") from error
-        assert isinstance(model, Model)
         return model
     from updyn.io import read_model
 
@@ -173,7 +171,7 @@ def _check_properties(job: Job) -> None:
     """Check that the properties of the model's source can be written, before anything is computed."""
     if job.output.properties is None:
         return
-    from updyn.io.registry import find_format
+    from updyn.io.formats import find_format
 
     with located(job, "output", "properties"):
         if job.model.file is None:
@@ -275,7 +273,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
-    from updyn.linalg.factorise import check_backend
+    from updyn.linalg.solver import check_backend
     from updyn.updating.noise import choose_noise
     from updyn.updating.reducing import is_reduced
 

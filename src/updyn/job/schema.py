@@ -37,14 +37,6 @@ __all__ = [
     "TestTable",
 ]
 
-#: Builders that `[model] kind = "..."` may name: module and function.
-KINDS = {
-    "beam": ("updyn.elements.beam", "beam_from_table"),
-    "drivetrain": ("updyn.elements.drivetrain", "drivetrain_from_table"),
-    "structure": ("updyn.elements.structure", "structure_from_table"),
-}
-
-
 #: What every run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = (
     "model.h5",

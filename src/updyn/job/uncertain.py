@@ -15,8 +15,7 @@ from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profile import profile
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.sampling import sample
 from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
 from updyn.updating.monitor import Progress

@@ -1,0 +1,76 @@
+"""The command that makes the plant of a job for the servo designer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from updyn.cli.commands import engine
+from updyn.cli.terminal import DONE, NOT_DETERMINED, note, say
+from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
+from updyn.control.job.plant_files import CONTROL, PLANT_PAGE
+from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.plant_words import describe_planted
+from updyn.job import load_job, prepare
+
+__all__ = ["plant"]
+
+
+def plant(
+    job: Path,
+    /,
+    *,
+    out: Path | None = None,
+    run: Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+) -> int:
+    """Make the plant that [plant] of a job asks for: plant.mat, plant.json, plant.h, plant.html and control.json.
+
+    It is that of the updated model where the job has been run, and else of the model as it stands,
+    which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
+    page say what was reached.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    out
+        Folder DIR; by default that of the job's run. A finished run is sought there, and in the
+        job's own folder.
+    run
+        Folder of the finished run, where it is another.
+    workers
+        Processes on this machine to spread a family of plants over.
+    cluster
+        Address of a Dask scheduler to spread it over its workers instead.
+    """
+    from updyn.report import write_plant_page
+
+    loaded = load_job(job)
+    folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
+    ready = prepare(loaded)
+    with engine(workers, cluster) as where:
+        made = plant_job(
+            loaded,
+            folder,
+            run=run,
+            report=write_plant_page,
+            prepared=ready,
+            engine=where,
+            say=lambda text: note(text, "dim"),
+        )
+    say(describe_planted(made))
+    table = loaded.table(PlantTable)
+    assert table is not None
+    if not made.met:
+        say(
+            f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
+        )
+        return NOT_DETERMINED
+    files = [
+        *table.files,
+        *(table.sampled_files if made.sampled is not None else ()),
+        CONTROL,
+    ]
+    say(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")
+    return DONE

@@ -1,0 +1,238 @@
+"""What can be known about ``[plant]`` and ``[servo]`` before anything runs: by text, model and data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.servo_tables import ServoTable
+from updyn.errors import InputError, JobError, suggest
+from updyn.job.located import located
+from updyn.job.schema import Job
+from updyn.model import Model
+
+if TYPE_CHECKING:
+    from updyn.frf import FRF
+
+__all__ = [
+    "band_of_plant",
+    "beyond_the_data",
+    "check_control",
+    "check_control_tables",
+    "check_servo_table",
+    "part_of_plant",
+]
+
+
+def check_control_tables(job: Job) -> None:
+    """Check what the text of a job tells.
+
+    Parameters
+    ----------
+    job : Job
+        All its tests included.
+
+    Raises
+    ------
+    JobError
+        If names, counts or frequencies contradict each other, with the line.
+    """
+    table = job.table(PlantTable)
+    if table is None:
+        return
+    for key in ("inputs", "outputs"):
+        names = [port.name for port in getattr(table, f"{key[:-1]}_ports")]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                text = f"plant: two {key} are called {name!r}; give one of them another name"
+                raise job.error(text, "plant", key, number)
+    if len(table.quantities) != len(table.outputs):
+        text = (
+            f"plant.quantity: {len(table.quantities)} given; expected one, or one for each of the"
+            " outputs, "
+        )
+        raise job.error(f"{text}{len(table.outputs)}", "plant", "quantity")
+    if table.band is not None and not 0 <= table.band[0] < table.band[1]:
+        text = (
+            f"plant.band = {list(table.band)}: expected two frequencies in Hz, the lower one first"
+        )
+        raise job.error(text, "plant", "band")
+    if table.test is not None:
+        names = [part.test.name for part in job.parts]
+        if len(names) == 1 and table.test != names[0]:
+            raise job.error(
+                "plant.test chooses one of several tests; this job has one", "plant", "test"
+            )
+        if table.test not in names:
+            raise job.error(
+                f"plant.test = {table.test!r}: {suggest(table.test, names)}", "plant", "test"
+            )
+
+
+def part_of_plant(job: Job) -> int:
+    """Return the number of the test in whose configuration the plant is made; the first where none is named."""
+    table = job.table(PlantTable)
+    if table is None or table.test is None:
+        return 0
+    return [part.test.name for part in job.parts].index(table.test)
+
+
+def band_of_plant(job: Job, frf: FRF) -> tuple[float, float]:
+    """Return the band of the plant: its own, else that of the test.
+
+    Parameters
+    ----------
+    job : Job
+        With ``[plant]``.
+    frf : FRF
+        The data of the test, in its band.
+    """
+    table = job.table(PlantTable)
+    assert table is not None
+    if table.band is not None:
+        return table.band
+    above = frf.freq[frf.freq > 0]
+    return float(above[0]), float(above[-1])
+
+
+def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
+    """Return a sentence where a band goes beyond lines that were measured, else an empty text.
+
+    Parameters
+    ----------
+    band : (float, float)
+        In Hz.
+    frf : FRF
+        The data.
+    """
+    low, high = float(frf.freq[0]), float(frf.freq[-1])
+    if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
+        return ""
+    return (
+        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, goes beyond the data, {low:.4g}"
+        f" to {high:.4g} Hz: out there the model was not compared with a measurement."
+    )
+
+
+def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> None:
+    """Check what the model and the data of a job tell about its ``[plant]`` and ``[servo]``.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    models, data : sequence of Model and of FRF
+        One for each of its tests.
+
+    Raises
+    ------
+    JobError
+        If a DOF is not in the model, or the band does not fit the sampling, with the line.
+    """
+    table = job.table(PlantTable)
+    if table is None:
+        return
+    from updyn.control.ports import port_matrix
+
+    servo = job.table(ServoTable)
+
+    number = part_of_plant(job)
+    for key in ("inputs", "outputs"):
+        for at, port in enumerate(getattr(table, f"{key[:-1]}_ports")):
+            with located(job, "plant", key, at):
+                port_matrix((port,), models[number], key[:-1])
+    for key in ("motor", "load"):
+        label = None if servo is None else getattr(servo, key)
+        if label is not None:
+            with located(job, "servo", key):
+                models[number].dofs.match([label], key)
+    for at, each in enumerate(() if servo is None else servo.nonlinear):
+        with located(job, "servo", "nonlinear", at, "at"):
+            models[number].dofs.match([each.at], "DOF")
+        if each.mesh is not None:
+            with located(job, "servo", "nonlinear", at, "mesh"):
+                models[number].group(each.mesh)
+    high = band_of_plant(job, data[number])[1]
+    if table.sampling is not None and high > 0.5 / table.sampling.dt:
+        half = 0.5 / table.sampling.dt
+        text = (
+            f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band,"
+            f" {high:.4g} Hz"
+        )
+        raise job.error(text, "plant", "sampling")
+
+
+# -- [servo] ---------------------------------------------------------------------------------------------------
+def check_servo_table(job: Job) -> None:
+    """Check ``[servo]`` as far as its text and the names of the plant's ports go."""
+    servo, plant = job.table(ServoTable), job.table(PlantTable)
+    if servo is None:
+        return
+    if plant is None:
+        raise job.error("[servo] without [plant]; add one with inputs and outputs", "servo")
+    ports = {
+        "input": [p.name for p in plant.input_ports],
+        "output": [p.name for p in plant.output_ports],
+    }
+    for key, what in (("torque", "input"), ("disturbance", "input"), ("velocity", "output"), ("position", "output"),
+                      ("pointing", "output")):  # fmt: skip
+        name = getattr(servo, key)
+        if name is not None and name not in ports[what]:
+            text = (
+                f"servo.{key} = {name!r}: the plant has no {what} of that name;"
+                f" {suggest(name, ports[what])}"
+            )
+            raise job.error(text, "servo", key)
+    if (servo.motor is None) != (servo.load is None):
+        raise job.error(
+            "servo: expected motor and load, for the figures of the drive; one is missing", "servo"
+        )
+    if servo.ratio is not None and servo.motor is None:
+        raise job.error(
+            "servo.ratio is checked with motor and load; they are missing", "servo", "ratio"
+        )
+    if servo.wind is not None and servo.disturbance is None:
+        raise job.error(
+            "servo.wind without disturbance; name the input at which it acts", "servo", "wind"
+        )
+    if servo.wind is not None:
+        with _about(job, "servo", "wind"):
+            servo.wind.wind()
+    if servo.controller is None:
+        keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
+        loose = next((k for k in keys if getattr(servo, k)), None)
+        if loose is not None or servo.motor is None:
+            text = (
+                "servo: expected [servo.controller] with kp or crossover, or motor and load for the"
+                " drive's figures"
+            )
+            raise job.error(text, "servo", *([] if loose is None else [loose]))
+        return
+    if servo.velocity is None:
+        raise job.error(
+            "servo: missing key 'velocity', the output that the velocity loop reads", "servo"
+        )
+    if servo.torque is None and len(ports["input"]) > 1:
+        names = ", ".join(map(repr, ports["input"]))
+        raise job.error(f"servo: missing key 'torque': which of the inputs {names}?", "servo")
+    for number, table in enumerate(servo.controller.notch):
+        with _about(job, "servo", "controller", "notch", number):
+            table.notch()
+    with _about(job, "servo", "controller"):
+        servo.controller.check()
+    for number, each in enumerate(servo.nonlinear):
+        with _about(job, "servo", "nonlinear", number):
+            each.check()
+
+
+@contextmanager
+def _about(job: Job, *place: str | int) -> Iterator[None]:
+    """Give an error of a table the line of the key that it is about."""
+    try:
+        yield
+    except JobError:
+        raise
+    except InputError as error:
+        raise job.error_about(str(error), *place) from error
