@@ -6,9 +6,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from updyn.errors import OptionError, suggest
 from updyn.report import markup as m
 from updyn.report.plots import Figure
-from updyn.report.section import Content, check_further, sections_of
+from updyn.report.section import Content, objects_shown, sections_of
 from updyn.report.sections import agreement_figures, head
 from updyn.report.sections_tests import joint_head
 from updyn.uncertainty.draws import Draws
@@ -74,7 +75,10 @@ def write_report(
     A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence); beyond
     `updyn.report.overlay.DRAWING_BUDGET` lines are thinned, which the page says.
     """
-    check_further(further)
+    shown = objects_shown()
+    for name in further:
+        if name not in shown:
+            raise OptionError(f"{name}: no report section shows it; {suggest(name, sorted(shown))}")
     return m.write_page(render(result, uncertainty, **further), path)
 
 
@@ -84,7 +88,9 @@ def render(
     **further: Any,
 ) -> str:
     """Return the page of an update as text."""
-    content = Content(result, uncertainty, further)
+    if uncertainty is not None:
+        further["uncertainty"] = uncertainty
+    content = Content(result, further)
     if isinstance(result, JointResult):
         top = joint_head(result)
     else:

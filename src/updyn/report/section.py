@@ -23,21 +23,18 @@ about the update itself. The group of entry points is ``updyn.report_sections``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
-from updyn.errors import OptionError, suggest
 from updyn.registry import Registry
 from updyn.report.data import ReportData, gather
 from updyn.report.markup import esc
 from updyn.report.plots import Figure
-from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["SECTIONS", "Content", "Section", "check_further", "sections_of"]
+__all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +45,11 @@ class Content:
     ----------
     update : UpdateResult, JointResult or None
         The update of one test or of several tests; None on a page about something else.
-    uncertainty : Draws or Profiles, optional
-        Uncertainty beyond the standard deviations.
     further : mapping of str to object
-        Objects by name for the sections that need them, such as ``"plant"``.
+        Objects by name for sections of their own, such as ``"uncertainty"``, from `updyn.sample`.
     """
 
     update: UpdateResult | JointResult | None = None
-    uncertainty: Draws | Profiles | None = None
     further: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -165,7 +159,7 @@ SECTIONS: Registry[Section] = Registry(
         "agreement": "updyn.report.sections:AGREEMENT",
         "structure": "updyn.report.structure:STRUCTURE",
         "unknowns": "updyn.report.sections_unknowns:UNKNOWNS",
-        "uncertainty": "updyn.report.sections_uncertainty:UNCERTAINTY",
+        "uncertainty.intervals": "updyn.report.sections_uncertainty:UNCERTAINTY",
         "identifiability": "updyn.report.sections_unknowns:IDENTIFIABILITY",
         "held": "updyn.report.sections_held:HELD",
         "convergence": "updyn.report.sections_unknowns:CONVERGENCE",
@@ -196,18 +190,9 @@ def sections_of(content: Content) -> list[Section]:
     return sorted(chosen, key=lambda section: section.place)
 
 
-def check_further(names: Iterable[str]) -> None:
-    """Raise where no section shows an object of that name.
-
-    Raises
-    ------
-    OptionError
-        If a name is not known; the nearest is named.
-    """
-    known = {_object_of(name) for name in SECTIONS} - {""}
-    for name in names:
-        if name not in known:
-            raise OptionError(f"{name}: no report section shows it; {suggest(name, sorted(known))}")
+def objects_shown() -> set[str]:
+    """Return the names of the objects beside an update that there are sections for."""
+    return {_object_of(name) for name in SECTIONS} - {""}
 
 
 def _object_of(registered: str) -> str:

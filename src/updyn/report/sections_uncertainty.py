@@ -41,14 +41,13 @@ class Uncertainty(Section):
     place = 500
 
     def applies(self, content: Content) -> bool:
-        """Whether there is an uncertainty beside the standard deviations."""
-        return content.update is not None and content.uncertainty is not None
+        """Whether the page shows an update."""
+        return content.update is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the intervals and, of one test, the band of an FRF."""
-        update, found = content.update, content.uncertainty
+        update, found = content.update, content.further["uncertainty"]
         assert update is not None
-        assert found is not None
         out: dict[str, Figure] = {}
         intervals = intervals_figure(update, found)
         if intervals is not None:
@@ -60,8 +59,7 @@ class Uncertainty(Section):
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
         """Return words, intervals and the band."""
-        found = content.uncertainty
-        assert found is not None
+        found: Draws | Profiles = content.further["uncertainty"]
         kind = "profile" if isinstance(found, Profiles) else found.kind
         parts = [
             m.paragraph(_ABOUT[kind]),
