@@ -36,7 +36,7 @@ from updyn.job.schema import (
     UncertaintyTable,
 )
 from updyn.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, WindTable
-from updyn.updating.methods import METHODS, options_of
+from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
 TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")

@@ -11,8 +11,11 @@ import pytest
 import updyn
 from updyn.demos.gear_train_case import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating import identifiability, noise, problem, search
-from updyn.updating.lines import _RELATIVE_FLOOR
+from updyn.updating.fit import search
+from updyn.updating.judge import identifiability
+from updyn.updating.problem import noise
+from updyn.updating.problem.lines import _RELATIVE_FLOOR
+from updyn.updating.problem.problem import problem
 
 TEXT = " ".join(
     (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split()
@@ -116,7 +119,7 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     from updyn.dynamics import fields
     from updyn.dynamics.reduced import reduction
-    from updyn.updating import reducing
+    from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
     assert (

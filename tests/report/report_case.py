@@ -9,9 +9,9 @@ import numpy as np
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.adequacy import Suspect, assess, blamed
-from updyn.updating.choice import parameters
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.problem.choice import parameters
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import Identifiability, Iteration, UpdateResult
 
 

@@ -17,7 +17,7 @@ from updyn.errors import FormatError
 from updyn.model import Group, Model
 from updyn.report.page import POLICY, render
 from updyn.report.sections import SECTIONS
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import STATUSES, Identifiability
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.identifiability import analyse, open_directions
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import EquationError, LogError
+from updyn.updating.judge.identifiability import analyse, open_directions
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EquationError, LogError
 
 NAMES = ["a", "b", "c"]
 

@@ -6,10 +6,10 @@ import pytest
 import updyn
 from updyn.demos.gear_train_case import true_model
 from updyn.dynamics.affine import AffineSystem
-from updyn.updating.joint import together
-from updyn.updating.localise import breach, constitutive_weights, localise
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, OutputError
+from updyn.updating.judge.localise import breach, constitutive_weights, localise
+from updyn.updating.problem.joint import together
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import Each, OutputError
 
 GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
 

@@ -9,7 +9,7 @@ import pytest
 
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.choice import parameters
+from updyn.updating.problem.choice import parameters
 from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
 
 

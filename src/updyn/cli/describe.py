@@ -13,7 +13,7 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import Identifiability, UpdateResult
 
 __all__ = [

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
 
 __all__ = ["Watch", "watch"]
 

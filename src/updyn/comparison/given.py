@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from updyn.errors import OptionError, ParameterError, suggest
-from updyn.updating.methods import METHODS, make_method
-from updyn.updating.parameters import ParameterSet, finite
+from updyn.updating.fit.methods import METHODS, make_method
+from updyn.updating.problem.parameters import ParameterSet, finite
 
 __all__ = ["CHOSEN", "Given"]
 

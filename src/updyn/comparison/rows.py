@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import Test
 

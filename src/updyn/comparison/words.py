@@ -175,7 +175,7 @@ def listing() -> str:
     """Return every method with what it cannot update, what it needs and where it comes from, as a table."""
     from updyn.comparison.bench import about
     from updyn.comparison.rows import Row
-    from updyn.updating.methods import METHODS
+    from updyn.updating.fit.methods import METHODS
 
     rows = [Row(**about(name), status="", message="") for name in METHODS]
     return _table(

@@ -11,7 +11,7 @@ xarray opens the root, which holds what one plots::
     line                                  lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
     residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
+                                          (fitted_response, fitted_reference, band): see updyn.updating.judge.adequacy
     options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.io.values_text
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
@@ -33,8 +33,8 @@ from updyn.io.dataset import existing, text_of, variable
 from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.values_text import from_text, to_text
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
-from updyn.updating.parameters import Drive, Parameter, ParameterSet
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 
 from updyn.io.atomic import write_json
 from updyn.io.values_text import plain
-from updyn.updating.adequacy import Adequacy
+from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["result_to_json", "write_result_json"]

@@ -17,7 +17,7 @@ from updyn.job.schema import Job
 if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.uncertainty.profiles import Profiles
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["plant_after", "write_plant_files"]
@@ -81,7 +81,7 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str]
     """Return what shows a stage as progress of the run is shown."""
     if callback is None:
         return None
-    from updyn.updating.monitor import Progress as Step
+    from updyn.updating.fit.monitor import Progress as Step
 
     return lambda stage: callback(Step(stage, 0, float("nan"), 0, 0))
 

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from updyn.engines import Engine
     from updyn.uncertainty.draws import Draws
     from updyn.uncertainty.profiles import Profiles
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
+    from updyn.updating.problem.selection import Selection
     from updyn.updating.result import Identifiability, JointResult, UpdateResult
     from updyn.updating.run import Test
-    from updyn.updating.selected import Selection
 
 __all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
 
@@ -140,8 +140,8 @@ def job_selection(prepared: Prepared) -> Selection | None:
     wish = prepared.job.selection
     if wish is None:
         return None
-    from updyn.updating.selected import Selection
-    from updyn.updating.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.problem.selection import Selection
 
     tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
     with method_errors(prepared.job):
@@ -232,7 +232,7 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     JobError
         If it takes none.
     """
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     if not ready.modes:
         return {}

@@ -13,8 +13,8 @@ from updyn.job.schema import Job
 if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.uncertainty.profiles import Profiles
-    from updyn.updating.monitor import Progress
-    from updyn.updating.parameters import ParameterSet
+    from updyn.updating.fit.monitor import Progress
+    from updyn.updating.problem.parameters import ParameterSet
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["UNCERTAINTY", "check_uncertainty", "uncertainty_of"]
@@ -101,7 +101,7 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Any:
     """Return a callback that shows progress of this work as that of the update is shown."""
     if callback is None:
         return None
-    from updyn.updating.monitor import Progress as Step
+    from updyn.updating.fit.monitor import Progress as Step
 
     def show(progress: Any) -> bool | None:
         said = f"{progress.stage} {progress.done} of {progress.total}"

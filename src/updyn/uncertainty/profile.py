@@ -18,8 +18,8 @@ from updyn.uncertainty.profiles import Hump, Profile, Profiles
 from updyn.uncertainty.setting import chosen, restore
 from updyn.uncertainty.walk import Walk
 from updyn.uncertainty.watch import Progress, Watch
+from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.session import Session, Stopped
 
 if TYPE_CHECKING:
     from distributed import Client

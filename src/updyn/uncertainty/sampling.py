@@ -22,8 +22,8 @@ from updyn.uncertainty.mixture import Mixture
 from updyn.uncertainty.setting import Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.uncertainty.watch import Progress, Watch
+from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.session import Session, Stopped
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -18,8 +18,8 @@ from updyn.errors import SolverError
 from updyn.uncertainty.gaussian import Gaussian
 from updyn.uncertainty.likelihood import Point
 from updyn.uncertainty.setting import Setting
-from updyn.updating.joint import Task, together
-from updyn.updating.reducing import reduction_of
+from updyn.updating.fit.reducing import reduction_of
+from updyn.updating.problem.joint import Task, together
 
 __all__ = ["Surrogate", "reduced_about"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.adequacy import Adequacy
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["STATUSES", "Identifiability", "Iteration", "JointResult", "UpdateResult"]
 

@@ -22,24 +22,24 @@ from updyn.errors import OptionError, ParameterError, SolverError, UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.model import Model
-from updyn.updating.channels import check_channel, check_method
-from updyn.updating.fit import Fit, Method
-from updyn.updating.joint import Task, together
-from updyn.updating.journal import Journal, fingerprint
-from updyn.updating.judge import judge
-from updyn.updating.lines import choose_lines
-from updyn.updating.methods import make_method, options_of
-from updyn.updating.monitor import Monitor, Progress
-from updyn.updating.noise import NoiseModel, choose_noise
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.problem import Problem
-from updyn.updating.reducing import Reducing, fallback, is_reduced
-from updyn.updating.regularise import check_regularise, regularised
+from updyn.updating.fit.journal import Journal, fingerprint
+from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.monitor import Monitor, Progress
+from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
+from updyn.updating.fit.regularise import check_regularise, regularised
+from updyn.updating.judge.assessment import judge
+from updyn.updating.judge.verdict import verdict
+from updyn.updating.problem.channels import check_channel, check_method
+from updyn.updating.problem.joint import Task, together
+from updyn.updating.problem.lines import choose_lines
+from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.session import Recent, Session, Stopped
+from updyn.updating.problem.split import split_data
 from updyn.updating.result import UpdateResult
-from updyn.updating.selected import Selection
-from updyn.updating.session import Recent, Session, Stopped
-from updyn.updating.split import split_data
-from updyn.updating.verdict import verdict
 
 if TYPE_CHECKING:
     from distributed import Client

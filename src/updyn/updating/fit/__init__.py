@@ -1,0 +1,1 @@
+"""TODO-DOCSTRING of the room."""
