@@ -81,14 +81,14 @@ if TYPE_CHECKING:
     from updyn.updating.judge.selection import select as select
     from updyn.updating.judge.selection import select_jointly as select_jointly
     from updyn.updating.problem.channels import calibration as calibration
-    from updyn.updating.problem.choice import link as link
-    from updyn.updating.problem.choice import parameters as parameters
-    from updyn.updating.problem.gaps import complete_parts as complete_parts
+    from updyn.updating.problem.data import Test as Test
+    from updyn.updating.problem.data import complete_parts as complete_parts
     from updyn.updating.problem.noise.repeats import average as average
+    from updyn.updating.problem.parameters import link as link
+    from updyn.updating.problem.parameters import parameters as parameters
     from updyn.updating.problem.selection import Selection as Selection
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
-    from updyn.updating.run import Test as Test
     from updyn.updating.update import update as update
     from updyn.updating.update import update_jointly as update_jointly
 
@@ -112,7 +112,7 @@ _WHERE = {
     "Port": "updyn.control.ports",
     "Notch": "updyn.control.servo.controller",
     "Selection": "updyn.updating.problem.selection",
-    "Test": "updyn.updating.run",
+    "Test": "updyn.updating.problem.data",
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
@@ -124,18 +124,18 @@ _WHERE = {
     "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
     "average": "updyn.updating.problem.noise.repeats",
-    "complete_parts": "updyn.updating.problem.gaps",
+    "complete_parts": "updyn.updating.problem.data",
     "condense": "updyn.dynamics.condensation",
     "conversions": "updyn.control.build",
     "correlate": "updyn.correlation",
     "drive_figures": "updyn.control.servo.drive",
     "identify_modes": "updyn.modal",
     "limit_cycles": "updyn.control.nonlinear.balance",
-    "link": "updyn.updating.problem.choice",
+    "link": "updyn.updating.problem.parameters",
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
     "opened": "updyn.control.nonlinear.opened",
-    "parameters": "updyn.updating.problem.choice",
+    "parameters": "updyn.updating.problem.parameters",
     "plant": "updyn.control.build",
     "plant_family": "updyn.control.family",
     "predict": "updyn.uncertainty.prediction",

@@ -11,8 +11,7 @@ import pytest
 import updyn
 from updyn.demos.gear_train_case import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating.fit import search
-from updyn.updating.judge import identifiability
+from updyn.updating.fit import null_space, search
 from updyn.updating.problem import noise
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 from updyn.updating.problem.problem import problem
@@ -25,8 +24,8 @@ TEXT = " ".join(
 @pytest.mark.parametrize(
     "said",
     [
-        f"s_i < {identifiability.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
-        f"standard deviation exceeds {identifiability.WIDEST:g} ",
+        f"s_i < {null_space.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
+        f"standard deviation exceeds {null_space.WIDEST:g} ",
         f"at most {search.SEARCH_LINES} lines",
         "at least {:g}, then {:g}, then {:.1f}".format(*search._INFLATED),
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",

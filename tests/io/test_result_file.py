@@ -18,9 +18,11 @@ from updyn.io.result_file import read_result, write_result
 from updyn.io.result_json import result_to_json, write_result_json
 from updyn.io.values_text import from_text, to_text
 from updyn.model import Group, Model
+from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import Identifiability, Iteration, JointResult, UpdateResult
+from updyn.updating.result import JointResult, UpdateResult
 
 INF, NAN = float("inf"), float("nan")
 NAMES = ["arm.stiffness", "foot.stiffness", "foot.loss_factor"]

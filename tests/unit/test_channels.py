@@ -5,8 +5,8 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError, ParameterError
-from updyn.updating.problem.channels import gains_of
 from updyn.updating.problem.problem import Problem
+from updyn.updating.result import gains_of
 
 FREQ = np.linspace(1.0, 40.0, 60)
 

@@ -9,8 +9,7 @@ import pytest
 
 import updyn
 from updyn.errors import InputError
-from updyn.updating.problem.joint import Joint
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Joint, Problem
 from updyn.updating.problem.residuals import LogError
 
 #: A motor on a shaft to a load: inertias in kg m2, stiffness in N m/rad.

@@ -5,7 +5,8 @@ import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor, Progress, condition
-from updyn.updating.fit.trust_region import Local, Step
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError
 

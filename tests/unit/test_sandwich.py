@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.fit.sandwich import sandwich
+from updyn.updating.fit.methods.least_squares import sandwich
 from updyn.updating.problem.noise import Robust, Stated, level_by_unit
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError

@@ -13,8 +13,9 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
+from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.result import Identifiability, UpdateResult
+from updyn.updating.result import UpdateResult
 
 __all__ = [
     "describe",

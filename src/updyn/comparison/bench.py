@@ -16,15 +16,14 @@ from updyn.frf import FRF
 from updyn.updating.fit.methods import method_class
 from updyn.updating.fit.monitor import Progress
 from updyn.updating.fit.reducing import is_reduced
-from updyn.updating.fit.regularise import check_regularise
+from updyn.updating.fit.regularisation import check_regularise
+from updyn.updating.problem.data import Test, split_data
 from updyn.updating.problem.lines import choose_lines, d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import CHANNELS, Parameter, ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.split import split_data
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import Test
 from updyn.updating.update import update, update_jointly
 
 __all__ = ["Bench", "Callback", "Watch", "about"]

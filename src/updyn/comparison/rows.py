@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
+from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import Test
 
 __all__ = ["NOT_APPLICABLE", "Comparison", "Row", "figures_of"]
 

@@ -19,10 +19,10 @@ from updyn.engines import Engine, choose_engine
 from updyn.errors import InputError, OptionError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.fit.regularise import check_regularise
+from updyn.updating.fit.regularisation import check_regularise
+from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
-from updyn.updating.run import Test, check
 
 if TYPE_CHECKING:
     from distributed import Client

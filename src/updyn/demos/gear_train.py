@@ -21,7 +21,7 @@ from updyn.demos.gear_train_case import READINGS, starting_model, table, true_mo
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.problem.choice import parameters
+from updyn.updating.problem.parameters import parameters
 
 if TYPE_CHECKING:
     from updyn.updating.result import UpdateResult

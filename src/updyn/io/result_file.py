@@ -33,9 +33,11 @@ from updyn.io.dataset import existing, text_of, variable
 from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.values_text import from_text, to_text
+from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
+from updyn.updating.result import STATUSES, UpdateResult
 
 if TYPE_CHECKING:
     import xarray as xr

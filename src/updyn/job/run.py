@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.uncertainty.profiles import Profiles
     from updyn.updating.fit.monitor import Progress
+    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.data import Test
     from updyn.updating.problem.selection import Selection
-    from updyn.updating.result import Identifiability, JointResult, UpdateResult
-    from updyn.updating.run import Test
+    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
 
@@ -184,7 +185,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     """Return the tests as the update takes them; without what is held out, or all with the choice."""
-    from updyn.updating.run import Test
+    from updyn.updating.problem.data import Test
 
     return [
         Test(

@@ -16,8 +16,7 @@ from updyn.job.schema import Job
 from updyn.model import Model
 from updyn.updating.fit.methods import method_class
 from updyn.updating.problem.channels import calibration, check_method
-from updyn.updating.problem.choice import link, parameters
-from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
 __all__ = ["unknowns_of"]
 

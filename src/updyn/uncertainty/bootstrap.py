@@ -21,8 +21,8 @@ from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.uncertainty.watch import Progress, Watch
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.problem.joint import Task, together
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Task, together
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.trust_region import Local, TrustRegion
-from updyn.updating.problem.joint import Task
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import Each, with_prior
 
 __all__ = ["Likelihood", "Point"]

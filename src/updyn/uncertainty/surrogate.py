@@ -19,7 +19,7 @@ from updyn.uncertainty.gaussian import Gaussian
 from updyn.uncertainty.likelihood import Point
 from updyn.uncertainty.setting import Setting
 from updyn.updating.fit.reducing import reduction_of
-from updyn.updating.problem.joint import Task, together
+from updyn.updating.problem.problem import Task, together
 
 __all__ = ["Surrogate", "reduced_about"]
 

@@ -1,1 +1,1 @@
-"""TODO-DOCSTRING of the room."""
+"""The fit: methods, optimiser, search for a start, reduced tier, regularisation, checkpoints."""

@@ -25,7 +25,7 @@ import numpy as np
 from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
-from updyn.updating.problem.joint import Task
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.session import Record, digest
 
 __all__ = ["Journal", "fingerprint"]

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Local, Outcome, TrustRegion
-from updyn.updating.judge.identifiability import open_directions
-from updyn.updating.problem.joint import Task
+from updyn.updating.fit.null_space import null_space
+from updyn.updating.fit.trust_region import Outcome, TrustRegion
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import LogError, Residual, is_solved, with_prior
 from updyn.updating.problem.session import Stopped
 
@@ -185,7 +186,7 @@ def descend(
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
     home = problem.coordinates.to_x(problem.coordinates.parameters.start)
     for _ in range(_PULLS):
-        free = open_directions(outcome.local.R)
+        free = null_space(outcome.local.R)
         if outcome.reason != "converged" or free.shape[1] == 0:
             break
         pulled = np.clip(outcome.x + free @ (free.T @ (home - outcome.x)), lower, upper)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.trust_region import Local, Step
-from updyn.updating.problem.joint import Task
-from updyn.updating.result import Iteration
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
 
-__all__ = ["Monitor", "Progress"]
+__all__ = [
+    "Iteration",
+    "Monitor",
+    "Progress",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,3 +146,35 @@ def condition(R: NDArray[np.float64]) -> float:
         return np.inf
     s = np.linalg.svd(R / norms, compute_uv=False)
     return float(s[0] / s[-1]) if len(s) == R.shape[1] and s[-1] > 0 else np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One accepted or refused step.
+
+    Attributes
+    ----------
+    stage : str
+        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
+        ...).
+    number : int
+        Counted from 0 (the start) through all stages.
+    cost : float
+        Half the sum of squared weighted residuals.
+    step : float
+        Largest change of an unknown (of its logarithm for a factor).
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm.
+    accepted : bool
+        Whether the step was taken.
+    values : dict of str to float
+        The unknowns after the step.
+    """
+
+    stage: str
+    number: int
+    cost: float
+    step: float
+    condition: float
+    accepted: bool
+    values: Mapping[str, float] = field(default_factory=dict)

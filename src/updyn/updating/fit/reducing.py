@@ -28,9 +28,8 @@ from updyn.errors import OptionError, SolverError
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, scattered
-from updyn.updating.problem.joint import Task, together
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task, together
 from updyn.updating.problem.residuals import LogError
 from updyn.updating.problem.session import Stopped
 

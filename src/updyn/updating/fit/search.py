@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.fit.method import descend
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Local, Outcome, TrustRegion
-from updyn.updating.judge.identifiability import analyse
-from updyn.updating.problem.joint import Task
+from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.trust_region import Outcome, TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import LogError, is_solved, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
@@ -215,8 +216,8 @@ class Search:
     def _neighbours(problem: Task, at: Outcome) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
-        analysis = analyse(at.local.R / unit, problem.coordinates.parameters.names)
-        std = np.where(analysis.involved, 0.0, np.sqrt(np.diag(analysis.covariance)))
+        found = resolve(at.local.R / unit)
+        std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
         for i in np.argsort(-std)[:_HOPS]:
             if std[i] > _UNSURE:
                 for sign in (1.0, -1.0):

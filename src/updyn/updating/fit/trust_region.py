@@ -15,37 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["Local", "Outcome", "Step", "TrustRegion"]
+__all__ = [
+    "Outcome",
+    "Step",
+    "TrustRegion",
+]
 
 _Vector = NDArray[np.float64]
 
 _ROUNDING = 1e-6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Local:
-    """The least-squares problem at one point.
-
-    Attributes
-    ----------
-    cost : float
-        Half the sum of squared residuals.
-    R : ndarray of float, shape (k, n)
-        Reduced Jacobian, k <= n.
-    q : ndarray of float, shape (k,)
-        Reduced residual: the gradient is R^T q.
-    """
-
-    cost: float
-    R: NDArray[np.float64]
-    q: _Vector
-
-    @property
-    def gradient(self) -> _Vector:
-        """Gradient of the cost, shape (n,)."""
-        return np.asarray(self.R.T @ self.q)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,1 +1,1 @@
-"""TODO-DOCSTRING of the room."""
+"""The judgement of a fit: identifiability, adequacy, localisation, rounding, verdict, advice."""

@@ -13,8 +13,7 @@ from updyn.dofs import DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.identifiability import Analysis
-from updyn.updating.problem.joint import Task
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task
 
 __all__ = ["advise"]
 

@@ -8,21 +8,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.updating.result import Identifiability
+from updyn.updating.fit.null_space import VISIBLE, resolve
 
-__all__ = ["RANK_TOLERANCE", "Analysis", "analyse", "covariance_within", "open_directions"]
+__all__ = [
+    "Analysis",
+    "Identifiability",
+    "analyse",
+]
 
 _Matrix = NDArray[np.float64]
-
-#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no
-#: measurement is as exact as the 8 digits that it would take to see them.
-RANK_TOLERANCE = 1e-8
-
-#: A direction that the data leave uncertain by more than this (of a logarithm, or of a loss factor)
-#: is open.
-WIDEST = 1.0
-
-_VISIBLE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,71 +67,20 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
     collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
     all unknowns together.
     """
-    n = R.shape[1]
-    norms = np.linalg.norm(R, axis=0)
-    # An unknown without any effect has a zero column; scaling it by 1 keeps it zero.
-    scale = np.where(norms > 0, norms, 1.0)
-    _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, n - len(R)), n))]))
-    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
-    spread = (
-        inflation * (Vt[seen].T / s[seen]) / scale[:, None]
-    )  # columns: one standard deviation each
-    axes, std, _ = np.linalg.svd(spread, full_matrices=False)
-    known = std <= WIDEST
-    unseen = _orthonormal(Vt[~seen].T / scale[:, None])
-    blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
-    covariance = (axes * std**2) @ axes.T
-    involved = (np.linalg.norm(unseen, axis=1) > _VISIBLE) | _led(axes[:, ~known], std[~known])
+    found = resolve(R, inflation)
+    n, s = R.shape[1], found.singular_values
     smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
     report = Identifiability(
-        rank=n - blind.shape[1],
+        rank=n - found.null_space.shape[1],
         n_parameters=n,
-        condition=1.0 / smallest if seen.all() else np.inf,
+        condition=1.0 / smallest if found.full_rank else np.inf,
         singular_values=tuple(float(v) for v in s),
-        null_directions=[_words(d, names) for d in _readable(blind)],
-        determined_directions=_determined(blind, involved, names),
-        collinearity=float(1.0 / s[-1]) if seen.all() else np.inf,
+        null_directions=[_words(d, names) for d in _readable(found.null_space)],
+        determined_directions=_determined(found.null_space, found.involved, names),
+        collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
         advice=advice,
     )
-    return Analysis(report, blind, covariance, involved)
-
-
-def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which unknowns a noisy direction leaves open: its leaders, and whoever it spreads by half of `WIDEST`.
-
-    The others take part in it, too, but by a share that leaves them known: their standard deviation
-    says how well.
-    """
-    reach = np.abs(axes) * std
-    leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
-    return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * WIDEST))
-
-
-def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
-    """Return the covariance, shape (n, n), of unknowns that move along orthonormal directions only, shape (n, k)."""
-    if within.shape[1] == 0:
-        return np.zeros((len(within), len(within)))
-    triangle = np.linalg.qr(R @ within, mode="r")
-    spread = scipy.linalg.solve_triangular(triangle, within.T, trans="T")
-    return np.asarray(spread.T @ spread)
-
-
-def open_directions(R: _Matrix) -> _Matrix:
-    """Return the directions that a Jacobian does not see by arithmetic, orthonormal columns, shape (n, k)."""
-    norms = np.linalg.norm(R, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)
-    _, s, Vt = np.linalg.svd(
-        np.vstack([R / scale, np.zeros((max(0, R.shape[1] - len(R)), R.shape[1]))])
-    )
-    return _orthonormal(
-        Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
-    )
-
-
-def _orthonormal(directions: _Matrix) -> _Matrix:
-    if directions.shape[1] == 0:
-        return directions
-    return np.asarray(scipy.linalg.orth(directions / np.linalg.norm(directions, axis=0)))
+    return Analysis(report, found.null_space, found.covariance, found.involved)
 
 
 def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
@@ -151,7 +94,7 @@ def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
 
 
 def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
-    return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > _VISIBLE}
+    return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > VISIBLE}
 
 
 def _determined(
@@ -169,7 +112,51 @@ def _determined(
             continue
         combination = {names[i]: 1.0}
         combination |= {
-            names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > _VISIBLE
+            names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > VISIBLE
         }
         out.append(combination)
     return out
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiability:
+    """What the data can determine.
+
+    Attributes
+    ----------
+    rank : int
+        Number of independent combinations of the unknowns that the data determine.
+    n_parameters : int
+        Number of unknowns.
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is
+        short by arithmetic).
+    singular_values : tuple of float
+        Of the Jacobian with columns scaled to unit norm, falling.
+    null_directions : list of dict of str to float
+        Each combination that the data leave open, as weights by unknown: moving all of them
+        together by these weights changes nothing that was measured. Largest weight 1; weights below
+        1e-3 left out.
+    determined_directions : list of dict of str to float
+        Among the unknowns that take part in an open combination, the combinations that the data do
+        determine.
+    collinearity : float
+        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
+        practice).
+    advice : str
+        What to do about it, in a sentence or two.
+    """
+
+    rank: int
+    n_parameters: int
+    condition: float
+    singular_values: tuple[float, ...]
+    null_directions: list[dict[str, float]]
+    determined_directions: list[dict[str, float]]
+    collinearity: float
+    advice: str
+
+    @property
+    def complete(self) -> bool:
+        """Whether all unknowns are determined."""
+        return self.rank == self.n_parameters

@@ -18,17 +18,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.affine import AffineSystem, State
 from updyn.frf import QUANTITIES
 from updyn.sensitivity import Unknowns
+from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.adequacy import Suspect
 from updyn.updating.problem.channels import calibration
-from updyn.updating.problem.joint import Task, together
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task, together
 from updyn.updating.problem.residuals import Each
 
-__all__ = ["breach", "constitutive_weights", "localise"]
+__all__ = [
+    "breach",
+    "localise",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -41,35 +43,6 @@ _MOST_LINES = 60
 #: A suspect explains at least this share of what is left, and at least so many squared standard
 #: deviations.
 _LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
-
-
-def constitutive_weights(
-    system: AffineSystem, state: State, omega: _Real
-) -> tuple[_Complex, _Real]:
-    """Return the coefficients of Z and those of the energy in which its breach is measured.
-
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model.
-    state : State
-        Its numbers.
-    omega : ndarray of float, shape (n_f,)
-        Lines in rad/s.
-
-    Returns
-    -------
-    c : ndarray of complex, shape (n_terms, n_f)
-        Of Z.
-    w : ndarray of float, shape (n_terms, n_f)
-        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
-        With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from
-        those of u by W lambda.
-    """
-    c = system.coefficients(state, omega)
-    elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]
-    scale = np.where(elastic, np.abs(c.real), np.abs(c))
-    return c, np.asarray(np.abs(c) ** 2 / np.where(scale > 0.0, scale, 1.0))
 
 
 def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:

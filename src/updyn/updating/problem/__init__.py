@@ -1,1 +1,1 @@
-"""TODO-DOCSTRING of the room."""
+"""The problem of an update: unknowns, data, noise, frequency lines and residuals."""

@@ -26,9 +26,14 @@ from updyn.frf import FRF
 from updyn.updating.problem.parameters import CHANNELS, Drive, Parameter, ParameterSet
 
 if TYPE_CHECKING:
-    from updyn.updating.result import UpdateResult
+    pass
 
-__all__ = ["Gains", "calibration", "check_channel", "check_method", "gains_of"]
+__all__ = [
+    "Gains",
+    "calibration",
+    "check_channel",
+    "check_method",
+]
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -199,21 +204,6 @@ class Gains:
         dH *= factors
         for i in np.flatnonzero(self.rows.any(axis=1) | self.columns.any(axis=1)):
             dH[i] = H * (self.rows[i][:, None] + self.columns[i])
-
-
-def gains_of(result: UpdateResult) -> _Vector | None:
-    """Return the estimated factor of each channel of a result's data, shape (n_i, n_j); None where there is none.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    """
-    gains = Gains.find(result.parameters, result.frf)
-    if gains is None:
-        return None
-    values = [result.values[p.name] if p.is_channel else 1.0 for p in result.parameters]
-    return gains.factors(np.log(np.array(values)))
 
 
 def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> None:

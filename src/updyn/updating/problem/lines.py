@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,12 @@ from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record
 
-__all__ = ["a_optimal", "choose_lines", "d_optimal"]
+__all__ = [
+    "a_optimal",
+    "choose_lines",
+    "d_optimal",
+    "on_lines",
+]
 
 _RELATIVE_FLOOR = 1e-2
 #: Lines are exchanged where there are at most so many times as many as unknowns, at most so often,
@@ -238,3 +244,20 @@ def _information(
     weight = 1.0 / np.hypot(np.abs(block.H), floor)
     J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
     return np.asarray(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
+
+
+Lines = str | ArrayLike | None
+
+
+def on_lines(problem: Problem, lines: Lines) -> Problem:
+    """Return the problem on chosen lines of its data.
+
+    Raises
+    ------
+    InputError
+        If the choice is not understood, or a line is not in the data.
+    """
+    at = choose_lines(lines, problem)
+    if len(at) == len(problem.frf.freq):
+        return problem
+    return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))

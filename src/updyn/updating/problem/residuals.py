@@ -7,22 +7,19 @@ formed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
-from updyn.linalg.threads import alone
-from updyn.updating.fit.trust_region import Local
-from updyn.updating.problem.joint import Task
+from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -33,8 +30,6 @@ __all__ = [
     "OutputError",
     "Residual",
     "is_solved",
-    "joined",
-    "reduce",
     "solved",
     "with_prior",
 ]
@@ -42,9 +37,6 @@ __all__ = [
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Columns of a panel of the QR factorisation, and blocks that are stacked at a time.
-_PANEL, _TOGETHER = 16, 8
 
 
 class Residual(Protocol):
@@ -301,42 +293,6 @@ def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
-def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
-    """Stack blocks [J r], shape (m, n + 1), by QR in the order given, and return the local problem.
-
-    Parameters
-    ----------
-    blocks : iterable of ndarray of float
-        Weighted Jacobian with the residual as last column, or a triangle that stands for it.
-    n : int
-        Number of unknowns.
-    """
-    waiting: list[_Matrix] = [np.zeros((0, n + 1))]
-    for block in blocks:
-        waiting.append(block)
-        if len(waiting) > _TOGETHER:
-            waiting = [_triangle(np.vstack(waiting))]
-    triangle = _triangle(np.vstack(waiting))
-    if len(triangle) < n + 1:
-        triangle = np.vstack([triangle, np.zeros((n + 1 - len(triangle), n + 1))])
-    last = triangle[:, n]
-    return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
-
-
-@alone
-def _triangle(block: _Matrix) -> _Matrix:
-    """Return the R of the QR factors, shape (min(m, n), n); of a block stored by columns, which is overwritten."""
-    if min(block.shape) == 0:
-        return block[:0]
-    # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy
-    # and scipy call.
-    factors, _, info = lapack.dgeqrt(
-        min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True
-    )
-    assert info == 0
-    return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)
-
-
 def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
@@ -346,15 +302,6 @@ def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     return joined(
         [local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n
     )
-
-
-def joined(locals_: Sequence[Local], n: int) -> Local:
-    """Return the sum of local problems in `n` unknowns as one."""
-    if len(locals_) == 1:
-        return locals_[0]
-    rest = sum(max(local.cost - 0.5 * float(local.q @ local.q), 0.0) for local in locals_)
-    whole = reduce([np.hstack([local.R, local.q[:, None]]) for local in locals_], n)
-    return Local(whole.cost + rest, whole.R, whole.q)
 
 
 def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
@@ -402,7 +349,7 @@ def _block(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Com
 
 
 def _block_triangle(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
-    return _triangle(_stack(*_block(problem, item)))
+    return qr_triangle(_stack(*_block(problem, item)))
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:

@@ -29,7 +29,7 @@ METHODS = {
     "constitutive": (_HERE + "constitutive", "ConstitutiveMethod"),
     "modal": (_HERE + "modal", "ModalMethod"),
     "rfm": (_HERE + "rfm", "ResponseFunctionMethod"),
-    "complex-rfm": (_HERE + "complex_rfm", "ComplexResponseFunctionMethod"),
+    "complex-rfm": (_HERE + "rfm", "ComplexResponseFunctionMethod"),
     "frf-sensitivity": (_HERE + "frf_sensitivity", "FrfSensitivityMethod"),
     "reduced-frf": (_HERE + "reduced_frf", "ReducedFrfMethod"),
 }

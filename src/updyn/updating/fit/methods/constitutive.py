@@ -16,17 +16,20 @@ from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
 from updyn.updating.fit.method import Fit, descend_to_scale
-from updyn.updating.fit.methods._linear import fit_of, local_of
+from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.judge.localise import constitutive_weights
-from updyn.updating.problem.joint import Task
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task
 from updyn.updating.problem.residuals import EachOf
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["ConstitutiveError", "ConstitutiveMethod", "adjoint_fields"]
+__all__ = [
+    "ConstitutiveError",
+    "ConstitutiveMethod",
+    "adjoint_fields",
+    "constitutive_weights",
+]
 
 _Complex = NDArray[np.complex128]
 _Vector = NDArray[np.float64]
@@ -277,3 +280,32 @@ def _diagonal(problem: Problem, item: tuple[slice]) -> _Vector:
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     S = adjoint_fields(problem, problem.state(x), problem.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
+
+
+def constitutive_weights(
+    system: AffineSystem, state: State, omega: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Return the coefficients of Z and those of the energy in which its breach is measured.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model.
+    state : State
+        Its numbers.
+    omega : ndarray of float, shape (n_f,)
+        Lines in rad/s.
+
+    Returns
+    -------
+    c : ndarray of complex, shape (n_terms, n_f)
+        Of Z.
+    w : ndarray of float, shape (n_terms, n_f)
+        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
+        With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from
+        those of u by W lambda.
+    """
+    c = system.coefficients(state, omega)
+    elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]
+    scale = np.where(elastic, np.abs(c.real), np.abs(c))
+    return c, np.asarray(np.abs(c) ** 2 / np.where(scale > 0.0, scale, 1.0))

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.updating.fit.method import Fit, descend_to_scale, in_units, spread_of
-from updyn.updating.fit.methods._linear import basic_solution
+from updyn.updating.fit.methods.linear import basic_solution
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Local, Step, TrustRegion
-from updyn.updating.problem.joint import Task
+from updyn.updating.fit.trust_region import Step, TrustRegion
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import EquationError, solved
 from updyn.updating.problem.session import Record, Stopped
 

@@ -15,7 +15,8 @@ from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.updating.fit.method import Fit, descend_to_scale
-from updyn.updating.fit.methods._linear import (
+from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
+from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
     check_unknowns,
@@ -23,12 +24,10 @@ from updyn.updating.fit.methods._linear import (
     linear_step,
     local_of,
 )
-from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.problem.joint import Task
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task
 from updyn.updating.problem.residuals import EachOf
 from updyn.updating.problem.session import Stopped
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.methods._linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.methods.least_squares import judged
+from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.problem.joint import Task
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import Each, OutputError
 
 __all__ = ["FrfSensitivityMethod"]

@@ -14,8 +14,8 @@ from updyn.updating.fit.method import Fit, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.problem.joint import Task
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Task
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 from updyn.updating.problem.session import Stopped
 

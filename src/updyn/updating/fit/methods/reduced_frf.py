@@ -16,7 +16,7 @@ from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.methods._linear import (
+from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
     check_unknowns,
@@ -26,10 +26,9 @@ from updyn.updating.fit.methods._linear import (
     scaled_solution,
 )
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Local
-from updyn.updating.problem.joint import Task, together
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Problem, Task, together
 from updyn.updating.problem.residuals import EquationError
 
 __all__ = ["ReducedFrfMethod", "independently_reduced"]

@@ -14,14 +14,18 @@ import numpy as np
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
-from updyn.updating.problem.noise.base import ASSUMED, NoiseModel, level_by_unit
-from updyn.updating.problem.noise.by_channel import EstimatedByChannel
-from updyn.updating.problem.noise.coherence import Coherence
-from updyn.updating.problem.noise.estimated import Estimated
-from updyn.updating.problem.noise.given import Variance
+from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
+from updyn.updating.problem.noise.known import (
+    ASSUMED,
+    Assumed,
+    Coherence,
+    NoiseModel,
+    Stated,
+    Variance,
+    level_by_unit,
+)
 from updyn.updating.problem.noise.repeats import average
 from updyn.updating.problem.noise.robust import FREEDOM, Robust
-from updyn.updating.problem.noise.stated import Assumed, Stated
 
 __all__ = [
     "ASSUMED",

@@ -10,8 +10,7 @@ import numpy as np
 from updyn.dofs import DofSet
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.updating.problem.noise.base import level_by_unit
-from updyn.updating.problem.noise.smooth import steady
+from updyn.updating.problem.noise.known import level_by_unit, steady
 
 __all__ = ["average"]
 

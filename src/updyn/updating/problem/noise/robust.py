@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.base import NoiseModel
+from updyn.updating.problem.noise.known import NoiseModel
 
 __all__ = ["FREEDOM", "Robust"]
 

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.updating.fit.method import Fit, spread_of
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Local, Step
-from updyn.updating.problem.joint import Task
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.residuals import joined, solved
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import solved
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
