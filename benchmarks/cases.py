@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import updyn
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet

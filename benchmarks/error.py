@@ -16,8 +16,8 @@ import numpy as np
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.reduced.reduction import SAFETY, Reduction
-from updyn.linalg.factorise import check_backend
+from updyn.dynamics.reduced import SAFETY, Reduction
+from updyn.linalg.solver import check_backend
 
 BAND = np.linspace(100.0, 2140.0, 14)
 

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from models import SOLIDS, sensors, solid
 
 import updyn
-from updyn.linalg.factorise import BACKENDS, _module
+from updyn.linalg.solver import BACKENDS, _module
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError
 

@@ -22,10 +22,8 @@ import numpy as np
 from cases import chain12
 
 import updyn
-from updyn.uncertainty.diagnosis import diagnose
-from updyn.uncertainty.gaussian import Gaussian
-from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.mixture import Mixture
+from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
+from updyn.uncertainty.sampling import Mixture, diagnose
 from updyn.uncertainty.setting import restore
 
 WITH_SLOPES = 3

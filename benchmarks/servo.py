@@ -1,6 +1,6 @@
 """Does the updated model predict how a servo behaves on the true structure, where the drawings do not?
 
-The azimuth axis of `updyn demo antenna` (`updyn.demos.antenna_servo`): motor torque, encoders on
+The azimuth axis of `updyn demo antenna` (`updyn.control.demo`): motor torque, encoders on
 motor and turntable, P position loop over PI velocity loop with a notch. One controller as the
 drawings would have it set, one with its notch where the updated model has the resonance, each on
 the model of the drawings, the updated one, and the hidden truth: margins of the plants, and of the
@@ -27,10 +27,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import updyn
-from updyn.control.servo.controller import Controller, Notch
-from updyn.control.servo.record import Servo
-from updyn.demos.antenna import TRUTH
-from updyn.demos.antenna_servo import (
+from updyn.control.demo import (
     BAND,
     CONTROLLER,
     FIGURES,
@@ -43,6 +40,9 @@ from updyn.demos.antenna_servo import (
     azimuth_plant,
     azimuth_servo,
 )
+from updyn.control.servo.controller import Controller, Notch
+from updyn.control.servo.record import Servo
+from updyn.demos.antenna import TRUTH
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 

@@ -13,6 +13,7 @@ import pytest
 import scipy.linalg
 from hypothesis import HealthCheck, settings
 
+import programs
 import updyn
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
@@ -31,6 +32,18 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("updyn")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    programs.skip_without_programs(item)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    lines = programs.not_run(terminalreporter.stats.get("skipped", []))
+    if lines:
+        terminalreporter.section("not run, as a program is missing")
+        for line in lines:
+            terminalreporter.write_line(line)
 
 
 def load_case(name: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 
 from updyn.comparison import Comparison, Row
-from updyn.comparison.words import limits
+from updyn.comparison.table import limits
 from updyn.demos import gear_train
 from updyn.errors import UpdynWarning
 from updyn.job import load_job

@@ -18,7 +18,7 @@ from models import full, sensors, solid
 import updyn
 from updyn import sensitivity
 from updyn.errors import OptionError
-from updyn.linalg.factorise import BACKENDS, check_backend
+from updyn.linalg.solver import BACKENDS, check_backend
 from updyn.updating.problem.problem import Problem
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

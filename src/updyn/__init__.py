@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from updyn.control.build import conversions as conversions
     from updyn.control.build import plant as plant
     from updyn.control.family import plant_family as plant_family
+    from updyn.control.files.plant_file import read_plant as read_plant
+    from updyn.control.files.plant_file import write_plant as write_plant
     from updyn.control.nonlinear.balance import limit_cycles as limit_cycles
     from updyn.control.nonlinear.elements import Backlash as Backlash
     from updyn.control.nonlinear.elements import CoulombFriction as CoulombFriction
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from updyn.frf import FRF as FRF
     from updyn.geometry import Geometry as Geometry
     from updyn.group import Group as Group
+    from updyn.group import LossTable as LossTable
     from updyn.io import read_frf as read_frf
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
@@ -62,11 +65,8 @@ if TYPE_CHECKING:
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
     from updyn.io import write_result as write_result
-    from updyn.io.plant_file import read_plant as read_plant
-    from updyn.io.plant_file import write_plant as write_plant
     from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
     from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
-    from updyn.loss_table import LossTable as LossTable
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
@@ -105,7 +105,7 @@ _WHERE = {
     "Geometry": "updyn.geometry",
     "Group": "updyn.group",
     "JointResult": "updyn.updating.result",
-    "LossTable": "updyn.loss_table",
+    "LossTable": "updyn.group",
     "ModeSet": "updyn.modal",
     "Model": "updyn.model",
     "Plant": "updyn.control.plant",
@@ -145,7 +145,7 @@ _WHERE = {
     "read_geometry": "updyn.io",
     "read_model": "updyn.io",
     "read_modes": "updyn.io",
-    "read_plant": "updyn.io.plant_file",
+    "read_plant": "updyn.control.files.plant_file",
     "read_result": "updyn.io",
     "read_uncertainty": "updyn.io.uncertainty_file",
     "response": "updyn.dynamics.response",
@@ -164,7 +164,7 @@ _WHERE = {
     "write_frf": "updyn.io",
     "write_model": "updyn.io",
     "write_modes": "updyn.io",
-    "write_plant": "updyn.io.plant_file",
+    "write_plant": "updyn.control.files.plant_file",
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
     "write_result": "updyn.io",

@@ -21,6 +21,8 @@ __all__ = ["FRF", "QUANTITIES", "check_lines", "check_quantity"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: Dimensions of the variables of a dataset.
+_DIMS = ("freq", "response", "reference")
 #: What to do about missing values.
 _GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
@@ -345,9 +347,30 @@ class FRF:
             ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``node_axes`` (displacement
             directions).
         """
-        from updyn import _frf_xarray
+        import xarray as xr
 
-        return _frf_xarray.to_dataset(self)
+        data = {"frf": (_DIMS, self.values)}
+        for name in ("coherence", "variance"):
+            if getattr(self, name) is not None:
+                data[name] = (_DIMS, getattr(self, name))
+        attrs: dict[str, Any] = {"quantity": self.quantity, "source": self.source}
+        if self.averages is not None:
+            attrs["averages"] = self.averages
+        coords = {
+            "freq": self.freq,
+            "response": self.responses.labels,
+            "reference": self.references.labels,
+        }
+        out = xr.Dataset(data, coords=coords, attrs=attrs)
+        out["freq"].attrs["units"] = "Hz"
+        if self.geometry is not None:
+            out["node"] = ("node", self.geometry.nodes)
+            out["xyz"] = (("node", "axis"), self.geometry.xyz, {"units": "m"})
+            if len(self.geometry.lines):
+                out["trace"] = (("trace_line", "end"), self.geometry.lines)
+            if self.geometry.axes is not None:
+                out["node_axes"] = (("node", "direction", "axis"), self.geometry.axes)
+        return out
 
     @classmethod
     def from_xarray(cls, data: xr.Dataset, *, quantity: str | None = None) -> FRF:
@@ -372,9 +395,42 @@ class FRF:
             If a variable, a dimension or the quantity is missing, `quantity` contradicts the
             dataset, or the frequency is not in Hz.
         """
-        from updyn import _frf_xarray
-
-        return cls(**_frf_xarray.from_dataset(data, quantity))
+        for name in ("frf", *_DIMS):
+            if name not in data.variables:
+                raise DataError(
+                    f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}"
+                )
+        said = data.attrs.get("quantity")
+        if said is None and quantity is None:
+            raise DataError(
+                "the dataset does not say what it measured: give quantity='receptance', 'mobility' or"
+                " 'accelerance'"
+            )
+        if said is not None and quantity is not None and said != quantity:
+            raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
+        unit = data["freq"].attrs.get("units", "Hz")
+        if unit != "Hz":
+            raise DataError(f"dataset: freq is in {unit!r}; expected 'Hz'")
+        arrays: dict[str, Any] = {}
+        for name in ("frf", "coherence", "variance"):
+            if name in data.variables:
+                if set(data[name].dims) != set(_DIMS):
+                    raise DataError(
+                        f"dataset: {name!r} has dimensions {data[name].dims}; expected {_DIMS}"
+                    )
+                arrays[name] = data[name].transpose(*_DIMS).values
+        averages = data.attrs.get("averages")
+        return cls(
+            freq=data["freq"].values,
+            values=arrays.pop("frf"),
+            responses=[str(x) for x in data["response"].values],
+            references=[str(x) for x in data["reference"].values],
+            quantity=str(said or quantity),
+            averages=None if averages is None else int(averages),
+            geometry=_geometry(data),
+            source=str(data.attrs.get("source", "")),
+            **arrays,
+        )
 
 
 def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
@@ -392,6 +448,16 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
         expected = "complex or real" if dtype is np.complex128 else "real"
         raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
     return array.astype(dtype)
+
+
+def _geometry(data: xr.Dataset) -> Geometry | None:
+    if "xyz" not in data.variables:
+        return None
+    if "node" not in data.variables:  # xarray would make up 0, 1, 2, ...
+        raise DataError("dataset: 'xyz' without 'node', the numbers of the nodes")
+    lines = data["trace"].values if "trace" in data.variables else np.empty((0, 2))
+    axes = data["node_axes"].values if "node_axes" in data.variables else None
+    return Geometry(data["node"].values, data["xyz"].transpose("node", "axis").values, lines, axes)
 
 
 def _band(band: object) -> tuple[float, float]:

@@ -17,7 +17,7 @@ import updyn
 from updyn.cli import main
 from updyn.cli.progress import Watch
 from updyn.demos import gear_train
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.updating.fit.methods import METHODS
 
 METHODS_HERE = "maximum-likelihood,equation-error,reduced-frf,rfm"

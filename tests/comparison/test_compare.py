@@ -12,9 +12,8 @@ import pytest
 import updyn
 from updyn.comparison import Fewest
 from updyn.comparison.fewest import counts, errors_against
-from updyn.comparison.rows import NOT_APPLICABLE
-from updyn.demos.gear_train import measure
-from updyn.demos.gear_train_case import starting_model, true_model, true_values
+from updyn.comparison.table import NOT_APPLICABLE
+from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.updating.fit import methods as registry
 from updyn.updating.fit.methods.least_squares import LogMethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +19,6 @@ ORDER = (
     ("dofs",),
     ("geometry",),
     ("frf",),
-    ("loss_table",),
     ("group",),
     ("model",),
     ("engines",),
@@ -29,7 +29,6 @@ ORDER = (
     ("modal",),
     ("updating",),
     ("comparison", "uncertainty"),
-    ("control",),
     ("elements",),
     ("io",),
     ("matching",),
@@ -37,12 +36,15 @@ ORDER = (
     ("report", "viewer"),
     ("demos",),
     ("cli", "web"),
+    ("control",),
 )
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
+#: Rooms that still name parts of `control` instead of finding them in a registry.
+KNOWS_CONTROL = {"job", "report", "demos", "cli"}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.
-PRIVATE = {"_frf_xarray": "frf", "__main__": "cli"}
+PRIVATE = {"__main__": "cli"}
 
 
 def files() -> list[Path]:
@@ -54,6 +56,42 @@ def module_of(path: Path, root: Path = SRC) -> str:
     if parts[-1] == "__init__":
         parts.pop()
     return ".".join([root.name, *parts])
+
+
+@functools.cache
+def imports_of(path: Path) -> tuple[tuple[int, str, str | None], ...]:
+    """Return the imports of a file of the package, as `imports`."""
+    source = path.read_text(encoding="utf-8")
+    return tuple(imports(source, module_of(path), path.name == "__init__.py"))
+
+
+def modules_imported(path: Path) -> set[str]:
+    """Return the modules of the package that a file imports, those in function bodies included."""
+    found = set()
+    for _, target, name in imports_of(path):
+        inner = f"{target}.{name}"
+        if inner in modules():
+            found.add(inner)
+        elif target in modules():
+            found.add(target)
+    return found
+
+
+@functools.cache
+def modules() -> dict[str, Path]:
+    """Return the files of the package by module."""
+    return {module_of(path): path for path in files()}
+
+
+def inner_imports(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and module of every import of the package inside a function."""
+    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+    for function in ast.walk(ast.parse(source)):
+        if not isinstance(function, functions):
+            continue
+        for node in ast.walk(function):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("updyn."):
+                yield node.lineno, str(node.module)
 
 
 def room_of(module: str) -> str | None:

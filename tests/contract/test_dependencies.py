@@ -25,9 +25,7 @@ def imported() -> set[str]:
     out = set()
     for path in rooms.files():
         source = path.read_text(encoding="utf-8")
-        module = rooms.module_of(path)
-        found = rooms.imports(source, module, path.name == "__init__.py")
-        out |= {target.split(".")[0] for _, target, _ in found if target}
+        out |= {target.split(".")[0] for _, target, _ in rooms.imports_of(path) if target}
         out |= set(
             re.findall(r'engine="(\w+)"', source)
         )  # how xarray is told which library reads the file

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import fields
@@ -22,7 +21,7 @@ import updyn
 from updyn.cli import main
 from updyn.control.plant import Plant
 from updyn.control.sampled import sampled
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.errors import FormatError, OptionError
 
 SUFFIXES = [".json", ".mat", ".npz"]
@@ -141,9 +140,7 @@ def test_what_matlab_loads(name: str, tmp_path: Path) -> None:
     )  # no struct
 
 
-@pytest.mark.skipif(
-    shutil.which("octave-cli") is None, reason="needs Octave with its package control"
-)
+@pytest.mark.needs("octave")
 def test_octave_runs_the_line_that_the_file_states(tmp_path: Path) -> None:
     for name in ("continuous", "sampled"):
         one = PLANTS[name]

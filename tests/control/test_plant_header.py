@@ -18,7 +18,7 @@ from updyn.errors import FormatError
 
 COMPILER = shutil.which("cc")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
+needs_compiler = pytest.mark.needs("cc")
 
 SHOW = """
 #include <stdio.h>

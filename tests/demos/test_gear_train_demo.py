@@ -13,7 +13,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.demos import find_demo, gear_train
-from updyn.demos.gear_train_case import READINGS, starting_model, true_model
+from updyn.demos.gear_train import READINGS, starting_model, true_model
 from updyn.errors import UpdynWarning
 
 OPEN = {f"unit {e}.{q}" for e in (1, 5, 6) for q in ("mass", "stiffness")}

@@ -12,7 +12,7 @@ from pages import ROOT, blocks, run_python
 
 from updyn.cli import main
 from updyn.comparison import Comparison
-from updyn.comparison.words import COLUMNS
+from updyn.comparison.table import COLUMNS
 from updyn.updating.fit.methods import METHODS
 
 PAGE = ROOT / "docs" / "compare.md"

@@ -14,12 +14,13 @@ from typing import Any
 import pytest
 
 from updyn.cli import main
+from updyn.control.job.plant_tables import PortTable, SamplingTable
+from updyn.control.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, WindTable
 from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
 from updyn.errors import JobError
-from updyn.io.registry import FORMATS, load
+from updyn.io.formats import FORMATS, load
 from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
-from updyn.job.control_tables import PortTable, SamplingTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -35,7 +36,6 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
-from updyn.job.servo_tables import ControllerTable, NonlinearTable, NotchTable, WindTable
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
@@ -162,7 +162,7 @@ def test_every_option_of_a_reader_can_be_given_in_a_job() -> None:
     )
     options = {
         name
-        for f in FORMATS
+        for f in FORMATS.values()
         if "read_frf" in f.can
         for name, p in inspect.signature(load(f).read_frf).parameters.items()
         if p.kind is p.KEYWORD_ONLY

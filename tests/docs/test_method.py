@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, table, true_model
+from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
+from updyn.updating import problem
 from updyn.updating.fit import null_space, search
 from updyn.updating.problem import noise
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
-from updyn.updating.problem.problem import problem
 
 TEXT = " ".join(
     (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split()
@@ -117,7 +117,7 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     from updyn.dynamics import fields
-    from updyn.dynamics.reduced import reduction
+    from updyn.dynamics import reduced as reduction
     from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]

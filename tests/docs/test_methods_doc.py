@@ -10,7 +10,7 @@ import pytest
 from pages import ROOT
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, method_class, options_of

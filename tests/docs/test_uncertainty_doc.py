@@ -13,7 +13,9 @@ from typing import Any
 import pytest
 
 import updyn
-from updyn.uncertainty import bootstrap, diagnosis, humps, prediction
+from updyn.uncertainty import bootstrap, prediction
+from updyn.uncertainty import minima as humps
+from updyn.uncertainty import sampling as diagnosis
 
 sys.path.insert(0, str(Path(__file__).parent))
 

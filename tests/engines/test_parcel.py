@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from updyn.engines.parcel import Parcel, open_parcel
+from updyn.engines.processes import Parcel, open_parcel
 from updyn.errors import EngineError
 
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-needs_ccx = pytest.mark.skipif(
-    shutil.which("ccx") is None, reason="CalculiX is not installed (apt install calculix-ccx)"
-)
+needs_ccx = pytest.mark.needs("ccx")
 
 MODULI = (2.1e11, 7.0e10, 1.1e11)
 DENSITIES = (7850.0, 2700.0, 8900.0)

@@ -11,7 +11,7 @@ import pytest
 import updyn
 from updyn.errors import FormatError, OptionError
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Hump, Profile, Profiles
 
 
 def draws(kind: str = "sampling") -> Draws:

@@ -8,7 +8,7 @@ from updyn.demos import find_demo
 from updyn.errors import JobError, UpdynWarning
 from updyn.job import load_job, prepare, run_job
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 
 JOB = """[model]
 file = "chain.h5"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.updating.fit.methods.reduced_frf import independently_reduced
 from updyn.updating.problem.problem import Problem
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 
 import pytest
@@ -11,10 +10,9 @@ from report_case import realistic
 from test_page import hostile
 
 import updyn
+from programs import program
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
+pytestmark = pytest.mark.needs("browser")
 
 # What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as
 # SVG, a cell of FRAC.
@@ -41,7 +39,7 @@ ACTIONS = """<script>
 
 def dump(path, profile):
     command = [
-        browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}", "--no-first-run",
+        program("browser"), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
         "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", path.as_uri(),
     ]  # fmt: skip

@@ -8,12 +8,11 @@ import re
 
 import numpy as np
 import pytest
-from test_browser import attributes, browser, dump
+from test_browser import attributes, dump
 
 import updyn
 from updyn.comparison import Comparison, Fewest, Row
-from updyn.demos.gear_train_bench import known_masses
-from updyn.demos.gear_train_case import true_model, true_values
+from updyn.demos.gear_train import known_masses, true_model, true_values
 from updyn.report import write_comparison
 from updyn.report.comparison_data import gather_curves, is_geometric
 
@@ -221,7 +220,7 @@ def test_fewest_lines_not_found_and_why(found, tmp_path):
     assert "b: its own answer is stalled" in lines
 
 
-@pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
+@pytest.mark.needs("browser")
 def test_the_page_is_drawn(page, figures, tmp_path):
     dom = dump(page, tmp_path / "profile")
     found = attributes(dom)

@@ -7,17 +7,17 @@ import re
 
 import numpy as np
 import pytest
-from test_browser import attributes, browser, dump
+from test_browser import attributes, dump
 from test_comparison_page import values
 
 import updyn
+from updyn.control.job.plant_record import control_record
+from updyn.control.job.plant_result import lines_of, planted_of
+from updyn.control.report.plant_parts import plant_parts
+from updyn.control.report.plant_sections import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
-from updyn.job.control_record import control_record
-from updyn.job.planted import lines_of, planted_of
 from updyn.report import write_plant_page
-from updyn.report.plant_parts import plant_parts
-from updyn.report.sections_plant import share
 from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
@@ -360,7 +360,7 @@ def test_the_report_has_the_sections(made, tmp_path):
     ).read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(browser is None, reason="no Chromium or Chrome on the path")
+@pytest.mark.needs("browser")
 def test_the_page_is_drawn_in_a_browser(made, tmp_path):
     page = write_plant_page(made[1], tmp_path / "plant.html")
     dom = dump(page, tmp_path / "profile")

@@ -9,7 +9,7 @@ import updyn
 from updyn.report.page import render
 from updyn.report.uncertain import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Hump, Profile, Profiles
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from updyn.errors import OptionError
 pytest.importorskip("emcee")
 pytest.importorskip("arviz_stats")
 
-from updyn.uncertainty.diagnosis import diagnose
+from updyn.uncertainty.sampling import diagnose
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from updyn.linalg import check
+from updyn.linalg import solver as check
 
 
 def system(n=90, r=5, seed=0, *, real=False):

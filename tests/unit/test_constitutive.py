@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, _at_start
 from updyn.updating.problem.problem import Problem

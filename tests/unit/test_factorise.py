@@ -7,8 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 from updyn.errors import OptionError, SolverError
-from updyn.linalg import factorise
-from updyn.linalg.factorise import SparseSolver
+from updyn.linalg import solver as factorise
+from updyn.linalg.solver import SparseSolver
 
 INSTALLED = [b for b in factorise.BACKENDS if factorise._module(b).available()]
 

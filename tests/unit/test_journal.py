@@ -17,8 +17,8 @@ import pytest
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.updating.fit.journal import Journal, _framed
-from updyn.updating.problem.problem import Problem
 from updyn.updating.problem import problem as problem_module
+from updyn.updating.problem.problem import Problem
 
 HEAD = {"updyn": "1", "model": "a", "data": "b", "unknowns": {"p": [1.0]}, "options": {"seed": "0"}}
 RECORDS = {

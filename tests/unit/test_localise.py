@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.localise import breach, localise

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 

@@ -10,8 +10,7 @@ import updyn
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.reduced.basis import Basis
-from updyn.dynamics.reduced.reduction import Reduction
+from updyn.dynamics.reduced import Basis, Reduction
 from updyn.errors import OptionError
 from updyn.sensitivity import Unknowns
 

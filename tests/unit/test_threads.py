@@ -11,7 +11,7 @@ from updyn.linalg import pardiso, threads
 RUN = """
 import numpy as np, scipy.sparse as sp
 from updyn.linalg import pardiso, threads
-from updyn.linalg.factorise import SparseSolver
+from updyn.linalg.solver import SparseSolver
 n = 3000
 A = sp.csc_array(sp.diags_array([-np.ones(n - 9), 3 * np.ones(n), -np.ones(n - 9)], offsets=[-9, 0, 9]))
 solver, B = SparseSolver("pardiso", real=True), np.ones((n, 40))

@@ -19,17 +19,17 @@ from cyclopts import App, CycloptsError, Parameter
 
 from updyn import __version__
 from updyn.cli.comparing import compare
-from updyn.cli.planting import describe_planted, describe_wish, plant
+from updyn.control.command import describe_planted, describe_wish, plant
 from updyn.errors import InputError, UpdynError, UpdynWarning
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from updyn.control.job.plant_result import Planted
     from updyn.engines import Engine
     from updyn.job import Job, Prepared
-    from updyn.job.planted import Planted
     from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profiles import Profiles
+    from updyn.uncertainty.profile import Profiles
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["BAD_INPUT", "DONE", "NOT_DETERMINED", "STOPPED", "main"]

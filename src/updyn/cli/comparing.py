@@ -57,7 +57,7 @@ def compare(
     from updyn.cli import DONE, NOT_DETERMINED, STOPPED, _say, _stderr
     from updyn.cli.engine import engine
     from updyn.cli.progress import watch
-    from updyn.comparison.words import listing
+    from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
     from updyn.job.comparing import check_comparison_out, compare_job, default_comparison_out
     from updyn.report import write_comparison

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from updyn.control.files.items import NO_PLANT
+from updyn.control.files.plant_file import plant_format, read_plant
 from updyn.errors import FormatError, InputError
 from updyn.io import read_frf, read_geometry, read_model, read_modes, read_result
-from updyn.io.plant_file import plant_format, read_plant
-from updyn.io.plant_items import NO_PLANT
-from updyn.io.registry import find_format
+from updyn.io.formats import find_format
 
 __all__ = ["KINDS", "read_anything"]
 

@@ -2,31 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer
-from updyn.comparison.given import Given
-from updyn.comparison.rows import NOT_APPLICABLE, Row, figures_of
-from updyn.errors import InputError, OptionError
+from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer, rule
+from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, about, figures_of
+from updyn.dofs import Dof
+from updyn.dynamics.fields import ACCURACY
+from updyn.engines import Engine, choose_engine
+from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
-from updyn.updating.fit.methods import method_class
+from updyn.model import Model
+from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.monitor import Progress
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.fit.regularisation import check_regularise
-from updyn.updating.problem.data import Test, split_data
+from updyn.updating.problem.data import Test, check, split_data
 from updyn.updating.problem.lines import choose_lines, d_optimal
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.parameters import CHANNELS, Parameter, ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.update import update, update_jointly
 
-__all__ = ["Bench", "Callback", "Watch", "about"]
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = [
+    "CHOSEN",
+    "Bench",
+    "Callback",
+    "Given",
+    "Watch",
+    "compare",
+    "compare_jointly",
+]
 
 Callback: TypeAlias = "Callable[[Progress], bool | None]"
 _Result: TypeAlias = "UpdateResult | JointResult"
@@ -270,20 +286,6 @@ class Bench:
         return replace(test, lines=frf.freq[at])
 
 
-def about(name: str) -> dict[str, Any]:
-    """Return what is known of a method without running it: ``method``, ``reference``, ``cannot``, ``needs``."""
-    made = method_class(name)
-    cannot = dict.fromkeys(getattr(made, "cannot", ()))
-    if not getattr(made, "calibrates", False):
-        cannot |= dict.fromkeys(CHANNELS)
-    return {
-        "method": name,
-        "reference": str(getattr(made, "reference", "")),
-        "cannot": tuple(cannot),
-        "needs": str(getattr(made, "needs", "")),
-    }
-
-
 def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
@@ -302,3 +304,304 @@ def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[st
 
 def _lines_of(test: Test) -> tuple[float, ...]:
     return tuple(np.asarray(test.lines, dtype=np.float64).tolist())
+
+
+#: How the fewest lines are chosen.
+CHOSEN = ("d-optimal", "even")
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What the caller asks for, valid in itself.
+
+    Attributes
+    ----------
+    methods : tuple of str
+        Names, each once.
+    options : mapping of str to mapping
+        Options by method.
+    truth : mapping of str to float
+        By unknown; empty where it is not known.
+    fewest : bool
+        Whether the fewest lines are sought.
+    tolerance : float
+        What counts as recovered.
+    chosen : str
+        How the fewest lines are chosen.
+    title : str
+        For the record.
+    """
+
+    methods: tuple[str, ...]
+    options: Mapping[str, Mapping[str, Any]]
+    truth: Mapping[str, float]
+    fewest: bool
+    tolerance: float
+    chosen: str
+    title: str
+
+    @classmethod
+    def checked(
+        cls,
+        parameters: ParameterSet,
+        methods: Iterable[str] | None,
+        options: Mapping[str, Mapping[str, Any]] | None,
+        truth: Mapping[str, float] | None,
+        *,
+        fewest: bool = False,
+        tolerance: float = 0.01,
+        chosen: str = "d-optimal",
+        title: str = "",
+    ) -> Given:
+        """Check the arguments of `updyn.compare`.
+
+        Raises
+        ------
+        InputError
+            If one is not known or not valid.
+        """
+        options = options or {}
+        names = _methods(methods, options)
+        if chosen not in CHOSEN:
+            raise OptionError(f"chosen {chosen!r}: {suggest(str(chosen), CHOSEN)}")
+        return cls(
+            names, options, _truth(truth, parameters), fewest, _tolerance(tolerance), chosen, title
+        )
+
+
+def _methods(
+    given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
+) -> tuple[str, ...]:
+    if isinstance(given, str):
+        raise OptionError(f"methods {given!r}: expected a list of names, such as [{given!r}]")
+    names = tuple(METHODS if given is None else given)
+    if not names:
+        raise OptionError(f"methods: expected at least one; {suggest('', METHODS)}")
+    for name in [*names, *options]:
+        make_method(
+            name, options.get(name, {})
+        )  # what is wrong with its name or options is wrong with the input
+    twice = [name for i, name in enumerate(names) if name in names[:i]]
+    if twice:
+        raise OptionError(f"methods: {twice[0]!r} stands twice")
+    return names
+
+
+def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[str, float]:
+    if given is None:
+        return {}
+    known = {p.name: p for p in parameters}
+    out = {}
+    for name, value in given.items():
+        if name not in known:
+            raise ParameterError(f"truth: no unknown {name!r}; {suggest(str(name), known)}")
+        out[name] = finite(value, f"truth of {name!r}")
+        if out[name] <= 0.0 if known[name].is_factor else out[name] < 0.0:
+            expected = "a factor above 0" if known[name].is_factor else "a value of at least 0"
+            raise ParameterError(f"truth of {name!r}: {out[name]:g}; expected {expected}")
+    if not out:
+        raise ParameterError("truth: holds no value; leave it out where the truth is not known")
+    return out
+
+
+def _tolerance(given: float) -> float:
+    tolerance = finite(given, "tolerance")
+    if tolerance <= 0.0:
+        raise OptionError(f"tolerance {tolerance:g}: expected a number above 0")
+    return tolerance
+
+
+def compare(
+    model: Model,
+    frf: FRF,
+    parameters: ParameterSet | Selection,
+    methods: Iterable[str] | None = None,
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float] | str | None = None,
+    engine: int | Client | Engine | None = None,
+    callback: Callback | None = None,
+    *,
+    truth: Mapping[str, float] | None = None,
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None,
+    fewest: bool = False,
+    tolerance: float = 0.01,
+    chosen: str = "d-optimal",
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = ACCURACY,
+    regularise: str | float | None = None,
+) -> Comparison:
+    """Run every method on the same model, measurement, lines and unknowns.
+
+    A method that cannot be used on them is a row that says why. One that cannot update some of the
+    quantities is run with the other unknowns, and its row says which were left at their start.
+
+    Parameters
+    ----------
+    model, frf, parameters
+        As for `updyn.update`.
+    methods : iterable of str, optional
+        Names; by default every method that there is.
+    lines, noise, engine
+        As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
+    callback : callable, optional
+        As for `updyn.update`; the stage of what it is shown begins with the method. Returning True
+        ends the comparison, with the rows so far.
+    truth : mapping of str to float, optional
+        True values of unknowns, by name, as far as they are known: then the rows hold the errors,
+        too.
+    validation
+        As for `updyn.update`.
+    fewest : bool
+        Also seek the fewest lines with which each method still recovers; that takes several fits a
+        method.
+    tolerance : float
+        What counts as recovered: so far from the truth, as a share of it (of a loss factor as it
+        is); or, where no truth is given, so far or 3 standard deviations from the method's own
+        answer with all lines.
+    chosen : {"d-optimal", "even"}
+        How the fewest lines are chosen among the lines.
+    options : mapping of str to mapping, optional
+        Options by method.
+    title, tier, backend, accuracy, regularise
+        As for `updyn.update`. Methods that know no regularisation are run without it, and their
+        rows say so.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If model, data and unknowns do not fit together, or an option, a method or a true value is
+        not known.
+    SolverError
+        If the model cannot be solved at a line where it starts.
+    """
+    selected = Selection.of(parameters)
+    test = Test(model, frf, "", lines, noise, validation)
+    check([test], selected.parameters)
+    given = Given.checked(
+        selected.parameters,
+        methods,
+        options,
+        truth,
+        fewest=fewest,
+        tolerance=tolerance,
+        chosen=chosen,
+        title=title,
+    )
+    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare([test], selected, given, how, engine, callback)
+
+
+def compare_jointly(
+    tests: Sequence[Test],
+    parameters: ParameterSet | Selection,
+    methods: Iterable[str] | None = None,
+    engine: int | Client | Engine | None = None,
+    callback: Callback | None = None,
+    *,
+    truth: Mapping[str, float] | None = None,
+    fewest: bool = False,
+    tolerance: float = 0.01,
+    chosen: str = "d-optimal",
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = ACCURACY,
+    regularise: str | float | None = None,
+) -> Comparison:
+    """Run every method on several tests of one structure at once.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        As for `updyn.update_jointly`.
+    parameters, methods, engine, callback
+        As for `compare`.
+    truth, fewest, tolerance, chosen, options, title, tier, backend, accuracy, regularise
+        As for `compare`. The fewest lines are so many of each test.
+
+    Returns
+    -------
+    Comparison
+        Figures of agreement are those of the test that agrees worst.
+
+    Raises
+    ------
+    InputError
+        If models, data and unknowns do not fit together, or an option, a method or a true value is
+        not known.
+    SolverError
+        If a model cannot be solved at a line where it starts.
+    """
+    listed = list(tests)
+    if not listed or not all(isinstance(test, Test) for test in listed):
+        raise OptionError("compare_jointly: expected a sequence of at least one Test")
+    selected = Selection.of(parameters)
+    check(listed, selected.parameters)
+    given = Given.checked(
+        selected.parameters,
+        methods,
+        options,
+        truth,
+        fewest=fewest,
+        tolerance=tolerance,
+        chosen=chosen,
+        title=title,
+    )
+    named = [
+        replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
+    ]
+    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare(named, selected, given, how, engine, callback)
+
+
+def _compare(
+    tests: Sequence[Test],
+    selected: Selection,
+    given: Given,
+    how: Mapping[str, Any],
+    engine: int | Client | Engine | None,
+    callback: Callback | None,
+) -> Comparison:
+    names, rows, parameters = given.methods, list[Row](), selected.parameters
+    tests = [replace(test, model=selected.start_of(test.model)) for test in tests]
+    refusals: list[InputError] = []
+    watch = Watch(callback)
+    check_regularise(how["regularise"], "maximum-likelihood")
+    with ExitStack() as ending:
+        made = choose_engine(engine)
+        if made is not engine:
+            ending.callback(made.close)
+        bench = Bench.build(tests, parameters, given, {**how, "engine": made, "title": given.title})
+        for number, name in enumerate(names, 1):
+            watch.stage = f"{name} ({number} of {len(names)})" if len(names) > 1 else name
+            try:
+                row = bench.row(name, watch)
+            except InputError as error:
+                refusals.append(error)
+                row = bench.refused(name, str(error))
+            if given.fewest and row.applies and not watch.stopped:
+                row = replace(row, fewest=bench.fewest(row, watch))
+            rows.append(row)
+            if watch.stopped:
+                break
+    if len(refusals) == len(rows) > 1 and len({str(error) for error in refusals}) == 1:
+        raise refusals[0]  # it is not the methods that do not fit
+    return Comparison(
+        tuple(rows),
+        bench.tests,
+        parameters,
+        given.truth,
+        given.tolerance,
+        rule(given.tolerance, given.chosen, truth=bool(given.truth)) if given.fewest else "",
+        watch.stopped,
+        names[len(rows) :],
+        given.title,
+    )

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from updyn.control.ports import Port, port_matrix
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.modes import modes
-from updyn.dynamics.reduced.reduction import Reduction
-from updyn.dynamics.reduced.solver import ReducedSolver
+from updyn.dynamics.reduced import ReducedSolver, Reduction
 from updyn.errors import ModelError, SolverError
-from updyn.linalg.factorise import check_backend
-from updyn.loss_table import LossTable
+from updyn.group import LossTable
+from updyn.linalg.solver import check_backend
 from updyn.model import Model
 
 __all__ = ["Lossy", "ModalSpace", "modal_space"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
-from updyn.dynamics.reduced.solver import ReducedSolver
+from updyn.dynamics.reduced import ReducedSolver
 from updyn.dynamics.response import response
 from updyn.frf import QUANTITIES
 from updyn.model import Model

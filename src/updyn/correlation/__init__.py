@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from updyn.correlation.compare import Correlation, correlate
-from updyn.correlation.functions import csac, csf, db_error, fdac, frac
+from updyn.correlation.frfs import Correlation, correlate, csac, csf, db_error, fdac, frac
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.demos import antenna_servo
+from updyn.control import demo as antenna_servo
 from updyn.demos.antenna_model import AZIMUTH, ELEVATION, SKIN, STEEL, antenna, locked
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response

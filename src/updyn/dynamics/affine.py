@@ -24,8 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.group import GROUP_QUANTITIES, MATRICES
-from updyn.loss_table import LossTable
+from updyn.group import GROUP_QUANTITIES, MATRICES, LossTable
 from updyn.model import Model
 
 __all__ = ["AffineSystem", "State", "Term"]

@@ -12,13 +12,18 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.partition import Partition, empty_matrix
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.linalg import factorise
-from updyn.linalg.factorise import SparseSolver
+from updyn.linalg.solver import (
+    LARGEST_GROWTH,
+    SparseSolver,
+    check_backend,
+    growth,
+    singular_message,
+)
 from updyn.linalg.threads import alone
 
 __all__ = [
@@ -29,6 +34,7 @@ __all__ = [
     "TIERS",
     "FieldSolver",
     "LineSolver",
+    "Partition",
     "line_blocks",
     "solve_dense",
 ]
@@ -135,7 +141,7 @@ class LineSolver:
             tier = "dense" if system.n <= DENSE_LIMIT or filled else "sparse"
         elif tier not in EXACT_TIERS:
             raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}")
-        return cls(system, tier, factorise.check_backend(backend))
+        return cls(system, tier, check_backend(backend))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LineSolver, (
@@ -387,10 +393,79 @@ def solve_dense(
         X = np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
     except np.linalg.LinAlgError:
         singular = [f for z, f in zip(Z, freq, strict=True) if np.linalg.matrix_rank(z) < len(z)]
-        raise SolverError(
-            factorise.singular_message(singular[0] if singular else freq[0], held)
-        ) from None
-    bad = ~(factorise.growth(np.einsum("fii->fi", Z), X, B) <= factorise.LARGEST_GROWTH)
+        raise SolverError(singular_message(singular[0] if singular else freq[0], held)) from None
+    bad = ~(growth(np.einsum("fii->fi", Z), X, B) <= LARGEST_GROWTH)
     if bad.any():
-        raise SolverError(factorise.singular_message(freq[bad][0], held))
+        raise SolverError(singular_message(freq[bad][0], held))
     return X
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Partition:
+    """Blocks of Z on one pattern.
+
+    Attributes
+    ----------
+    retained, eliminated : ndarray of int
+        DOFs, n and s of them.
+    nn, sn : sparse CSR of int
+        Position of each entry of the block among the values of Z.
+    ss : sparse CSC of complex
+        The block of the line that was asked for last: its pattern is checked once, its memory
+        serves every line.
+    ss_places : ndarray of int
+        Position of each of its entries among the values of Z.
+    """
+
+    retained: NDArray[np.intp]
+    eliminated: NDArray[np.intp]
+    nn: Any
+    sn: Any
+    ss: Any
+    ss_places: NDArray[Any]
+
+    @classmethod
+    def find(cls, system: AffineSystem, retained: NDArray[np.intp]) -> Partition:
+        """Find the blocks for some retained DOFs, in the order wanted."""
+        n = system.n
+        keep = np.zeros(n, dtype=np.bool_)
+        keep[retained] = True
+        eliminated = np.flatnonzero(~keep)
+        counted = np.arange(len(system.indices), dtype=system.indptr.dtype)
+        places = sp.csr_array((counted, system.indices, system.indptr), shape=(n, n))
+        ss = places[eliminated][:, eliminated]
+        ss.sort_indices()
+        return cls(
+            retained,
+            eliminated,
+            places[retained][:, retained],
+            places[eliminated][:, retained],
+            empty_matrix(ss.indptr, ss.indices),
+            ss.data,
+        )
+
+    def blocks(
+        self, values: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
+        """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
+        np.take(values, self.ss_places, out=self.ss.data, mode="clip")
+        return _filled(self.nn, values), _filled(self.sn, values), self.ss
+
+
+def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
+    """Return a complex CSC array of a symmetric pattern, whose values are to be written.
+
+    Parameters
+    ----------
+    indptr, indices : ndarray of int
+        Of CSR; as the matrix is symmetric they are those of CSC, which factorisations want.
+    """
+    n = len(indptr) - 1
+    return sp.csc_array(
+        (np.zeros(len(indices), dtype=np.complex128), indices, indptr), shape=(n, n)
+    )
+
+
+def _filled(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    block = sp.csr_array((values[places.data], places.indices, places.indptr), shape=places.shape)
+    return np.asarray(block.toarray())

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, line_blocks
+from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
 from updyn.frf import FRF, QUANTITIES, check_lines, check_quantity
-from updyn.linalg.factorise import check_backend
+from updyn.linalg.solver import check_backend
 from updyn.model import Model
 
 __all__ = ["response"]
@@ -106,8 +107,6 @@ def _solver(
     """Return what solves, and how the FRF says where it is from."""
     if tier != "reduced":
         return LineSolver.choose(system, tier, backend), "model"
-    from updyn.dynamics.reduced.reduction import Reduction
-
     reduction = Reduction(
         system, rows, columns, (float(lines[0]), float(lines[-1])), check_backend(backend), accuracy
     )

@@ -11,8 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from updyn.engines.protocol import Engine
-from updyn.engines.serial import Serial
+from updyn.engines.engine import Engine, Serial
 from updyn.errors import OptionError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from updyn import __version__
-from updyn.engines.protocol import Engine
+from updyn.engines.engine import Engine
 from updyn.engines.remote import LostError, Remote
 from updyn.errors import EngineError, OptionError
 

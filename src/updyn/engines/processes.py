@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
+import mmap
 import os
 import shutil
 import signal
@@ -13,16 +16,23 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any
 
-from updyn.engines.parcel import Parcel, open_parcel
-from updyn.engines.protocol import Engine
-from updyn.engines.remote import LostError, Remote
-from updyn.engines.serial import Serial
-from updyn.errors import OptionError
+import numpy as np
 
-__all__ = ["EXPECTS", "Processes", "engine_for"]
+from updyn.engines.engine import Engine, Serial
+from updyn.engines.remote import LostError, Remote
+from updyn.errors import EngineError, OptionError
+
+__all__ = [
+    "EXPECTS",
+    "Parcel",
+    "Processes",
+    "engine_for",
+    "open_parcel",
+]
 
 EXPECTS = "a number of processes from 1 up"
 
@@ -229,3 +239,79 @@ def _work(
     if path not in _HELD:
         _HELD[path] = open_parcel(path)
     return function(_HELD[path], item)
+
+
+#: Arrays start at multiples of this many bytes, as vector instructions and cache lines like it.
+_ALIGNED = 64
+
+
+class Parcel:
+    """An object, written; the file goes when nothing refers to this any more.
+
+    Parameters
+    ----------
+    thing : object
+        What is sent.
+    path : path
+        The file, which does not exist yet.
+
+    Raises
+    ------
+    EngineError
+        If there is no room for it.
+    """
+
+    def __init__(self, thing: Any, path: Path) -> None:
+        buffers: list[Any] = []
+        rest = io.BytesIO()
+        pickler: Any = ForkingPickler
+        pickler(rest, 5, True, buffers.append).dump(thing)  # the arrays kept apart (PEP 574)
+        parts = [rest.getbuffer(), *(b.raw() for b in buffers)]
+        sizes = np.array([len(parts), *(p.nbytes for p in parts)], dtype=np.int64)
+        self.path = path
+        weakref.finalize(self, _remove, path)
+        try:
+            with path.open("wb") as file:
+                for part in (sizes.tobytes(), *parts):
+                    file.write(part)
+                    file.write(bytes(-file.tell() % _ALIGNED))
+        except OSError as error:
+            size = sizes[1:].sum() / 2**20
+            raise EngineError(
+                f"{path}: {size:.0f} MiB for the worker processes cannot be written:"
+                f" {error.strerror}; the environment variable TMPDIR names another folder"
+            ) from error
+
+
+def open_parcel(path: Path) -> Any:
+    """Return the object that was written; its arrays can be changed, which nobody else sees.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    object
+    """
+    with path.open("rb") as file:
+        memory = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
+    (count,) = np.frombuffer(memory, dtype=np.int64, count=1)
+    sizes = np.frombuffer(memory, dtype=np.int64, count=count, offset=8)
+    parts, at = [], _padded(8 + 8 * int(count))
+    for size in sizes.tolist():
+        parts.append(memory[at : at + size])
+        at += _padded(size)
+    return ForkingPickler.loads(parts[0], buffers=parts[1:])
+
+
+def _padded(size: int) -> int:
+    return -(-size // _ALIGNED) * _ALIGNED
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(
+        OSError
+    ):  # Windows keeps what a worker still has open; it goes with its folder
+        path.unlink()

@@ -28,11 +28,9 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, InputError, suggest
 from updyn.geometry import Geometry
-from updyn.group import MATRICES, VALUES, Group, Matrix
+from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import known_only, library, placed
-from updyn.io.items import compressed
-from updyn.loss_table import LossTable
+from updyn.io.items import compressed, known_only, library, placed
 from updyn.model import Model
 
 __all__ = [

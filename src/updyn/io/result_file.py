@@ -30,8 +30,8 @@ from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.dataset import existing, text_of, variable
-from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
+from updyn.io.items import library, placed
 from updyn.io.values_text import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect

@@ -25,11 +25,11 @@ import numpy as np
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.dataset import existing, text_of, variable
-from updyn.io.guard import library
 from updyn.io.hdf5 import check_kind, put_kind
+from updyn.io.items import library
 from updyn.io.values_text import from_text, to_text
 from updyn.uncertainty.draws import KINDS, Draws
-from updyn.uncertainty.profiles import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Hump, Profile, Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:

@@ -119,7 +119,7 @@ def compare_job(
     SolverError
         If the model cannot be solved where it starts; nothing is written.
     """
-    from updyn.comparison.given import Given
+    from updyn.comparison.bench import Given
     from updyn.io.comparison_json import write_comparison_json
 
     out = check_comparison_out(job, default_comparison_out(job) if out is None else out)

@@ -7,8 +7,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from updyn.control.job.plant_tables import PlantTable, PortTable, SamplingTable
+from updyn.control.job.servo_tables import (
+    ControllerTable,
+    NonlinearTable,
+    NotchTable,
+    ServoTable,
+    WindTable,
+)
 from updyn.errors import suggest
-from updyn.job.control_tables import PlantTable, PortTable, SamplingTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -21,13 +28,6 @@ from updyn.job.schema import (
     SelectionTable,
     TestTable,
     UncertaintyTable,
-)
-from updyn.job.servo_tables import (
-    ControllerTable,
-    NonlinearTable,
-    NotchTable,
-    ServoTable,
-    WindTable,
 )
 from updyn.job.toml_lines import Place, line_of
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from updyn.control.job.plant_tables import PLANT_FILES
 from updyn.errors import JobError
-from updyn.job.control_tables import PLANT_FILES
 from updyn.job.resolved import MARK
 from updyn.job.schema import OUTPUTS, Job
 

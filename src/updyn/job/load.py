@@ -10,10 +10,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from updyn.control.job.checks import check_control_tables
+from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, suggest
 from updyn.job.complaints import complaints
-from updyn.job.control_checks import check_control_tables
-from updyn.job.schema import KINDS, Job, MethodTable
+from updyn.job.schema import Job, MethodTable
 from updyn.job.toml_lines import Place, read_toml
 
 __all__ = ["load_job"]
@@ -144,9 +145,9 @@ def _check_model(job: Job) -> None:
             )
         raise job.error("[model] needs a file, or a kind with the keys of its builder", "model")
     if table.kind is not None:
-        if table.kind not in KINDS:
+        if table.kind not in MODEL_KINDS:
             raise job.error(
-                f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind"
+                f"model.kind = {table.kind!r}: {suggest(table.kind, MODEL_KINDS)}", "model", "kind"
             )
         if table.format is not None:
             raise job.error("model.format belongs to a file, not to a kind", "model", "format")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from updyn.control.job.checks import check_control
+from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
-from updyn.job.control_checks import check_control
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
-from updyn.job.schema import KINDS, OUTPUTS, Job
+from updyn.job.schema import OUTPUTS, Job
 from updyn.job.uncertain import check_uncertainty
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
@@ -148,12 +148,10 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
 def _model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
-        module, function = KINDS[table.kind]
         try:
-            model = getattr(importlib.import_module(module), function)(table.keys)
+            model = MODEL_KINDS[table.kind](table.keys)
         except InputError as error:
             raise job.error_about(str(error), "model") from error
-        assert isinstance(model, Model)
         return model
     from updyn.io import read_model
 
@@ -172,7 +170,7 @@ def _check_properties(job: Job) -> None:
     """Check that the properties of the model's source can be written, before anything is computed."""
     if job.output.properties is None:
         return
-    from updyn.io.registry import find_format
+    from updyn.io.formats import find_format
 
     with located(job, "output", "properties"):
         if job.model.file is None:
@@ -274,7 +272,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
-    from updyn.linalg.factorise import check_backend
+    from updyn.linalg.solver import check_backend
     from updyn.updating.fit.reducing import is_reduced
     from updyn.updating.problem.noise import choose_noise
 

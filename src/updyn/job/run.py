@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from updyn.control.job.plant_files import plant_after, write_plant_files
+from updyn.control.job.plant_result import Planted
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.folder import check_out, default_out, made_folder, outputs, put_in_place, unfinished
-from updyn.job.planted import Planted
-from updyn.job.planted_files import plant_after, write_plant_files
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.resolved import resolved_job
 from updyn.job.resume import journal_of
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profiles import Profiles
+    from updyn.uncertainty.profile import Profiles
     from updyn.updating.fit.monitor import Progress
     from updyn.updating.judge.identifiability import Identifiability
     from updyn.updating.problem.data import Test

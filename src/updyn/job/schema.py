@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 
+from updyn.control.job.plant_tables import PLANT_FILES, PlantTable
+from updyn.control.job.servo_tables import ServoTable
 from updyn.errors import JobError
-from updyn.job.control_tables import PLANT_FILES, PlantTable
 from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
-from updyn.job.servo_tables import ServoTable
 from updyn.job.tables import (
     CalibrationTable,
     DampingTable,
@@ -40,14 +40,6 @@ __all__ = [
     "TestTable",
     "UncertaintyTable",
 ]
-
-#: Builders that `[model] kind = "..."` may name: module and function.
-KINDS = {
-    "beam": ("updyn.elements.beam", "beam_from_table"),
-    "drivetrain": ("updyn.elements.drivetrain", "drivetrain_from_table"),
-    "structure": ("updyn.elements.structure", "structure_from_table"),
-}
-
 
 #: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = (

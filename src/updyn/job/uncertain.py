@@ -12,7 +12,7 @@ from updyn.job.schema import Job
 
 if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profiles import Profiles
+    from updyn.uncertainty.profile import Profiles
     from updyn.updating.fit.monitor import Progress
     from updyn.updating.problem.parameters import ParameterSet
     from updyn.updating.result import JointResult, UpdateResult

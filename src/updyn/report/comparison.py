@@ -9,7 +9,7 @@ from pathlib import Path
 
 from updyn import __version__
 from updyn.comparison import Comparison, Row
-from updyn.comparison.words import cells, columns, limits
+from updyn.comparison.table import cells, columns, limits
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.comparison_data import Curves, gather_curves

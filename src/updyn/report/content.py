@@ -12,7 +12,7 @@ from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
 from updyn.report.plots import Figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import UpdateResult
 
 __all__ = ["Content", "agreement_figures", "asset"]

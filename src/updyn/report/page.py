@@ -8,19 +8,19 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from updyn.job.planted import Planted
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.plant_parts import plant_parts
 from updyn.report import markup as m
 from updyn.report.content import Content, agreement_figures, asset
 from updyn.report.data import gather
 from updyn.report.figures import all_figures, overlay
-from updyn.report.plant_parts import plant_parts
 from updyn.report.plots import Figure
 from updyn.report.sections import SECTIONS, head
 from updyn.report.sections_tests import COMMON, joint_head, tests
 from updyn.report.structure import structure_of
 from updyn.report.uncertain import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "page_text", "write_report"]

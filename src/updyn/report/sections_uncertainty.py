@@ -7,7 +7,7 @@ from updyn.report import words as w
 from updyn.report.content import Content
 from updyn.report.uncertain import ends_of, level_of
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.profile import Profiles
 
 __all__ = ["uncertainty"]
 

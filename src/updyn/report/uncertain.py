@@ -12,10 +12,9 @@ from updyn.errors import UpdynError
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
 from updyn.report.plots import Figure, error_bars, labels, log_step, numbers, rows_height
 from updyn.report.words import quantity_words
-from updyn.uncertainty.band import Band
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.prediction import predict
-from updyn.uncertainty.profiles import Profiles
+from updyn.uncertainty.prediction import Band, predict
+from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["band_figure", "ends_of", "intervals_figure", "level_of"]

@@ -15,11 +15,10 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.gaussian import Gaussian, furthest
-from updyn.uncertainty.likelihood import Point
+from updyn.uncertainty.likelihood import Gaussian, Point, furthest
+from updyn.uncertainty.progress import Progress, Watch
 from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
-from updyn.uncertainty.watch import Progress, Watch
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Task, together

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import OptionError, SolverError, suggest
+from updyn.errors import DataError, OptionError, SolverError, suggest
 from updyn.frf import FRF, check_lines
-from updyn.uncertainty.band import Band
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.setting import restore
 from updyn.updating.judge.identifiability import analyse
@@ -20,7 +19,10 @@ from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Problem
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["predict"]
+__all__ = [
+    "Band",
+    "predict",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -268,3 +270,66 @@ def _from_draws(
 
 def _frf(problem: Problem, H: _Complex) -> FRF:
     return replace(problem.frf, values=H)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """A predicted FRF with its band; all arrays of shape (n_f, n_responses, n_references).
+
+    Attributes
+    ----------
+    frf : FRF
+        The answer of the updated model.
+    level : float
+        Share of the probability within the band, at every value by itself.
+    source : {"Laplace", "bootstrap", "sampling"}
+        Where the spread of the unknowns comes from.
+    with_noise : bool
+        Whether the band is about a measurement (True) or about the structure (False).
+    lower, upper : ndarray of float
+        Of the magnitude, in the unit of the FRF; 0 and inf where the data leave it open.
+    phase_lower, phase_upper : ndarray of float
+        Of the phase, in rad, about the angle of `frf`; they may go beyond pi.
+    std_real, std_imag : ndarray of float
+        Standard deviations of real and imaginary part, in the unit of the FRF.
+    """
+
+    frf: FRF
+    level: float
+    source: str
+    with_noise: bool
+    lower: _Real
+    upper: _Real
+    phase_lower: _Real
+    phase_upper: _Real
+    std_real: _Real
+    std_imag: _Real
+
+    def __repr__(self) -> str:
+        about = "a measurement" if self.with_noise else "the structure"
+        return f"Band({100 * self.level:g} % of {about}, {self.source}, {self.frf!r})"
+
+    def covers(self, other: FRF) -> NDArray[np.bool_]:
+        """Return which magnitudes of an FRF lie within the band, shape (n_f, n_responses, n_references).
+
+        Parameters
+        ----------
+        other : FRF
+            At the same lines, of the same quantity and DOFs, in any order.
+
+        Raises
+        ------
+        DataError
+            If it differs in lines or quantity.
+        DofError
+            If it lacks a response or a reference.
+        """
+        if other.quantity != self.frf.quantity:
+            raise DataError(
+                f"the band is about {self.frf.quantity}, the FRF about {other.quantity}"
+            )
+        same = other.select(
+            lines=self.frf.freq, responses=self.frf.responses, references=self.frf.references
+        )
+        size = np.abs(same.values)
+        return np.asarray((size >= self.lower) & (size <= self.upper))

@@ -9,26 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
 
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError
-from updyn.uncertainty.diagnosis import CHAINS_AGREE, diagnose
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.gaussian import furthest
-from updyn.uncertainty.humps import STARTS, find_humps
-from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.mixture import Mixture
+from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point, furthest
+from updyn.uncertainty.minima import STARTS, find_humps
+from updyn.uncertainty.progress import Progress, Watch
 from updyn.uncertainty.setting import Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
-from updyn.uncertainty.watch import Progress, Watch
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["sample"]
+__all__ = [
+    "CHAINS_AGREE",
+    "Mixture",
+    "diagnose",
+    "sample",
+]
 
 _Vector = NDArray[np.float64]
 
@@ -351,3 +354,151 @@ def _check_installed() -> None:
         raise OptionError(
             'sampling needs emcee and arviz-stats: pip install "updyn[sampling]"'
         ) from error
+
+
+_Matrix = NDArray[np.float64]
+
+#: Degrees of freedom: tails heavier than those of any posterior in bounds, at little cost near the
+#: middle.
+_FREEDOM = 6.0
+#: Least share of a hump; more draws than this many times the unknowns are needed to learn its
+#: covariance from them.
+_LEAST, _ENOUGH = 0.1, 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mixture:
+    """A density to propose from.
+
+    Attributes
+    ----------
+    means : ndarray of float, shape (h, n)
+        Middles of the humps.
+    roots : ndarray of float, shape (h, n, n)
+        Roots A of their scale matrices A A^T.
+    log_volumes : ndarray of float, shape (h,)
+        ln |det A|.
+    shares : ndarray of float, shape (h,)
+        Their weights; the sum is 1.
+    """
+
+    means: _Matrix
+    roots: NDArray[np.float64]
+    log_volumes: _Vector
+    shares: _Vector
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, tops: Sequence[Point]) -> Mixture:
+        """Return the mixture of what the likelihood looks like about its minima."""
+        parts = [Gaussian(likelihood, top) for top in tops]
+        volumes = np.array([part.log_volume for part in parts])
+        weight = np.array([-top.cost for top in tops]) + volumes
+        return cls(
+            np.array([part.mean for part in parts]),
+            np.array([part.root for part in parts]),
+            volumes,
+            _floored(np.exp(weight - logsumexp(weight))),
+        )
+
+    def adapted(self, X: _Matrix) -> Mixture:
+        """Return the mixture with middles, scales and shares as draws X, shape (m, n), say."""
+        nearest = np.argmin(
+            [_distances(X, m, A) for m, A in zip(self.means, self.roots, strict=True)], axis=0
+        )
+        means, roots, volumes, shares = [], [], [], []
+        for k in range(len(self.means)):
+            own = X[nearest == k]
+            mean, root, volume = self.means[k], self.roots[k], float(self.log_volumes[k])
+            if len(np.unique(own, axis=0)) > _ENOUGH * X.shape[1]:
+                mean = own.mean(axis=0)
+                _, s, Vt = np.linalg.svd((own - mean) / np.sqrt(len(own) - 1), full_matrices=False)
+                if s[-1] > 1e-8 * s[0]:
+                    root, volume = Vt.T * s, float(np.sum(np.log(s)))
+            means.append(mean)
+            roots.append(root)
+            volumes.append(volume)
+            shares.append(len(own) / len(X))
+        return Mixture(
+            np.array(means), np.array(roots), np.array(volumes), _floored(np.array(shares))
+        )
+
+    def draw(self, random: Any, count: int) -> _Matrix:
+        """Return draws, shape (count, n), with numbers from a `numpy.random.RandomState`."""
+        n = self.means.shape[1]
+        hump = random.choice(len(self.shares), size=count, p=self.shares)
+        stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, size=count))
+        z = random.standard_normal((count, n)) * stretch[:, None]
+        return np.asarray(self.means[hump] + np.einsum("mij,mj->mi", self.roots[hump], z))
+
+    def log_density(self, X: _Matrix) -> _Vector:
+        """Return the logarithm of the density at points X, shape (m, n), up to a constant."""
+        n = X.shape[1]
+        power = 0.5 * (_FREEDOM + n)
+        constant = gammaln(power) - gammaln(0.5 * _FREEDOM)
+        terms = [
+            np.log(share) - volume - power * np.log1p(_distances(X, mean, root) / _FREEDOM)
+            for mean, root, volume, share in zip(
+                self.means, self.roots, self.log_volumes, self.shares, strict=True
+            )
+        ]
+        return np.asarray(constant + logsumexp(terms, axis=0))
+
+    def propose(self, X: _Matrix, random: Any) -> tuple[_Matrix, _Vector]:
+        """Return new points for walkers at X, shape (m, n), and ln q(X) - ln q(new), as emcee asks for it."""
+        new = self.draw(random, len(X))
+        return new, self.log_density(X) - self.log_density(new)
+
+
+def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
+    """Return squared distances in units of the scale, shape (m,)."""
+    return np.asarray(np.sum(np.linalg.solve(root, (X - mean).T) ** 2, axis=0))
+
+
+def _floored(shares: _Vector) -> _Vector:
+    """Return shares of which none is so small that its hump is hardly ever proposed."""
+    kept = np.maximum(shares, _LEAST / len(shares))
+    return np.asarray(kept / kept.sum())
+
+
+#: R-hat up to which ensembles count as drawing from one density (Vehtari et al. 2021).
+CHAINS_AGREE = 1.01
+
+
+def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
+    """Return R-hat, effective sizes and errors by unknown.
+
+    Parameters
+    ----------
+    chains : ndarray of float, shape (n_chains, n_draws, n)
+        Walkers of all ensembles, those of an ensemble together.
+    ensembles : int
+        How many; the walkers of one know of each other, those of two do not.
+
+    Returns
+    -------
+    dict of str to ndarray of float, shape (n,)
+        ``r_hat`` between the ensembles, all draws of one counted as one chain; ``ess_bulk``,
+        ``ess_tail``, ``mcse_mean``, ``mcse_std`` with the walkers as chains.
+
+    Notes
+    -----
+    Rank-normalised split R-hat, and effective sizes: Vehtari et al., Bayesian Anal. 16 (2021) 667.
+    """
+    from arviz_stats.base import array_stats
+
+    n_chains, n_draws, n = chains.shape
+    by_unknown = np.moveaxis(chains, -1, 0)
+    # An ensemble step by step: its halves are the early and the late draws.
+    walkers = by_unknown.reshape(n, ensembles, n_chains // ensembles, n_draws)
+    whole = walkers.swapaxes(2, 3).reshape(n, ensembles, -1)
+    axes = {"chain_axis": -2, "draw_axis": -1}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {
+            "r_hat": np.asarray(array_stats.rhat(whole, **axes)),
+            "ess_bulk": np.asarray(array_stats.ess(by_unknown, **axes, method="bulk")),
+            "ess_tail": np.asarray(
+                array_stats.ess(by_unknown, **axes, method="tail", prob=(0.05, 0.95))
+            ),
+            "mcse_mean": np.asarray(array_stats.mcse(by_unknown, **axes, method="mean")),
+            "mcse_std": np.asarray(array_stats.mcse(by_unknown, **axes, method="sd")),
+        }

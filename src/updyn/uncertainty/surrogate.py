@@ -13,10 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.reduced.reduction import Reduction
+from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
-from updyn.uncertainty.gaussian import Gaussian
-from updyn.uncertainty.likelihood import Point
+from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.setting import Setting
 from updyn.updating.fit.reducing import reduction_of
 from updyn.updating.problem.problem import Task, together

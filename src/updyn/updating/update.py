@@ -171,8 +171,9 @@ def update_jointly(
         not of all.
     parameters : ParameterSet or Selection
         The unknowns.
-    method, engine, callback, title, tier, backend, accuracy, checkpoint, resume, regularise,
-    **options
+    method, engine, callback, title
+        As for `update`.
+    tier, backend, accuracy, checkpoint, resume, regularise, **options
         As for `update`. The reduced tier is chosen by the largest of the models.
 
     Returns

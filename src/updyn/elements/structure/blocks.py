@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.solid import inside_out, solid_matrices
 from updyn.elements.structure.parts import Beam, Part, PointMass, Shell, Solid, Spring, Truss
 from updyn.elements.structure.pyfe import beam_matrices, truss_matrices
 from updyn.elements.structure.shells import shell_matrices
+from updyn.elements.structure.solids import inside_out, solid_matrices
 from updyn.errors import ModelError
 
 __all__ = ["Blocks", "Nodes", "blocks_of", "touch"]

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.solid import CORNERS, FACES
 from updyn.elements.structure.parts import Beam, Part, Shell, Solid, Spring, Truss
+from updyn.elements.structure.solids import CORNERS, FACES
 
 __all__ = ["lines_of"]
 

@@ -12,13 +12,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from updyn.dofs import DIRECTIONS, whole_numbers
-from updyn.elements._mesh import not_negative, positive
-from updyn.elements.structure.checks import (
+from updyn.elements.checks import (
     check_name,
     connectivity,
     floats,
     material,
     node_number,
+    not_negative,
+    positive,
     six,
     store,
     vector,

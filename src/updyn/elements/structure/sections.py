@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
-from updyn.elements._mesh import number, positive
-from updyn.errors import ModelError
+from updyn.elements.checks import check_keys, number, positive
+from updyn.errors import ModelError, suggest
 
-__all__ = ["Section", "rectangle", "tube"]
+__all__ = ["Section", "rectangle", "section_from_table", "tube"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +125,34 @@ def _poisson(what: str, nu: float) -> float:
     if not -1.0 < number(what, "nu", nu) <= 0.5:
         raise ModelError(f"{what}: nu {nu!r}; expected above -1 and at most 0.5")
     return float(nu)
+
+
+_SHAPES: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
+    "rectangle": (rectangle, ("height", "width"), ("nu",)),
+    "tube": (tube, ("outer",), ("inner", "nu")),
+}
+
+
+def section_from_table(where: str, given: Any) -> Section:
+    """Build the section of a beam from a table: the fields of `Section`, or a ``shape`` and its dimensions in m.
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown; the message begins with `where`.
+    """
+    if not isinstance(given, Mapping):
+        raise ModelError(f"{where}: section {given!r}; expected a table")
+    if "shape" not in given:
+        own = [f.name for f in fields(Section)]
+        check_keys(f"{where}: section", given, own[:4], own)
+        return Section(**given)
+    shape = given["shape"]
+    if not isinstance(shape, str) or shape not in _SHAPES:
+        raise ModelError(f"{where}: section.shape {shape!r}: {suggest(str(shape), _SHAPES)}")
+    make, required, optional = _SHAPES[shape]
+    sizes = {k: v for k, v in given.items() if k != "shape"}
+    check_keys(f"{where}: section, a {shape}", sizes, required, optional)
+    section = make(**sizes)
+    assert isinstance(section, Section)
+    return section

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
-from updyn.elements._mesh import check_keys, from_row
+from updyn.elements.checks import check_keys, from_row
 from updyn.elements.constraints import Equation
 from updyn.elements.structure.build import structure
 from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Solid, Spring, Truss
-from updyn.elements.structure.sections import Section, rectangle, tube
-from updyn.errors import ModelError, suggest
+from updyn.elements.structure.sections import section_from_table
+from updyn.errors import ModelError
 from updyn.model import Model
 
-__all__ = ["section_from_table", "structure_from_table"]
+__all__ = ["structure_from_table"]
 
 _PARTS: dict[str, type[Any]] = {
     "beam": Beam,
@@ -23,10 +22,6 @@ _PARTS: dict[str, type[Any]] = {
     "solid": Solid,
     "spring": Spring,
     "mass": PointMass,
-}
-_SHAPES: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
-    "rectangle": (rectangle, ("height", "width"), ("nu",)),
-    "tube": (tube, ("outer",), ("inner", "nu")),
 }
 
 
@@ -125,28 +120,3 @@ def _nodes(table: Any) -> dict[int, Any]:
             raise ModelError(f"model.nodes: node {int(text)} stands twice")
         out[int(text)] = position
     return out
-
-
-def section_from_table(where: str, given: Any) -> Section:
-    """Build the section of a beam from a table: the fields of `Section`, or a ``shape`` and its dimensions in m.
-
-    Raises
-    ------
-    ModelError
-        If a key is missing or unknown; the message begins with `where`.
-    """
-    if not isinstance(given, Mapping):
-        raise ModelError(f"{where}: section {given!r}; expected a table")
-    if "shape" not in given:
-        own = [f.name for f in fields(Section)]
-        check_keys(f"{where}: section", given, own[:4], own)
-        return Section(**given)
-    shape = given["shape"]
-    if not isinstance(shape, str) or shape not in _SHAPES:
-        raise ModelError(f"{where}: section.shape {shape!r}: {suggest(str(shape), _SHAPES)}")
-    make, required, optional = _SHAPES[shape]
-    sizes = {k: v for k, v in given.items() if k != "shape"}
-    check_keys(f"{where}: section, a {shape}", sizes, required, optional)
-    section = make(**sizes)
-    assert isinstance(section, Section)
-    return section

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduced.reduction import Certificate, Reduction
-from updyn.dynamics.reduced.solver import NOT_CONDENSED
+from updyn.dynamics.reduced import NOT_CONDENSED, Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.monitor import Monitor

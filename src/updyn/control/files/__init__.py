@@ -1,0 +1,1 @@
+"""Plant files: MATLAB, JSON, npz and C header."""

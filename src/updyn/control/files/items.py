@@ -1,0 +1,386 @@
+"""What a file holds of a plant, item by item, whatever the format: names, checks, and the flat form of some formats.
+
+Items (`plant_items`), as ``.json`` has them::
+
+    format, schema                       "updyn plant", 1
+    A, B, C, D                           (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
+    dt, delay                            sampling interval in s, None where continuous; intervals of delay within A
+    inputs                               one {name, unit, weights, rotation} each; weights by DOF label
+    outputs                              the same with quantity
+    band                                 Hz
+    tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
+
+Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so of ``outputs``
+(`flat_items`)::
+
+    inputs, input_units                  names and units
+    input_rotation                       1 where it is a moment and an angle, else 0
+    input_weight                         all weights, port by port
+    input_weight_port, input_weight_dof  number of the port (from 1) and DOF label of each weight
+    quantities                           of the outputs
+    dt                                   0 where continuous, as MATLAB has it
+    facts                                JSON text, see `updyn.io.values_text`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.plant import Plant
+from updyn.control.ports import Port, as_ports
+from updyn.errors import FormatError, suggest
+from updyn.frf import QUANTITIES
+from updyn.group import is_number
+from updyn.io.items import known_only, placed
+from updyn.io.values_text import from_text, to_text
+
+__all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
+
+FORMAT, SCHEMA = "updyn plant", 1
+#: Ends the message about a file of something else.
+NO_PLANT = "this file holds no plant"
+
+_MATRICES = ("A", "B", "C", "D")
+_NUMBERS = ("tolerance", "error", "peak_error")
+_COUNTS = ("delay", "rigid")
+_KEYS = (
+    "format",
+    "schema",
+    "dt",
+    *_COUNTS,
+    "inputs",
+    "outputs",
+    "band",
+    *_NUMBERS,
+    "route",
+    "modes",
+    "facts",
+)
+_PORT = ("name", "unit", "weights", "rotation")
+_FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", "{}_weight_dof")
+
+
+def plant_items(plant: Plant) -> dict[str, Any]:
+    """Return what a file holds of a plant."""
+    return {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "dt": plant.dt,
+        "delay": int(plant.delay),
+        "inputs": [
+            _port_items(p, unit)
+            for p, unit in zip(plant.input_ports, plant.input_units, strict=True)
+        ],
+        "outputs": [
+            {**_port_items(p, unit), "quantity": quantity}
+            for p, unit, quantity in zip(
+                plant.output_ports, plant.output_units, plant.quantities, strict=True
+            )
+        ],
+        "band": [float(f) for f in plant.band],
+        **{name: float(getattr(plant, name)) for name in _NUMBERS},
+        "route": plant.route,
+        "rigid": int(plant.rigid),
+        "modes": plant.modes,
+        "facts": dict(plant.facts),
+        **{name: getattr(plant, name) for name in _MATRICES},
+    }
+
+
+def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
+    """Return the plant of which a file holds these items.
+
+    Raises
+    ------
+    FormatError
+        If an item is missing, unknown, not valid or contradicts another; file and item are named.
+    """
+    if items.get("format") != FORMAT:
+        raise FormatError(
+            f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path
+        )
+    if items.get("schema") != SCHEMA:
+        raise FormatError(
+            f"schema: found {items.get('schema')!r}; this version of updyn reads {SCHEMA}", path
+        )
+    _complete(items, (*_KEYS, *_MATRICES), "", path)
+    inputs = _ports(items["inputs"], "input", _PORT, path)
+    outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
+    dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
+    if dt is not None and (not is_number(dt) or not np.isfinite(dt) or dt <= 0):
+        raise FormatError(
+            f"dt: found {dt!r}; expected a sampling interval in s above 0, or none", path
+        )
+    if band.shape != (2,) or not 0 <= band[0] < band[1] < np.inf:
+        raise FormatError(
+            f"band: found {band.tolist()}; expected its lowest and highest line in Hz", path
+        )
+    if not isinstance(items["route"], str):
+        raise FormatError(f"route: found {items['route']!r}; expected a text", path)
+    if not isinstance(items["facts"], Mapping):
+        raise FormatError(
+            f"facts: found {type(items['facts']).__name__}; expected values by name", path
+        )
+    columns = {"A": 0, "B": len(inputs), "C": 0, "D": len(inputs)}
+    given: dict[str, Any] = {
+        name: _matrix(items[name], columns[name], name, path) for name in _MATRICES
+    }
+    given |= {name: _number(items[name], name, path) for name in _NUMBERS}
+    given |= {name: _count(items[name], name, path) for name in _COUNTS}
+    with placed(path):
+        return Plant(
+            **given,
+            input_ports=tuple(port for port, _ in inputs),
+            output_ports=tuple(port for port, _ in outputs),
+            quantities=tuple(quantity for _, quantity in outputs),
+            band=(float(band[0]), float(band[1])),
+            route=items["route"],
+            modes=_numbers(items["modes"], 1, "modes", path),
+            dt=None if dt is None else float(dt),
+            facts=dict(items["facts"]),
+        )
+
+
+# -- arrays and texts only ---------------------------------------------------------------------------------
+def flat_items(plant: Plant) -> dict[str, Any]:
+    """Return what a file of arrays, texts and lists of texts holds of a plant."""
+    items = plant_items(plant)
+    out = {**items, "dt": items["dt"] or 0.0, "facts": to_text(items["facts"], "facts of a plant")}
+    for side in ("input", "output"):
+        ports = items[f"{side}s"]
+        weights = [
+            (number, label, w)
+            for number, p in enumerate(ports, 1)
+            for label, w in p["weights"].items()
+        ]
+        values = (
+            [p["name"] for p in ports],
+            [p["unit"] for p in ports],
+            np.array([float(p["rotation"]) for p in ports]),
+            np.array([w for *_, w in weights]),
+            np.array([float(number) for number, *_ in weights]),
+            [label for _, label, _ in weights],
+        )
+        out.update(zip((name.format(side) for name in _FLAT_PORTS), values, strict=True))
+    return {
+        **out,
+        "band": np.array(items["band"]),
+        "quantities": [p["quantity"] for p in items["outputs"]],
+    }
+
+
+def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Return the items of a plant from `flat_items` as a file gave them back: numbers in arrays, texts in lists.
+
+    Raises
+    ------
+    FormatError
+        If one is missing, unknown or not of its kind; file and item are named.
+    """
+    told = _text(flat.get("format"), "format", path) if "format" in flat else None
+    if told != FORMAT:
+        raise FormatError(f"format: found {told!r}, expected {FORMAT!r}: {NO_PLANT}", path)
+    ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
+    _complete(flat, list(dict.fromkeys([*_KEYS, *_MATRICES, *ports, "quantities"])), "", path)
+    single = {
+        name: _single(flat[name], name, path) for name in ("schema", "dt", *_COUNTS, *_NUMBERS)
+    }
+    quantities = _texts(flat["quantities"], "quantities", path)
+    outputs = _nested_ports(flat, "output", path)
+    if len(quantities) != len(outputs):
+        raise FormatError(
+            f"quantities: found {len(quantities)}, expected {len(outputs)}, one for each output",
+            path,
+        )
+    return {
+        **single,
+        "format": told,
+        "dt": single["dt"] if single["dt"] != 0 else None,
+        "inputs": _nested_ports(flat, "input", path),
+        "outputs": [{**port, "quantity": q} for port, q in zip(outputs, quantities, strict=True)],
+        "band": _row(flat["band"], "band", path),
+        "modes": _row(flat["modes"], "modes", path),
+        "route": _text(flat["route"], "route", path),
+        "facts": from_text(_text(flat["facts"], "facts", path), "facts", path),
+        **{name: flat[name] for name in _MATRICES},
+    }
+
+
+def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[dict[str, Any]]:
+    names, units, rotation, weight, port, label = (name.format(side) for name in _FLAT_PORTS)
+    texts = {name: _texts(flat[name], name, path) for name in (names, units, label)}
+    numbers = {name: _row(flat[name], name, path) for name in (rotation, weight, port)}
+    for group in ((names, units, rotation), (weight, port, label)):
+        sizes = {name: len(texts.get(name, numbers.get(name, ()))) for name in group}
+        if len(set(sizes.values())) > 1:
+            raise FormatError(
+                ", ".join(f"{n}: {size} items" for n, size in sizes.items()) + "; expected as many",
+                path,
+            )
+    out: list[dict[str, Any]] = [
+        {
+            "name": name,
+            "unit": unit,
+            "weights": {},
+            "rotation": {0.0: False, 1.0: True}.get(turns, turns),
+        }
+        for name, unit, turns in zip(
+            texts[names], texts[units], numbers[rotation].tolist(), strict=True
+        )
+    ]
+    for number, value, dof in zip(numbers[port], numbers[weight], texts[label], strict=True):
+        if number not in range(1, len(out) + 1):
+            raise FormatError(
+                f"{port}: found {number:g}; expected the number of one of {len(out)} {side}s", path
+            )
+        weights = out[int(number) - 1]["weights"]
+        if dof in weights:
+            raise FormatError(f"{label}: {side} {int(number)} has {dof!r} twice", path)
+        weights[dof] = float(value)
+    return out
+
+
+# -- one item ----------------------------------------------------------------------------------------------
+def _port_items(port: Port, unit: str) -> dict[str, Any]:
+    return {
+        "name": port.name,
+        "unit": unit,
+        "weights": dict(port.weights),
+        "rotation": bool(port.rotation),
+    }
+
+
+def _ports(
+    found: Any, what: str, keys: tuple[str, ...], path: str | Path
+) -> list[tuple[Port, str]]:
+    """Return ports with their quantities, which inputs do not have."""
+    if not isinstance(found, list) or not all(isinstance(p, Mapping) for p in found):
+        raise FormatError(f"{what}s: expected a list of ports", path)
+    out = []
+    for number, one in enumerate(found, 1):
+        place = f"{what}s, number {number}"
+        _complete(one, keys, place, path)
+        if not isinstance(one["rotation"], bool):
+            raise FormatError(
+                f"{place}: rotation is {one['rotation']!r}; expected true or false", path
+            )
+        with placed(path, place):
+            port = Port(one["name"], one["weights"], one["rotation"])
+        quantity = one.get("quantity", "")
+        if "quantity" in keys and quantity not in QUANTITIES:
+            raise FormatError(
+                f"{place}: quantity {quantity!r}; {suggest(str(quantity), QUANTITIES)}", path
+            )
+        unit = port.motion_unit(quantity) if quantity else port.force_unit
+        if one["unit"] != unit:
+            raise FormatError(
+                f"{place}: unit {one['unit']!r}, but that of this port is {unit!r}", path
+            )
+        out.append((port, quantity))
+    with placed(path, f"{what}s"):
+        as_ports([port for port, _ in out], what)
+    return out
+
+
+def _complete(found: Mapping[str, Any], expected: Any, place: str, path: str | Path) -> None:
+    known_only(list(map(str, found)), expected, path, place)
+    for name in expected:
+        if name not in found:
+            raise FormatError(f"{place + ': ' if place else ''}{name!r} is missing", path)
+
+
+def _matrix(found: Any, columns: int, name: str, path: str | Path) -> NDArray[np.float64]:
+    if isinstance(found, list) and not found:
+        return np.zeros((0, columns))  # no state: there are no rows to say how long they are
+    return _numbers(found, 2, name, path)
+
+
+def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.float64]:
+    """Return an array of real numbers of so many axes."""
+    if (
+        isinstance(found, list)
+        and not all(map(is_number, found))
+        and not all(isinstance(r, list) for r in found)
+    ):
+        raise FormatError(f"{name}: holds something that is not a number", path)
+    rows = found if isinstance(found, list) and all(isinstance(r, list) for r in found) else []
+    for number, row in enumerate(rows, 1):
+        if not all(map(is_number, row)) or len(row) != len(rows[0]):
+            wrong = (
+                "holds something that is not a number"
+                if len(row) == len(rows[0])
+                else f"has {len(row)} numbers"
+            )
+            raise FormatError(
+                f"{name}: row {number} {wrong}; expected {len(rows[0])} numbers", path
+            )
+    if not isinstance(found, list | np.ndarray) or (
+        isinstance(found, np.ndarray) and found.dtype.kind not in "fiu"
+    ):
+        raise FormatError(f"{name}: expected real numbers, found {type(found).__name__}", path)
+    try:
+        array = np.asarray(found, dtype=np.float64)
+    except OverflowError as error:
+        raise FormatError(f"{name}: holds a number that is too large", path) from error
+    if array.ndim != ndim:
+        raise FormatError(
+            f"{name}: found shape {array.shape}; expected {ndim} ax{'i' if ndim == 1 else 'e'}s",
+            path,
+        )
+    return array
+
+
+def _number(found: Any, name: str, path: str | Path) -> float:
+    if not is_number(found):
+        raise FormatError(f"{name}: found {found!r}; expected a number", path)
+    return float(found)
+
+
+def _count(found: Any, name: str, path: str | Path) -> int:
+    if not is_number(found) or found != found // 1 or found < 0:
+        raise FormatError(f"{name}: found {found!r}; expected a whole number, 0 or above", path)
+    return int(found)
+
+
+def _single(found: Any, name: str, path: str | Path) -> float:
+    array = _row(found, name, path)
+    if array.shape != (1,):
+        raise FormatError(f"{name}: found {array.size} numbers; expected one", path)
+    return float(array[0])
+
+
+def _row(found: Any, name: str, path: str | Path) -> NDArray[np.float64]:
+    """Return numbers in one axis; to MATLAB a row and a column are matrices."""
+    if isinstance(found, list) and not found:
+        return np.zeros(0)
+    if (
+        not isinstance(found, np.ndarray)
+        or found.dtype.kind not in "fiub"
+        or found.size != max((*found.shape, 1))
+    ):
+        if isinstance(found, np.ndarray) and not found.size:
+            return np.zeros(0)
+        raise FormatError(f"{name}: expected one row of numbers", path)
+    return found.ravel().astype(np.float64)
+
+
+def _texts(found: Any, name: str, path: str | Path) -> list[str]:
+    if isinstance(found, str):
+        return [found]
+    if isinstance(found, np.ndarray) and not found.size:
+        return []
+    if not isinstance(found, list) or not all(isinstance(text, str) for text in found):
+        raise FormatError(f"{name}: expected a list of texts", path)
+    return found
+
+
+def _text(found: Any, name: str, path: str | Path) -> str:
+    texts = _texts(found, name, path)
+    if len(texts) > 1:
+        raise FormatError(f"{name}: found {len(texts)} texts; expected one", path)
+    return texts[0] if texts else ""

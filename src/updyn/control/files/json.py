@@ -1,0 +1,84 @@
+"""A plant as JSON, for any program: every number with the digits that give it back exactly, a matrix row a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.control.files.items import build_plant, plant_items
+from updyn.control.plant import Plant
+from updyn.errors import FormatError
+from updyn.io.atomic import atomic_path
+from updyn.io.values_text import from_text, to_text
+
+__all__ = ["read_plant", "write_plant"]
+
+
+def write_plant(plant: Plant, path: str | Path) -> None:
+    """Write a plant; names are those of `updyn.control.files.items`.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    path : path
+        File to write.
+    """
+    rows = [f"{json.dumps(name)}: {_laid_out(value)}" for name, value in plant_items(plant).items()]
+    text = "{\n" + ",\n".join(f"  {row}" for row in rows) + "\n}\n"
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def read_plant(path: str | Path) -> Plant:
+    """Read a plant.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If it is not JSON (the line is named), or an item is missing, unknown or not valid.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        items = json.loads(text, object_pairs_hook=_once)
+    except json.JSONDecodeError as error:
+        said = f"not JSON: {error.msg} (column {error.colno}); cut short or damaged?"
+        raise FormatError(said, path, error.lineno) from error
+    except (_TwiceError, RecursionError, UnicodeDecodeError, ValueError) as error:
+        raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
+    if not isinstance(items, dict):
+        raise FormatError(f"holds a {type(items).__name__}; expected the items of a plant", path)
+    return build_plant({name: _value(name, value, path) for name, value in items.items()}, path)
+
+
+class _TwiceError(ValueError):
+    """A name that stands twice, of which JSON would keep the last."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise _TwiceError(f"{name!r} stands twice")
+    return dict(pairs)
+
+
+def _value(name: str, value: Any, path: str | Path) -> Any:
+    return from_text(json.dumps(value), name, path)
+
+
+def _laid_out(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.ndim == 1:
+        value = value.tolist()
+    rows = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(rows, list) and rows and all(isinstance(r, list | dict) for r in rows):
+        return "[\n" + ",\n".join(f"    {to_text(row, 'a plant')}" for row in rows) + "\n  ]"
+    return to_text(rows, "facts of a plant")

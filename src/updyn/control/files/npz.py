@@ -1,0 +1,61 @@
+"""A plant as a NumPy ``.npz`` archive: `updyn.control.files.items` as arrays. Nothing pickled is ever read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.control.files.items import build_plant, flat_items, nested_items
+from updyn.control.plant import Plant
+from updyn.io.atomic import atomic_path
+from updyn.io.items import library
+
+__all__ = ["read_plant", "write_plant"]
+
+
+def write_plant(plant: Plant, path: str | Path) -> None:
+    """Write a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    path : path
+        File to write.
+    """
+    # Through an open file: given a name, numpy appends a suffix where it misses one.
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            allow_pickle=False,
+            **{name: np.asarray(value) for name, value in flat_items(plant).items()},
+        )
+
+
+def read_plant(path: str | Path) -> Plant:
+    """Read a plant.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If the archive is damaged, holds pickled objects, or an array is missing, unknown or not
+        valid.
+    """
+    found: dict[str, Any] = {}
+    with (
+        Path(path).open("rb") as file,
+        library(path, ".npz archive"),
+        np.load(file, allow_pickle=False) as archive,
+    ):
+        for name in archive.files:
+            with library(path, f".npz archive of numbers and texts: {name}"):
+                array = archive[name]
+            found[name] = array.ravel().tolist() if array.dtype.kind == "U" else array
+    return build_plant(nested_items(found, path), path)

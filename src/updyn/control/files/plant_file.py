@@ -1,0 +1,140 @@
+"""Plants as files: the front doors, and which module handles which format.
+
+Adding a format is one new module in this folder, with ``write_plant(plant, path)`` and where it can
+``read_plant(path)``, and one `Format` line below.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.io.dataset import existing
+from updyn.io.formats import Format, load
+
+if TYPE_CHECKING:
+    from updyn.control.plant import Plant
+
+__all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
+
+_BOTH = ("read_plant", "write_plant")
+
+PLANT_FORMATS = (
+    Format("json", "updyn.control.files.json", (".json",), (b"{", b"\xef\xbb\xbf{"), _BOTH),
+    Format("mat", "updyn.control.files.mat", (".mat",), (b"MATLAB ",), _BOTH),
+    Format("npz", "updyn.control.files.npz", (".npz",), (b"PK\x03\x04",), _BOTH),
+    Format("header", "updyn.control.files.header", (".h",), (), ("write_plant",)),
+)
+
+
+def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) -> None:
+    """Write a plant, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    plant : Plant
+        A continuous or sampled one.
+    path : path
+        File to write; its suffix chooses the format: ``.json`` (everything, exactly), ``.mat``
+        (MATLAB), ``.npz`` (NumPy), ``.h`` (a C99 header with the matrices and a function that steps
+        or derives).
+    format : {"json", "mat", "npz", "header"}, optional
+        To force the format.
+
+    Raises
+    ------
+    OptionError
+        If it is no plant.
+    FormatError
+        If no format fits, or the file cannot be written.
+    """
+    from updyn.control.plant import Plant
+
+    if not isinstance(plant, Plant):
+        raise OptionError(f"expected a plant, found {type(plant).__name__}")
+    load(plant_format(Path(path), "write_plant", format)).write_plant(plant, path)
+
+
+def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
+    """Read a plant that `write_plant` wrote.
+
+    Parameters
+    ----------
+    path : path
+        A ``.json``, ``.mat`` or ``.npz`` file.
+    format : {"json", "mat", "npz"}, optional
+        To force the format; by default as content and suffix say.
+
+    Returns
+    -------
+    Plant
+        Equal to what was written, to the last digit.
+
+    Raises
+    ------
+    FormatError
+        If the file is not there, is damaged, or holds something else; file and item are named.
+    """
+    found = existing(path)
+    plant: Plant = load(plant_format(found, "read_plant", format)).read_plant(found)
+    return plant
+
+
+def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
+    """Choose the format of the file of a plant, by name if given, else by content, else by suffix.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it need not exist to be written.
+    verb : {"read_plant", "write_plant"}
+        What is to be done.
+    name : str, optional
+        Format name, to force it.
+
+    Returns
+    -------
+    Format
+
+    Raises
+    ------
+    FormatError
+        If no format fits.
+    """
+    able = [f for f in PLANT_FORMATS if verb in f.can]
+    if name is not None:
+        for candidate in able:
+            if candidate.name == name:
+                return candidate
+        raise FormatError(
+            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+        )
+    told: list[Format] = []
+    if verb == "read_plant":
+        start = _start(path)
+        told = [f for f in able if any(start.startswith(m) for m in f.magic)]
+    by_suffix = [f for f in able if path.suffix.lower() in f.suffixes]
+    for candidate in (*(f for f in told if f in by_suffix), *told, *by_suffix):
+        return candidate
+    known = ", ".join(s for f in able for s in f.suffixes)
+    hint = (
+        " (a header is for compilers: read the plant from another file)"
+        if path.suffix.lower() == ".h"
+        else ""
+    )
+    raise FormatError(
+        f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}",
+        path,
+    )
+
+
+def _start(path: Path) -> Any:
+    try:
+        with path.open("rb") as file:
+            start = file.read(64).lstrip()
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+    if not start:
+        raise FormatError("the file is empty", path)
+    return start

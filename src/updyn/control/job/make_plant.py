@@ -1,0 +1,243 @@
+"""`plant_job`: the plant of a finished run, or of a model as it stands, and the files that come of it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from updyn.control.job.checks import part_of_plant
+from updyn.control.job.plant_files import write_plant_files
+from updyn.control.job.plant_result import Planted, planted_of
+from updyn.errors import InputError, JobError
+from updyn.job.folder import (
+    PLANT_PAGE,
+    check_folder,
+    check_inputs,
+    check_no_folder,
+    default_out,
+    made_folder,
+    plant_outputs,
+    put_in_place,
+    unfinished,
+)
+from updyn.job.prepare import Prepared, prepare
+from updyn.job.resolved import MARK, resolved_job
+from updyn.job.schema import Job
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from updyn.engines import Engine
+    from updyn.uncertainty.draws import Draws
+    from updyn.updating.result import UpdateResult
+
+__all__ = ["check_plant_out", "default_plant_out", "plant_job"]
+
+#: Tables that say nothing about the update.
+_LATER = ("title", "plant", "servo", "uncertainty", "output")
+
+
+def default_plant_out(job: Job) -> Path:
+    """Return the folder of a plant where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        That of the job's run; of a job that a run has left behind, the folder in which it lies.
+    """
+    return job.path.parent if _left_behind(job) else default_out(job)
+
+
+def _left_behind(job: Job) -> bool:
+    """Whether a run wrote the job file."""
+    return job.path.read_bytes().startswith(f"# {MARK}".encode())
+
+
+def check_plant_out(job: Job, out: str | Path) -> Path:
+    """Check that a plant may be written to a folder, and that the job asks for one.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : path
+        The folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    JobError
+        If the job has no ``[plant]``, or the folder is a file, cannot be written, or holds an input
+        of the job under the name of a file of the plant.
+    """
+    if job.plant is None:
+        raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
+    out = check_folder(job, out)
+    check_inputs(job, out, plant_outputs(job))
+    check_no_folder(job, out, plant_outputs(job))
+    return out
+
+
+def plant_job(
+    job: Job,
+    out: str | Path | None = None,
+    *,
+    run: str | Path | None = None,
+    report: Callable[[Any, Path], object] | None = None,
+    prepared: Prepared | None = None,
+    engine: int | Client | Engine | None = None,
+    say: Callable[[str], object] | None = None,
+) -> Planted:
+    """Make the plant of a job and write its files.
+
+    It is that of the updated model where the job has been run: by default the result is sought in
+    `out`, and in the job's own folder of results. Where there is none, it is that of the model as
+    it stands, and says so.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`, with ``[plant]``.
+    out : path, optional
+        The folder; by default that of the job's run.
+    run : path, optional
+        The folder of the finished run, where it is another.
+    report : callable, optional
+        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a
+        plant does not depend on how it is shown.
+    prepared : Prepared, optional
+        From `prepare`, where it was called before.
+    engine : None, int, dask.distributed Client or Engine
+        Where a family of plants is made, as for `updyn.update`.
+    say : callable, optional
+        Called with what is being done.
+
+    Returns
+    -------
+    Planted
+        In `out`: the files that ``[plant]`` names, ``control.json`` and, with `report`,
+        ``plant.html``, each replaced as a whole. Where no plant holds the tolerance, no file of it
+        is there afterwards, also none of an earlier one, as it would pass for this one; record and
+        page say what was reached.
+
+    Raises
+    ------
+    InputError
+        If the job, a file or the folder cannot be used, or the run is of another job; nothing is
+        written then.
+    SolverError
+        If the model has no answer at a line; nothing is written.
+    """
+    out = check_plant_out(job, default_plant_out(job) if out is None else out)
+    ready = prepare(job) if prepared is None else prepared
+    found = _finished(ready, out, run)
+    result, draws, where = (None, None, None) if found is None else found
+    if result is None:
+        source = "The model as it stands, NOT updated: there is no finished run of the job."
+    else:
+        source = f"The updated model of the run in {str(where)!r} ({result.status})."
+    planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
+    with made_folder(out), unfinished(out) as temporary:
+        write_plant_files(planted, job, temporary)
+        if report is not None:
+            report(planted, temporary / PLANT_PAGE)
+        put_in_place(plant_outputs(job), temporary, out)
+    return planted
+
+
+# -- the finished run ----------------------------------------------------------------------------------------
+def _finished(
+    ready: Prepared, out: Path, run: str | Path | None
+) -> tuple[UpdateResult, Draws | None, Path] | None:
+    """Return the result of the job's run, draws of its unknowns where there are any, and the folder.
+
+    Raises
+    ------
+    JobError
+        If there is none in the folder that was named, or the run is of another job or other data.
+    """
+    from updyn.io import read_result
+
+    job, number = ready.job, part_of_plant(ready.job)
+    inside = Path(job.parts[number].test.name, "run.nc") if len(job.parts) > 1 else Path("run.nc")
+    for folder in _folders(job, out) if run is None else [Path(run)]:
+        if not (folder / inside).is_file():
+            continue
+        _check_same(job, folder)
+        result = read_result(folder / inside)
+        test = ready.tests[number]
+        same = result.frf.values.shape == test.frf.values.shape and np.array_equal(
+            result.frf.values, test.frf.values
+        )
+        if not same or result.model.dofs.labels != test.model.dofs.labels:
+            what = "model" if same else "measurement"
+            raise JobError(
+                f"the {what} is not that of the run in {str(folder)!r} any more; run the job again",
+                job.path,
+            )
+        return result, _draws(folder, result), folder
+    if run is not None:
+        raise JobError(
+            f"there is no finished run in {str(run)!r}: no {inside.as_posix()!r}", job.path
+        )
+    return None
+
+
+def _folders(job: Job, out: Path) -> Iterator[Path]:
+    """Yield where a finished run is sought: the folder to write to, the job's own, and that in which the job lies."""
+    yield out
+    yield default_out(job)
+    if _left_behind(job):
+        yield job.path.parent
+
+
+def _check_same(job: Job, folder: Path) -> None:
+    """Check that a run was one of this job, as far as the update goes.
+
+    Raises
+    ------
+    JobError
+        If a table differs; it is named.
+    """
+    try:
+        then = tomllib.loads((folder / "job.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise JobError(
+            f"the run in {str(folder)!r} has no job.toml that can be read; run the job again",
+            job.path,
+        ) from error
+    now = tomllib.loads(resolved_job(job, folder))
+    for table in dict.fromkeys([*now, *then]):
+        if table not in _LATER and now.get(table) != then.get(table):
+            text = (
+                f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose"
+                " another --out"
+            )
+            raise job.error(text, table)
+
+
+def _draws(folder: Path, result: UpdateResult) -> Draws | None:
+    """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
+    from updyn.io.uncertainty_file import read_uncertainty
+    from updyn.uncertainty.draws import Draws
+
+    if not (folder / "uncertainty.nc").is_file():
+        return None
+    try:
+        found = read_uncertainty(folder / "uncertainty.nc", result)
+    except InputError:
+        return None
+    return found if isinstance(found, Draws) and len(found) > 1 else None

@@ -1,0 +1,45 @@
+"""`write_plant_page`: the plant of a job as one self-contained HTML page."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from updyn import __version__
+from updyn.control.job.plant_result import Planted
+from updyn.control.report.plant_parts import plant_parts
+from updyn.report import markup as m
+from updyn.report.page import page_text
+
+__all__ = ["write_plant_page"]
+
+
+def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
+    """Write a plant as one HTML page that needs nothing else: no network, no other file.
+
+    Parameters
+    ----------
+    planted : Planted
+        What `updyn.control.job.make_plant.plant_job` made.
+    path : str or path-like
+        Where to write; an existing file is replaced only once the new page is complete.
+
+    Returns
+    -------
+    Path
+        Where the page is.
+    """
+    return m.write_page(render(planted), path)
+
+
+def render(planted: Planted) -> str:
+    """Return the page as text."""
+    sections, figures = plant_parts(planted)
+    badge = ("Updated", "good") if planted.updated else ("Not updated", "warn")
+    if not planted.met:
+        badge = ("Tolerance not met", "bad")
+    head = (
+        f"<header><h1>{m.esc(planted.title)}</h1>{m.paragraph(planted.source, 'byline')}"
+        f'<p><span class="badge {badge[1]}">{m.esc(badge[0])}</span></p></header>'
+    )
+    return page_text(head, sections, f"{planted.title}: plant", __version__, figures)

@@ -1,0 +1,350 @@
+"""`correlate`: a model or a computed FRF against a measured one, by all metrics of FRFs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.correlation.shapes import ratio
+from updyn.dofs import DofSet
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.model import Model
+
+__all__ = [
+    "Correlation",
+    "correlate",
+    "csac",
+    "csf",
+    "db_error",
+    "fdac",
+    "frac",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correlation:
+    """A computed and a measured FRF, compared.
+
+    Attributes
+    ----------
+    computed, measured : FRF
+        The two, on the same lines and DOFs (those of the measured one) and of the same quantity.
+    frac : ndarray of float, shape (n_responses, n_references)
+        See `frac`.
+    csac, csf : ndarray of float, shape (n_f,)
+        See `csac` and `csf`.
+    db_error : ndarray of float, shape (n_f, n_responses, n_references)
+        See `db_error`, in dB.
+    """
+
+    computed: FRF
+    measured: FRF
+    frac: Array
+    csac: Array
+    csf: Array
+    db_error: Array
+
+    def __repr__(self) -> str:
+        return "Correlation(" + ", ".join(f"{k} {v:.3g}" for k, v in self.figures().items()) + ")"
+
+    @property
+    def freq(self) -> Array:
+        """Lines in Hz, shape (n_f,)."""
+        return self.measured.freq
+
+    @property
+    def responses(self) -> DofSet:
+        """Responses, in the order of the arrays."""
+        return self.measured.responses
+
+    @property
+    def references(self) -> DofSet:
+        """References, in the order of the arrays."""
+        return self.measured.references
+
+    def fdac(self, lines: ArrayLike | None = None) -> Array:
+        """Compute `fdac` between lines.
+
+        Parameters
+        ----------
+        lines : array_like of float, optional
+            Lines of the data to take, in Hz; None: all, which needs memory for n_f^2 numbers.
+
+        Returns
+        -------
+        ndarray of float, shape (n, n)
+            Row: line of the computed, column: line of the measured.
+
+        Raises
+        ------
+        DataError
+            If a line is not in the data.
+        """
+        at = slice(None) if lines is None else self.measured.find_lines(lines)
+        return fdac(self.measured.values[at], self.computed.values[at])
+
+    def figures(self) -> dict[str, float]:
+        """Return the summary: FRAC (median, min), CSAC and CSF (mean), dB error (median, 95th percentile)."""
+        return {
+            "frac_median": float(np.median(self.frac)),
+            "frac_min": float(self.frac.min()),
+            "csac_mean": float(self.csac.mean()),
+            "csf_mean": float(self.csf.mean()),
+            **_levels(self.db_error),
+        }
+
+    def by_response(self) -> Mapping[str, dict[str, float]]:
+        """Return FRAC (median, min) and dB error (median, 95th percentile) of each response, by label."""
+        out = {}
+        for i, label in enumerate(self.responses.labels):
+            row = self.frac[i]
+            out[label] = {
+                "frac_median": float(np.median(row)),
+                "frac_min": float(row.min()),
+                **_levels(self.db_error[:, i]),
+            }
+        return out
+
+
+def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
+    """Compare a model, or a computed FRF, with a measured FRF.
+
+    Parameters
+    ----------
+    model_or_frf : Model or FRF
+        A model is asked for its response at the lines and DOFs of `frf`. An FRF must have the same
+        lines and DOFs; their order and signs may differ, and the quantity is converted.
+    frf : FRF
+        The measured one.
+
+    Returns
+    -------
+    Correlation
+
+    Raises
+    ------
+    DataError
+        If two FRFs differ in lines or DOFs; the message says which. Nothing is interpolated or
+        dropped.
+    DofError
+        If a DOF of `frf` is not in the model.
+    """
+    if not isinstance(frf, FRF):
+        raise DataError(f"correlate: expected a measured FRF, found {type(frf).__name__}")
+    if isinstance(model_or_frf, Model):
+        from updyn.dynamics.response import response
+
+        computed = response(model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity)
+    elif isinstance(model_or_frf, FRF):
+        computed = _aligned(model_or_frf, frf)
+    else:
+        raise DataError(
+            f"correlate: expected a Model or an FRF, found {type(model_or_frf).__name__}"
+        )
+    hx, ha = frf.values, computed.values
+    parts = (frac(hx, ha), csac(hx, ha), csf(hx, ha), db_error(hx, ha))
+    for array in parts:
+        array.flags.writeable = False
+    return Correlation(computed, frf, *parts)
+
+
+def _aligned(computed: FRF, measured: FRF) -> FRF:
+    a, x = computed.freq, measured.freq
+    if len(a) != len(x):
+        raise DataError(
+            f"the two FRFs differ in lines: {_span(a)} and {_span(x)}; select the same lines of"
+            " both"
+        )
+    off = np.abs(a - x) > 1e-9 * x
+    if off.any():
+        i = int(np.flatnonzero(off)[0])
+        raise DataError(
+            f"the two FRFs differ in lines: line {i + 1} is {a[i]:.9g} Hz and {x[i]:.9g} Hz"
+        )
+    for what, own, other in (
+        ("response", computed.responses, measured.responses),
+        ("reference", computed.references, measured.references),
+    ):
+        for here, there, name in ((own, other, "second"), (other, own, "first")):
+            missing = [str(d) for d in here if d not in there]
+            if missing:
+                raise DataError(
+                    f"the two FRFs differ: {what} {missing[0]} is not in the {name} ({len(missing)}"
+                    f" such); select the same {what}s of both"
+                )
+    return computed.select(responses=measured.responses, references=measured.references).converted(
+        measured.quantity
+    )
+
+
+def _span(freq: Array) -> str:
+    return f"{len(freq)} lines, {freq[0]:g}-{freq[-1]:g} Hz"
+
+
+def _levels(error: Array) -> dict[str, float]:
+    # The percentile is one of the values, as interpolating between two infinite ones gives no
+    # number.
+    return {
+        "db_error_median": float(np.median(error)),
+        "db_error_p95": float(np.percentile(error, 95, method="inverted_cdf")),
+    }
+
+
+def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Frequency response assurance criterion over lines (Heylen & Lammens 1996).
+
+    |sum conj(h_X) h_A|^2 / (sum |h_X|^2 sum |h_A|^2) for each response and reference.
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        Measured and computed, same quantity and unit.
+
+    Returns
+    -------
+    ndarray of float, shape (n_responses, n_references)
+        Between 0 and 1; blind to a constant factor. 0 where either function is zero at all lines.
+
+    Raises
+    ------
+    DataError
+        If the shapes differ or a number is not finite.
+    """
+    hx, ha = _functions(HX, HA)
+    above = np.abs(np.sum(hx.conj() * ha, axis=0)) ** 2
+    return ratio(above, np.sum(np.abs(hx) ** 2, axis=0) * np.sum(np.abs(ha) ** 2, axis=0))
+
+
+def csac(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Cross signature assurance criterion chi_s at each line, |h_X^H h_A|^2 / (h_X^H h_X h_A^H h_A) (Grafe 1998).
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        Measured and computed; at each line all pairs of response and reference form one vector.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f,)
+        Between 0 and 1; blind to a factor common to a line. 0 where either vector is zero.
+
+    Raises
+    ------
+    DataError
+        As `frac`.
+    """
+    hx, ha = (h.reshape(len(h), -1) for h in _functions(HX, HA))
+    above = np.abs(np.sum(hx.conj() * ha, axis=1)) ** 2
+    return ratio(above, np.sum(np.abs(hx) ** 2, axis=1) * np.sum(np.abs(ha) ** 2, axis=1))
+
+
+def csf(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Cross signature scale factor chi_a at each line, 2 |h_X^H h_A| / (h_X^H h_X + h_A^H h_A) (Grafe 1998).
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        As `csac`.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f,)
+        Between 0 and 1; 1 only for equal vectors but for a common phase. 0 where both are zero.
+
+    Raises
+    ------
+    DataError
+        As `frac`.
+    """
+    hx, ha = (h.reshape(len(h), -1) for h in _functions(HX, HA))
+    above = 2.0 * np.abs(np.sum(hx.conj() * ha, axis=1))
+    return ratio(above, np.sum(np.abs(hx) ** 2, axis=1) + np.sum(np.abs(ha) ** 2, axis=1))
+
+
+def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Frequency domain assurance criterion: chi_s between every computed and every measured line (Pascual et al. 1997).
+
+    Parameters
+    ----------
+    HX : array_like of complex, shape (n_x, n_responses, n_references)
+        Measured.
+    HA : array_like of complex, shape (n_a, n_responses, n_references)
+        Computed; its lines may differ.
+
+    Returns
+    -------
+    ndarray of float, shape (n_a, n_x)
+        Between 0 and 1, row: line of the computed, column: line of the measured. A ridge off the
+        diagonal shows a frequency shift. 0 where either vector is zero.
+
+    Raises
+    ------
+    DataError
+        If responses or references differ, or a number is not finite.
+    """
+    hx, ha = _functions(HX, HA, same_lines=False)
+    x, a = hx.reshape(len(hx), -1), ha.reshape(len(ha), -1)
+    above = np.abs(a.conj() @ x.T) ** 2
+    return ratio(above, np.outer(np.sum(np.abs(a) ** 2, axis=1), np.sum(np.abs(x) ** 2, axis=1)))
+
+
+def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Difference of level, |20 log10 (|h_A| / |h_X|)| in dB, at each line, response and reference.
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        Measured and computed, same quantity and unit.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f, n_responses, n_references)
+        Not negative. 0 where both are zero, inf where one of them is.
+
+    Raises
+    ------
+    DataError
+        As `frac`.
+    """
+    hx, ha = _functions(HX, HA)
+    x, a = np.abs(hx), np.abs(ha)
+    out = np.full(x.shape, np.inf)
+    both = (x > 0) & (a > 0)
+    # A difference of logarithms: the quotient of a tiny and a huge number would leave the range of
+    # the format.
+    out[both] = np.abs(20.0 * (np.log10(a[both]) - np.log10(x[both])))
+    out[(x == 0) & (a == 0)] = 0.0
+    return out
+
+
+def _functions(
+    HX: ArrayLike, HA: ArrayLike, *, same_lines: bool = True
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    arrays = []
+    for name, given in (("HX", HX), ("HA", HA)):
+        array = np.asarray(given, dtype=np.complex128)
+        if array.ndim != 3 or 0 in array.shape:
+            raise DataError(
+                f"{name}: expected (lines, responses, references), found an array of shape"
+                f" {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            line, row, column = np.argwhere(~np.isfinite(array))[0]
+            raise DataError(
+                f"{name}: line {line + 1}, response {row + 1}, reference {column + 1} is not finite"
+            )
+        arrays.append(array)
+    x, a = arrays
+    if x.shape[1:] != a.shape[1:] or (same_lines and len(x) != len(a)):
+        raise DataError(
+            f"HX has shape {x.shape}, HA {a.shape}; expected the same lines, responses and"
+            " references"
+        )
+    return x, a

@@ -1,0 +1,506 @@
+"""Sparse solves with symmetric matrices of one pattern, complex or real, by a backend that can be chosen, each checked.
+
+Adding a backend is one module with ``available()`` and a class that analyses a pattern and
+factorises matrices of it, and one line in `BACKENDS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import weakref
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, SolverError, suggest
+
+__all__ = [
+    "BACKENDS",
+    "LARGEST_GROWTH",
+    "RESIDUAL",
+    "Backend",
+    "Factorised",
+    "Factors",
+    "SparseSolver",
+    "accuracy",
+    "check_backend",
+    "growth",
+    "singular_message",
+    "unit_scale",
+]
+
+
+class Factors(Protocol):
+    """A factorised matrix; valid until its backend factorises another."""
+
+    @property
+    def negative(self) -> int | None:
+        """Number of negative eigenvalues of a real matrix; None where it is not known."""
+
+    def __call__(self, B: NDArray[Any], /) -> NDArray[Any]:
+        """Solve for right-hand sides of the matrix's kind, shape (n, r)."""
+
+
+class Backend(Protocol):
+    """A pattern, analysed once, for complex matrices or (`real`) real ones."""
+
+    def __init__(self, pattern: Any, *, real: bool = False) -> None: ...
+
+    @property
+    def peak_bytes(self) -> int | None:
+        """Largest memory of the library so far, the factor included (estimated before `factor`); None: not known."""
+
+    def factor(self, A: Any) -> Factors:
+        """Factorise a matrix of the pattern. Raises RuntimeError if it cannot, MemoryError if memory is short."""
+
+    def release(self) -> None:
+        """Give the memory back; the object is of no more use."""
+
+
+#: By name, best first: module and class. Where one fails, those after it are tried.
+BACKENDS: dict[str, tuple[str, str]] = {
+    "pardiso": ("updyn.linalg.pardiso", "Pardiso"),
+    "mumps": ("updyn.linalg.mumps", "Mumps"),
+    "superlu": ("updyn.linalg.superlu", "SuperLU"),
+}
+
+_INSTALL = {
+    "pardiso": "pip install 'updyn[mkl]' (x86_64)",
+    "mumps": (
+        "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'"
+    ),
+}
+
+
+def check_backend(name: str | None) -> str:
+    """Return the backend to use: the one named, else the best that is installed.
+
+    Raises
+    ------
+    OptionError
+        If there is none of that name, or it is not installed.
+    """
+    if name is None:
+        return next(b for b in BACKENDS if _module(b).available())
+    if name not in BACKENDS:
+        raise OptionError(f"backend {name!r}: {suggest(str(name), BACKENDS)}")
+    if not _module(name).available():
+        raise OptionError(f"backend {name!r} is not installed; {_INSTALL[name]}, or use 'superlu'")
+    return name
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(BACKENDS[name][0])
+
+
+@dataclass(slots=True, eq=False)
+class SparseSolver:
+    """Solve with matrices of one pattern; the analysis is kept between calls.
+
+    Only one factorisation is alive at a time: its memory serves the next.
+
+    Parameters
+    ----------
+    backend : str
+        One of `BACKENDS`.
+    real : bool
+        Matrices are real (and may be indefinite) instead of complex: 2.5 times faster, in half the
+        memory.
+
+    Attributes
+    ----------
+    used : dict
+        How many solves each backend answered; another than `backend` only where that one failed.
+    refined : int
+        How many of them needed a step of refinement.
+    """
+
+    backend: str
+    real: bool = field(default=False, kw_only=True)
+    used: dict[str, int] = field(default_factory=dict, init=False)
+    refined: int = field(default=0, init=False)
+    _analysed: dict[str, Backend] = field(default_factory=dict, init=False)
+    _pattern: tuple[NDArray[Any], NDArray[Any]] | None = field(default=None, init=False)
+    _alive: weakref.ref[Factorised] | None = field(default=None, init=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In another process it begins anew: what a library holds cannot be sent there.
+        return partial(SparseSolver, real=self.real), (self.backend,)
+
+    def solve(self, A: Any, B: NDArray[Any], freq: float, held: str = "") -> NDArray[Any]:
+        """Solve A X = B once and check the answer.
+
+        Parameters
+        ----------
+        A : sparse CSC, shape (n, n), symmetric, of the solver's kind
+            Matrix; sorted, with a full diagonal.
+        B : ndarray, shape (n, r)
+            Right-hand sides.
+        freq : float
+            The line in Hz, for messages.
+        held : str
+            Which DOFs are held, for messages.
+
+        Returns
+        -------
+        ndarray of A's kind, shape (n, r)
+
+        Raises
+        ------
+        SolverError
+            If A is singular to rounding, memory is short, or the residual |A X - B| of a column
+            exceeds 1e-8 of
+            |A| |X| + |B| even after one step of refinement and with the other backends.
+        """
+        factorised = self.factorise(A, freq, held)
+        try:
+            return factorised.solve(B)
+        finally:
+            self._retire()
+
+    def factorise(self, A: Any, freq: float, held: str = "") -> Factorised:
+        """Factorise A for right-hand sides that come later; an earlier factorisation ends.
+
+        Parameters
+        ----------
+        A : sparse CSC, shape (n, n), symmetric, of the solver's kind
+            Matrix; sorted, with a full diagonal. Not to be changed while it is solved with.
+        freq : float
+            The line or shift in Hz, for messages.
+        held : str
+            Which DOFs are held, for messages.
+
+        Returns
+        -------
+        Factorised
+
+        Raises
+        ------
+        SolverError
+            If A is singular, or memory is short.
+        TypeError
+            If A is not of the solver's kind.
+        """
+        if np.iscomplexobj(A) == self.real:
+            raise TypeError(
+                f"a {'real' if self.real else 'complex'} solver was given a matrix of {A.dtype}"
+            )
+        self._retire()
+        self._forget_other_pattern(A)
+        made = Factorised(self, A, freq, held)
+        self._alive = weakref.ref(made)
+        return made
+
+    @property
+    def peak_bytes(self) -> int | None:
+        """Largest memory of the backends in use, the factor included; None where they do not say."""
+        known = [b for backend in self._analysed.values() if (b := backend.peak_bytes) is not None]
+        return max(known, default=None)
+
+    def release(self) -> None:
+        """Give all memory back now; a later call analyses anew."""
+        self._retire()
+        for backend in self._analysed.values():
+            backend.release()
+        self._analysed.clear()
+        self._pattern = None
+
+    def _retire(self) -> None:
+        alive = None if self._alive is None else self._alive()
+        if alive is not None:
+            alive._factors = None
+        self._alive = None
+
+    def _factor(self, name: str, A: Any) -> Factors:
+        if name not in self._analysed:
+            self._analysed[name] = getattr(_module(name), BACKENDS[name][1])(A, real=self.real)
+        return self._analysed[name].factor(A)
+
+    def _forget(self, name: str) -> None:
+        """Free a backend that failed, before another needs the memory."""
+        failed = self._analysed.pop(name, None)
+        if failed is not None:
+            failed.release()
+
+    def _forget_other_pattern(self, A: Any) -> None:
+        known = self._pattern
+        same = known is not None and (
+            (known[0] is A.indptr and known[1] is A.indices)
+            or (np.array_equal(known[0], A.indptr) and np.array_equal(known[1], A.indices))
+        )
+        if not same:
+            self.release()
+            self._pattern = (A.indptr, A.indices)
+
+
+class Factorised:
+    """A factorised matrix, made by `SparseSolver.factorise`; valid until that solver factorises another."""
+
+    __slots__ = ("_A", "__weakref__", "_factors", "_line", "_name", "_names", "_scale", "_solver")
+
+    def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str) -> None:
+        names = list(BACKENDS)
+        self._solver, self._A, self._line = solver, A, (freq, held)
+        self._scale = unit_scale(A.diagonal())
+        self._names: Iterator[str] = iter(names[names.index(solver.backend) :])
+        self._factors: Factors | None = None
+        self._name = ""
+        if not self._factored_by_next():
+            raise SolverError(singular_message(freq, held))
+
+    @property
+    def negative(self) -> int | None:
+        """How many eigenvalues of a real A are negative (Sylvester's law of inertia); None where it is not known.
+
+        For A = K - omega^2 M with M positive definite: how many natural frequencies lie below
+        omega.
+        """
+        return self._current().negative
+
+    def solve(self, B: NDArray[Any]) -> NDArray[Any]:
+        """Solve A X = B and check the answer.
+
+        Parameters
+        ----------
+        B : ndarray, shape (n, r)
+            Right-hand sides.
+
+        Returns
+        -------
+        ndarray of A's kind, shape (n, r)
+
+        Raises
+        ------
+        SolverError
+            As `SparseSolver.solve`.
+        RuntimeError
+            If the solver has factorised another matrix since, or was released.
+        """
+        self._current()
+        if self._solver.real and np.iscomplexobj(B):
+            raise TypeError("a real solver was given complex right-hand sides")
+        B = np.asfortranarray(B, dtype=np.float64 if self._solver.real else np.complex128)
+        while True:
+            try:
+                X, left, grown = self._refined(B)
+            except RuntimeError:
+                left = np.inf
+            if left <= RESIDUAL:
+                break
+            name = self._name
+            if not self._factored_by_next():
+                if np.isinf(left):
+                    raise SolverError(singular_message(*self._line))
+                where = f"residual {left:.1e} at {self._line[0]:g} Hz"
+                raise SolverError(f"{name}: {where}; the matrix is singular there or nearly so")
+        if not grown <= LARGEST_GROWTH:
+            raise SolverError(singular_message(*self._line))
+        self._solver.used[self._name] = self._solver.used.get(self._name, 0) + 1
+        return X
+
+    def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
+        """Return the solution, its largest backward error and its growth; columns that are off are corrected once."""
+        run = self._current()
+        X = run(B)
+        errors, grown = accuracy(self._A, self._scale, X, B)
+        off = ~(errors <= RESIDUAL)
+        if off.any():
+            with np.errstate(invalid="ignore", over="ignore"):
+                X[:, off] += run(np.asfortranarray(B[:, off] - self._A @ X[:, off]))
+            errors[off], grown[off] = accuracy(self._A, self._scale, X[:, off], B[:, off])
+            self._solver.refined += 1
+        return X, float(errors.max(initial=0.0)), float(grown.max(initial=0.0))
+
+    def _factored_by_next(self) -> bool:
+        """Factorise with the next backend that can; False if none is left."""
+        self._factors = None
+        if self._name:
+            self._solver._forget(self._name)
+        for name in self._names:
+            if not _module(name).available():
+                continue
+            try:
+                self._factors, self._name = self._solver._factor(name, self._A), name
+            except RuntimeError:
+                self._solver._forget(name)
+                continue
+            except MemoryError as error:
+                # Others need no less, and would end the process instead.
+                what = f"{name}: not enough memory to factorise {self._A.shape[0]} DOFs"
+                raise SolverError(f"{what} ({error})" if str(error) else what) from error
+            return True
+        return False
+
+    def _current(self) -> Factors:
+        if self._factors is None:
+            raise RuntimeError(
+                "this factorisation has ended: its solver has factorised another matrix, or was"
+                " released"
+            )
+        return self._factors
+
+
+#: Backward error above which an answer is not accepted.
+RESIDUAL = 1e-8
+
+#: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
+#: counts as singular.
+LARGEST_GROWTH = 1e12
+
+#: Columns that are checked by one combination of them.
+_CHECKED_COLUMNS = 64
+
+#: Entries of a matrix that BLAS multiplies with a vector in one thread (OpenBLAS: up to 9216).
+_ALONE = 8192
+#: Numbers that are worked on at a time, so that they stay in the cache.
+_CACHED_NUMBERS = 2**15
+
+
+def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the roots of the sizes of a diagonal: rows and columns divided by them compare, whatever their units.
+
+    Parameters
+    ----------
+    diagonal : ndarray of float or complex, shape (..., n)
+        Of the matrix; N/m or N m/rad on its rows.
+
+    Returns
+    -------
+    ndarray of float, shape (..., n)
+        A DOF without an entry of its own cannot be compared; it gets 1e-8 of the largest, 1 if all
+        are zero.
+    """
+    scale = np.sqrt(np.abs(diagonal))
+    largest = scale.max(axis=-1, keepdims=True, initial=0.0)
+    return np.asarray(np.where(largest > 0, np.maximum(scale, 1e-8 * largest), 1.0))
+
+
+def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[np.float64]:
+    """Return how far the solution of A X = B outgrows its right-hand side, whatever the units.
+
+    Parameters
+    ----------
+    diagonal : ndarray of complex, shape (..., n)
+        Of A; scales rows and columns, so that translations and rotations compare.
+    X, B : ndarray of complex, shape (..., n, r)
+        Solution and right-hand sides.
+
+    Returns
+    -------
+    ndarray of float, shape (...)
+        Largest over the columns; about a lower bound of the condition number of the scaled matrix.
+    """
+    scale = unit_scale(diagonal)[..., None]
+    grown = _grown((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
+    return np.asarray(grown.max(axis=-1, initial=0))
+
+
+def accuracy(
+    A: Any, scale: NDArray[np.float64], X: NDArray[Any], B: NDArray[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Judge the answer of A X = B at the cost of about one column in 64.
+
+    The residual of a random combination of the columns is looked at (Freivalds, 1977), each
+    weighted by its size so that a small column counts as much as a large one. Only where it is
+    suspicious is every column looked at.
+
+    Parameters
+    ----------
+    A : sparse, shape (n, n)
+        Matrix.
+    scale : ndarray of float, shape (n,)
+        Its `unit_scale`.
+    X, B : ndarray, shape (n, r)
+        Solution and right-hand sides.
+
+    Returns
+    -------
+    errors : ndarray of float, shape (r,)
+        Normwise backward error of each column, or a bound of it, in the scaled DOFs:
+        max |A x - b| / max (|A| |x| + |b|). Not a number where the solution is not.
+    grown : ndarray of float, shape (r,)
+        As `growth`, by column, to a factor of 1.4.
+    """
+    errors, grown = np.zeros(X.shape[1]), np.zeros(X.shape[1])
+    absolute = None
+    for first in range(0, X.shape[1], _CHECKED_COLUMNS):
+        part = slice(first, first + _CHECKED_COLUMNS)
+        x, b = X[:, part], B[:, part]
+        solved, load = _sizes(x, scale), _sizes(b, 1.0 / scale)
+        grown[part] = _grown(solved, load)
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # what is not a number stays so, and is found
+            bound = _combined(A, scale, x, b, solved + load)
+            if not bound <= RESIDUAL:
+                absolute = abs(A) if absolute is None else absolute
+                residual = (np.abs(A @ x - b) / scale[:, None]).max(axis=0, initial=0.0)
+                size = ((absolute @ np.abs(x) + np.abs(b)) / scale[:, None]).max(
+                    axis=0, initial=0.0
+                )
+                bound = residual / np.maximum(size, _TINY)
+        errors[part] = bound
+    return errors, grown
+
+
+_TINY = np.finfo(float).tiny
+
+
+def _combined(
+    A: Any, scale: NDArray[np.float64], x: NDArray[Any], b: NDArray[Any], size: NDArray[np.float64]
+) -> np.float64:
+    """Return a bound of the backward errors of some columns, from that of one random combination of them."""
+    r = len(size)
+    weight = np.random.default_rng(0).uniform(0.5, 1.5, r) / np.maximum(size, _TINY)
+    y, c = _times(x, weight), _times(b, weight)
+    # |A| |y| is at least the diagonal's part of it, which spares |A|.
+    error = (np.abs(A @ y - c) / scale).max(initial=0.0)
+    # One column's weight is at least a third of each other's.
+    return np.float64(
+        3
+        * r
+        * error
+        / max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY))
+    )
+
+
+def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
+    """Return X @ weight, in pieces so small that BLAS keeps to one thread.
+
+    More would wait for the cores on which the threads of the solver still spin.
+    """
+    step = max(1, _ALONE // len(weight))
+    return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
+
+
+def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest scaled entry of each column, real and imaginary parts apart: three times as fast."""
+    if np.iscomplexobj(X):
+        scale = np.repeat(scale, 2)
+    columns = np.asfortranarray(X).T.view(np.float64)
+    step = max(1, _CACHED_NUMBERS // len(scale))
+    pieces = [columns[i : i + step] for i in range(0, len(columns), step)]
+    return np.concatenate([(np.abs(piece) * scale).max(axis=1, initial=0.0) for piece in pieces])
+
+
+def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        grown = solved / load
+    # 0 / 0: a column without load.
+    return np.where(np.isfinite(solved), np.nan_to_num(grown, nan=0.0), np.inf)
+
+
+def singular_message(freq: float, held: str = "") -> str:
+    """Say which line could not be solved and what to do."""
+    if freq == 0.0:
+        why = "the structure is free to move there. Leave the line out or support the structure"
+    else:
+        why = (
+            "a natural frequency without damping. Leave the line out or give the groups a loss"
+            " factor"
+        )
+    return f"the dynamic stiffness {held}is singular at {freq:g} Hz: {why}"
