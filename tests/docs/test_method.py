@@ -11,9 +11,8 @@ import pytest
 import updyn
 from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating import problem
 from updyn.updating.fit import null_space, search
-from updyn.updating.problem import noise
+from updyn.updating.problem import noise, problem
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 
 TEXT = " ".join(
