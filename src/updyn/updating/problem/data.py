@@ -119,6 +119,7 @@ def _axes_at(geometry: Geometry, node: int) -> NDArray[np.float64] | None:
 
 
 def has_quantity(model: Model, group: str, quantity: str) -> bool:
+    """Return whether a model has a group with a quantity."""
     return group in model.groups and model.groups[group].has(quantity)
 
 
