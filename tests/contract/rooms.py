@@ -31,6 +31,7 @@ ORDER = (
     ("comparison", "uncertainty"),
     ("elements",),
     ("io",),
+    ("store",),
     ("matching",),
     ("job",),
     ("report", "viewer"),

@@ -19,7 +19,6 @@ from updyn.control.job.servo_tables import ControllerTable, NonlinearTable, Notc
 from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
 from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
-from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.schema import (
     CalibrationTable,
@@ -36,6 +35,7 @@ from updyn.job.schema import (
     TestTable,
     UncertaintyTable,
 )
+from updyn.store.result import result_to_json
 from updyn.updating.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 

@@ -260,8 +260,8 @@ def method_errors(job: Job) -> Iterator[None]:
 
 
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    from updyn.io import write_model, write_properties, write_result
-    from updyn.io.result_json import write_result_json
+    from updyn.io import write_model, write_properties
+    from updyn.store.result import write_result, write_result_json
 
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)
@@ -277,7 +277,7 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
 
 def _write_uncertainty(found: Draws | Profiles | None, folder: Path) -> None:
     if found is not None:
-        from updyn.io.uncertainty_file import write_uncertainty
+        from updyn.store.uncertainty import write_uncertainty
 
         write_uncertainty(found, folder / UNCERTAINTY)
 
