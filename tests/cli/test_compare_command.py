@@ -15,7 +15,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.progress import Watch
+from updyn.cli.terminal import Watch
 from updyn.demos import gear_train
 from updyn.demos.gear_train import true_model
 from updyn.updating.methods import METHODS
@@ -36,7 +36,7 @@ def ran(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, i
     folder = tmp_path_factory.mktemp("out") / "deep" / "compared"
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("updyn.cli._say", said.append)
+        patch.setattr("updyn.cli.commands.say", said.append)
         job, truth = inputs / "compare_stiffness.toml", inputs / "compare_stiffness_truth.toml"
         words = ["compare", str(job), "--truth", str(truth), "--fewest", "--out", str(folder)]
         code = main([*words, "--methods", METHODS_HERE])

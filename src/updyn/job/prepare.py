@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from updyn.control.job.checks import check_control
 from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
+from updyn.job.folder import outputs
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
-from updyn.job.schema import OUTPUTS, Job
-from updyn.job.uncertain import check_uncertainty
+from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
 from updyn.modal import ModeSet
@@ -127,9 +127,10 @@ def prepare(job: Job) -> Prepared:
     data = [_measurement(part) for part in job.parts]
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
     parameters = unknowns_of(job, model, [test.frf for test in tests])
-    check_uncertainty(job, parameters)
-    check_control(job, [test.model for test in tests], [test.frf for test in tests])
-    return Prepared(job, tests, parameters)
+    prepared = Prepared(job, tests, parameters)
+    for name in job.tables:
+        JOB_TABLES[name].check(prepared)
+    return prepared
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
@@ -179,7 +180,7 @@ def _check_properties(job: Job) -> None:
             )
         if (
             Path(job.output.properties).name != job.output.properties
-            or job.output.properties in OUTPUTS
+            or job.output.properties in outputs(job)[1:]
         ):
             raise OptionError(
                 f"output.properties = {job.output.properties!r}: expected the name of a file of"

@@ -58,6 +58,8 @@ class Coordinates:
         it.
     omega : float
         That frequency in rad/s.
+    centre : ndarray of float, shape (n,), optional
+        Centres of the priors in x, where they are not at the unknowns' start.
     """
 
     parameters: ParameterSet
@@ -65,6 +67,7 @@ class Coordinates:
     within: NDArray[np.float64] | None = None
     unit: float | None = None
     omega: float = 1.0
+    centre: _Vector | None = None
     _factor: NDArray[np.bool_] = field(init=False, repr=False)
     _unit: _Vector = field(init=False, repr=False)
 
@@ -115,7 +118,14 @@ class Coordinates:
     def prior(self) -> tuple[_Vector, _Vector]:
         """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
         weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
-        return self.to_x(self.parameters.start), np.array(weight) * self._unit
+        centre = self.to_x(self.parameters.start) if self.centre is None else self.centre
+        return centre, np.array(weight) * self._unit
+
+    def moved(self, x: _Vector) -> Coordinates:
+        """Return a copy whose unknowns start at x; priors stay where they are."""
+        own = self.parameters
+        start = np.clip(self.to_values(x), own.lower, own.upper)
+        return replace(self, parameters=own.with_start(start), centre=self.prior[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

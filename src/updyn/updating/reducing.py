@@ -211,6 +211,11 @@ class Reducing:
         found = [part.certificate.error for part in self._parts if part.certificate is not None]
         return max(found) if found else None
 
+    def restart(self, exact: Task) -> None:
+        """Forget what was made, for the same problem with other starts."""
+        self.exact = exact
+        self.__post_init__()
+
     def begin(self) -> None:
         """Make the reduced model of the start.
 

@@ -49,6 +49,9 @@ __all__ = ["Test", "check", "on_lines", "run"]
 #: Cosine of the angle, 1 degree, from which a sensor is worth a warning.
 _ALONG = float(np.cos(np.radians(1.0)))
 
+#: How far the start is moved, relative to each unknown, where the model is singular there.
+_ASIDE = 1e-3
+
 _Lines = str | ArrayLike | None
 
 
@@ -349,7 +352,56 @@ def _fitted(
     monitor: Monitor,
     reduced: Reducing | None,
 ) -> tuple[Task, Fit]:
-    """Choose the lines and fit; return the problem on these lines, too."""
+    """Choose the lines and fit; return the problem on these lines, too.
+
+    A line that is a natural frequency of an undamped model where it starts says nothing against
+    the data: the fit then starts beside it.
+    """
+    try:
+        return _fitted_from_start(whole, lines, strategy, noises, monitor, reduced)
+    except SolverError as error:
+        beside = _beside_start(whole)
+        if reduced is not None:
+            reduced.restart(_beside_start(reduced.exact))
+        try:
+            found = _fitted_from_start(beside, lines, strategy, noises, monitor, reduced)
+        except SolverError:
+            raise error from None  # no unknown changes that
+        text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
+        warnings.warn(text, UpdynWarning, stacklevel=3)
+        return found
+
+
+def _beside_start(whole: Task) -> Task:
+    """Return the problem with its start moved a little, each unknown by another amount.
+
+    Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
+    """
+    coordinates = whole.coordinates
+    x, (lower, upper) = coordinates.to_x(coordinates.parameters.start), coordinates.bounds
+    share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
+    sign = [-1.0 if p.quantity == "mass" else 1.0 for p in coordinates.parameters]
+    step = _ASIDE * share * sign
+    step = np.where((x + step < lower) | (x + step > upper), -step, step)
+    moved = coordinates.moved(x + step)
+    return together([replace(part, coordinates=moved) for part in whole.parts])
+
+
+def _fitted_from_start(
+    whole: Task,
+    lines: Sequence[_Lines],
+    strategy: Method,
+    noises: Sequence[NoiseModel],
+    monitor: Monitor,
+    reduced: Reducing | None,
+) -> tuple[Task, Fit]:
+    """Choose the lines and fit.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at a line where it starts.
+    """
     x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
     try:
         with monitor.stage("start"):
@@ -361,7 +413,7 @@ def _fitted(
             )
             monitor.problem = problem
             for part in problem.parts:
-                part.responses(x)  # a start that cannot be solved is the user's to know
+                part.responses(x)
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)

@@ -1,22 +1,40 @@
-"""Live progress of a run on a terminal, plain lines elsewhere: a callback that can be told to stop the run."""
+"""What commands print: text, notes, errors and the progress of a run, which Ctrl-C stops in order; exit codes."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING, Any
+
+from updyn.errors import UpdynWarning
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from updyn.updating.monitor import Progress
 
-__all__ = ["Watch", "watch"]
+__all__ = [
+    "BAD_INPUT",
+    "DONE",
+    "NOT_DETERMINED",
+    "STOPPED",
+    "Watch",
+    "complain",
+    "note",
+    "say",
+    "stderr",
+    "warnings_as_notes",
+    "watch",
+]
+
+DONE, BAD_INPUT, NOT_DETERMINED, STOPPED = 0, 2, 3, 130
 
 _STOPPING = (
     "\nStopping after these lines; the results so far will be written. Ctrl-C again to leave at"
@@ -28,6 +46,53 @@ _EVERY_S, _WITHIN_S = (
 )  # plain lines of one stage, not closer than this: between steps, and within one
 
 
+def stderr() -> Console:
+    """Return a console that writes to stderr."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def note(text: str, style: str | None = None) -> None:
+    """Print a note to stderr."""
+    stderr().print(text, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
+
+
+def complain(message: str) -> int:
+    """Print an error to stderr and return the exit code of bad input."""
+    note(f"error: {message}", "red")
+    return BAD_INPUT
+
+
+def say(text: str) -> None:
+    """Print to stdout; a reader that has gone away (``updyn info FILE | head``) is not an error."""
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def warnings_as_notes() -> Iterator[None]:
+    """Show each `UpdynWarning` once, as a short note; leave other warnings as they are."""
+    seen: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UpdynWarning)
+        others = warnings.showwarning
+
+        def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, UpdynWarning):
+                others(message, category, *where, **more)
+            elif str(message) not in seen:
+                seen.add(str(message))
+                note(f"note: {message}", "yellow")
+
+        warnings.showwarning = show
+        yield
+
+
+# -- progress -----
 class Watch:
     """Shows each step and answers whether the user wants to stop.
 
