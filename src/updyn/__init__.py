@@ -59,19 +59,19 @@ if TYPE_CHECKING:
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
     from updyn.io import read_modes as read_modes
-    from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
-    from updyn.io import write_result as write_result
-    from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
-    from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
+    from updyn.store.result import read_result as read_result
+    from updyn.store.result import write_result as write_result
+    from updyn.store.uncertainty import read_uncertainty as read_uncertainty
+    from updyn.store.uncertainty import write_uncertainty as write_uncertainty
     from updyn.uncertainty.bootstrap import bootstrap as bootstrap
     from updyn.uncertainty.prediction import predict as predict
     from updyn.uncertainty.profile import profile as profile
@@ -146,8 +146,8 @@ _WHERE = {
     "read_model": "updyn.io",
     "read_modes": "updyn.io",
     "read_plant": "updyn.control.files.plant_file",
-    "read_result": "updyn.io",
-    "read_uncertainty": "updyn.io.uncertainty_file",
+    "read_result": "updyn.store.result",
+    "read_uncertainty": "updyn.store.uncertainty",
     "response": "updyn.dynamics.response",
     "sampled": "updyn.control.sampled",
     "select": "updyn.updating.judge.selection",
@@ -167,8 +167,8 @@ _WHERE = {
     "write_plant": "updyn.control.files.plant_file",
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
-    "write_result": "updyn.io",
-    "write_uncertainty": "updyn.io.uncertainty_file",
+    "write_result": "updyn.store.result",
+    "write_uncertainty": "updyn.store.uncertainty",
 }
 
 __all__ = ["__version__", *_WHERE]

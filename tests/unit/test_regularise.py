@@ -10,7 +10,7 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.io.result_json import result_to_json
+from updyn.store.result import result_to_json
 from updyn.updating.fit.method import Fit, descend
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import (

@@ -120,7 +120,7 @@ def compare_job(
         If the model cannot be solved where it starts; nothing is written.
     """
     from updyn.comparison.bench import Given
-    from updyn.io.comparison_json import write_comparison_json
+    from updyn.store.comparison import write_comparison_json
 
     out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared

@@ -283,8 +283,8 @@ def _further(
 
 
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    from updyn.io import write_model, write_properties, write_result
-    from updyn.io.result_json import write_result_json
+    from updyn.io import write_model, write_properties
+    from updyn.store.result import write_result, write_result_json
 
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)

@@ -8,7 +8,7 @@ from typing import Any
 from updyn import __version__
 from updyn.comparison import Comparison, Fewest, Row
 from updyn.io.atomic import write_json
-from updyn.io.values_text import plain
+from updyn.store.values import plain
 
 __all__ = ["comparison_to_json", "write_comparison_json"]
 

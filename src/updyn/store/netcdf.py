@@ -10,22 +10,7 @@ from updyn.errors import FormatError, suggest
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["existing", "text_of", "variable"]
-
-
-def existing(path: str | Path) -> Path:
-    """Return the path of a file that is there.
-
-    Raises
-    ------
-    FormatError
-        If it is not; the nearest name beside it is given.
-    """
-    path = Path(path)
-    if not path.is_file():
-        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
-    return path
+__all__ = ["text_of", "variable"]
 
 
 def variable(data: xr.Dataset, name: str, path: Path) -> Any:

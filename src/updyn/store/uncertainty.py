@@ -5,7 +5,7 @@ xarray opens the file. Of draws::
     draws                                      (chain, draw, parameter), in the unit of each unknown
     estimate, std, lower, upper, is_factor     (parameter)
     diagnostic_NAME                            (parameter): r_hat, ess_bulk, ...
-    attributes kind, message, converged; failed, options: JSON texts, see updyn.io.values_text
+    attributes kind, message, converged; failed, options: JSON texts, see updyn.store.values
 
 and of profiles, a row for each unknown that was profiled, padded with nan::
 
@@ -24,10 +24,10 @@ import numpy as np
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
-from updyn.io.dataset import existing, text_of, variable
 from updyn.io.hdf5 import check_kind, put_kind
-from updyn.io.items import library
-from updyn.io.values_text import from_text, to_text
+from updyn.io.items import existing, library
+from updyn.store.netcdf import text_of, variable
+from updyn.store.values import from_text, to_text
 from updyn.uncertainty.draws import KINDS, Draws
 from updyn.uncertainty.profile import Hump, Profile, Profiles
 from updyn.updating.result import JointResult, UpdateResult

@@ -11,14 +11,15 @@ xarray opens the root, which holds what one plots::
     line                                  lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
     residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see updyn.updating.judge.adequacy
-    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.io.values_text
+                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
+    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.store.values
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -28,21 +29,26 @@ import numpy as np
 
 from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
-from updyn.io.atomic import atomic_path
-from updyn.io.dataset import existing, text_of, variable
+from updyn.io.atomic import atomic_path, write_json
 from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
-from updyn.io.items import library, placed
-from updyn.io.values_text import from_text, to_text
+from updyn.io.items import existing, library, placed
+from updyn.store.netcdf import text_of, variable
+from updyn.store.values import from_text, plain, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import STATUSES, UpdateResult
+from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["read_result", "write_result"]
+__all__ = [
+    "read_result",
+    "result_to_json",
+    "write_result",
+    "write_result_json",
+]
 
 _TEXTS = ("status", "message", "remedy", "method", "title")
 _JSON = (
@@ -347,3 +353,126 @@ def _table(data: xr.Dataset, name: str, names: list[str], path: Path) -> list[di
         }
         for row, kept in zip(table, given, strict=True)
     ]
+
+
+def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
+    """Return the outcome as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        The outcome. Of several tests, ``correlation`` and ``noise`` are those of the first.
+
+    Returns
+    -------
+    dict
+        ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one
+        dict an unknown in order, with ``std`` None and ``identifiable`` False where the data leave
+        it open, ``at_bound`` True or False and ``bound`` ``"lower"``, ``"upper"`` or None,
+        ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a linked unknown;
+        ``identifiability``; ``correlation`` with ``before``, ``after`` and ``validation`` (empty
+        where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
+        ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
+        ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
+        ``misfit`` over noise by response, reference and band, the ``worst`` places and
+        ``explained_by``. Of several tests also ``tests``: ``correlation``, ``noise`` and
+        ``adequacy`` by name.
+    """
+    if isinstance(result, JointResult):
+        own = {name: result_to_json(one) for name, one in result.results.items()}
+        tests = {
+            name: {key: one[key] for key in ("correlation", "noise", "adequacy")}
+            for name, one in own.items()
+        }
+        return {**next(iter(own.values())), "title": result.title, "tests": tests}
+    ident = result.identifiability
+    return {
+        "status": result.status,
+        "message": result.message,
+        "remedy": result.remedy,
+        "title": result.title,
+        "method": result.method,
+        "options": plain(result.options),
+        "parameters": [_parameter_json(result, name) for name in result.parameters.names],
+        "identifiability": plain(
+            {
+                "rank": ident.rank,
+                "n_parameters": ident.n_parameters,
+                "condition": ident.condition,
+                "null_directions": ident.null_directions,
+                "determined_directions": ident.determined_directions,
+                "collinearity": ident.collinearity,
+                "singular_values": ident.singular_values,
+                "advice": ident.advice,
+            }
+        ),
+        "correlation": {
+            when: plain(result.correlation.get(when, {}))
+            for when in ("before", "after", "validation")
+        },
+        "noise": plain(result.noise),
+        "iterations": result.iterations,
+        "history": [
+            plain(
+                {
+                    key: getattr(h, key)
+                    for key in ("stage", "number", "cost", "step", "condition", "accepted")
+                }
+            )
+            for h in result.history
+        ],
+        "timing_s": plain(result.timing_s),
+        "versions": plain(result.versions),
+        "adequacy": _adequacy_json(result.adequacy),
+    }
+
+
+def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    keys = ("outcome", "verdict", "absolute", "chi_square", "p_value", "level", "bands", "misfit")
+    places = {
+        "worst": [asdict(p) for p in found.worst],
+        "explained_by": [asdict(s) for s in found.explained_by],
+    }
+    out: dict[str, Any] = plain({**{key: getattr(found, key) for key in keys}, **places})
+    return out
+
+
+def _parameter_json(result: UpdateResult, name: str) -> dict[str, Any]:
+    unknown = next(p for p in result.parameters if p.name == name)
+    std = result.std.get(name, math.nan)
+    numbers = {
+        "start": unknown.start,
+        "value": result.values.get(name, math.nan),
+        "std": std,
+        "lower": unknown.lower,
+        "upper": unknown.upper,
+    }
+    return {
+        "name": name,
+        "group": unknown.group,
+        "quantity": unknown.quantity,
+        **plain(numbers),
+        "nominal": unknown.nominal,
+        "unit": unknown.unit,
+        "drives": [
+            {"group": d.group, "quantity": d.quantity, "power": d.power} for d in unknown.drives
+        ],
+        "at_bound": name in result.at_bound,
+        "bound": result.at_bound.get(name),
+        "identifiable": bool(math.isfinite(std)),
+    }
+
+
+def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> None:
+    """Write `result_to_json` to a file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        The outcome.
+    path : path
+        File to write, usually ``result.json``.
+    """
+    write_json(result_to_json(result), path)
