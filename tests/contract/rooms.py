@@ -32,6 +32,7 @@ ORDER = (
     ("comparison", "uncertainty"),
     ("elements",),
     ("io",),
+    ("store",),
     ("matching",),
     ("report", "viewer"),
     ("job",),

@@ -25,7 +25,6 @@ from updyn.control.job.servo_tables import (
 from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
 from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
-from updyn.io.result_json import result_to_json
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.method_tables import UncertaintyTable
@@ -41,7 +40,8 @@ from updyn.job.schema import (
     SelectionTable,
     TestTable,
 )
-from updyn.updating.methods import METHODS, options_of
+from updyn.store.result import result_to_json
+from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
 TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")

@@ -18,8 +18,9 @@ from updyn.model import Group, Model
 from updyn.report.markup import asset, figure, paragraph
 from updyn.report.page import POLICY, render
 from updyn.report.section import SECTIONS, Content, Section, sections_of
-from updyn.updating.parameters import Parameter, ParameterSet
-from updyn.updating.result import STATUSES, Identifiability
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.result import STATUSES
 
 
 class Page(HTMLParser):

@@ -8,33 +8,50 @@ Formats: `updyn.io.formats`.
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
+from updyn.errors import OptionError, suggest
 from updyn.io.formats import find_format, load
+from updyn.io.items import chosen, placed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-    from pathlib import Path
-
     from updyn.dofs import Dof
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.modal import ModeSet
     from updyn.model import Model
-    from updyn.updating.result import UpdateResult
 
 __all__ = [
     "read_frf",
     "read_geometry",
     "read_model",
     "read_modes",
-    "read_result",
     "write_frf",
     "write_model",
     "write_modes",
     "write_properties",
-    "write_result",
 ]
+
+
+class Changes(Protocol):
+    """Unknowns of an update, as far as `write_properties` needs them."""
+
+    def changes(self, values: Sequence[float]) -> Mapping[str, dict[str, float]]:
+        """Return the changes by group that values of the unknowns stand for."""
+
+
+class Updated(Protocol):
+    """The outcome of an update, as far as `write_properties` needs it."""
+
+    @property
+    def parameters(self) -> Changes:
+        """The unknowns."""
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Estimate by unknown."""
 
 
 def read_frf(
@@ -242,7 +259,7 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
 
 
 def write_properties(
-    result: UpdateResult | Mapping[str, Mapping[str, float]],
+    result: Updated | Mapping[str, Mapping[str, float]],
     deck: str | Path,
     path: str | Path,
     *,
@@ -269,57 +286,14 @@ def write_properties(
     OptionError
         If the file to write is the deck.
     """
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from updyn.errors import OptionError
-
     source, target = Path(deck), Path(path)
     if target.exists() and source.exists() and target.samefile(source):
         raise OptionError(f"{path}: is the deck itself, which is not changed; name another file")
     if isinstance(result, Mapping):
         changes = {group: dict(change) for group, change in result.items()}
     else:
-        changes = result.parameters.changes(list(result.values.values()))
+        changes = dict(result.parameters.changes(list(result.values.values())))
     _function(deck, "write_properties", format)[0](changes, source, target)
-
-
-def read_result(path: str | Path) -> UpdateResult:
-    """Read the record of an update, as `write_result` makes it.
-
-    Parameters
-    ----------
-    path : path
-        The file, usually ``run.nc``.
-
-    Returns
-    -------
-    UpdateResult
-        The outcome, with its models.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or is not the record of an update.
-    """
-    from updyn.io import result_file
-
-    return result_file.read_result(path)
-
-
-def write_result(result: UpdateResult, path: str | Path) -> None:
-    """Write the record of an update, the file replaced as a whole once it is complete.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The outcome.
-    path : path
-        File to write, usually ``run.nc``.
-    """
-    from updyn.io import result_file
-
-    result_file.write_result(result, path)
 
 
 def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:
@@ -338,8 +312,6 @@ def _known(
     reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
 ) -> dict[str, Any]:
     """Return the options, each of which the reader must have by name; `others` are those of the front door."""
-    from updyn.errors import OptionError, suggest
-
     known = _options(reader)
     for name in options:
         if name not in known:
@@ -352,8 +324,6 @@ def _known(
 
 def _part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
     """Select, as `updyn.io.uff.frf` does while it reads."""
-    from updyn.io.items import chosen, placed
-
     if "responses" in wanted:
         with placed(path, "responses"):
             frf = frf.select(responses=chosen(wanted["responses"], "responses", path))

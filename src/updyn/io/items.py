@@ -24,6 +24,7 @@ __all__ = [
     "chosen",
     "compressed",
     "dofs",
+    "existing",
     "kind_of",
     "known_only",
     "library",
@@ -302,6 +303,21 @@ def placed(path: str | Path, item: str = "") -> Iterator[None]:
         raise
     except InputError as error:
         raise FormatError(f"{item}: {error}" if item else str(error), path) from error
+
+
+def existing(path: str | Path) -> Path:
+    """Return the path of a file that is there.
+
+    Raises
+    ------
+    FormatError
+        If it is not; the nearest name beside it is given.
+    """
+    path = Path(path)
+    if not path.is_file():
+        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
+    return path
 
 
 def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:

@@ -33,7 +33,7 @@ def resolved_job(job: Job, out: Path) -> str:
     """
     import tomlkit
 
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     content = job.model_dump(exclude_none=True, mode="python")
     output = content.pop("output")

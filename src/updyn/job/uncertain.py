@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import OptionError
-from updyn.io.uncertainty_file import write_uncertainty
 from updyn.job.job_table import JobTable
 from updyn.job.method_tables import UncertaintyTable
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
+from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.sampling import sample
 from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
-from updyn.updating.monitor import Progress
+from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
     from updyn.updating.result import JointResult, UpdateResult

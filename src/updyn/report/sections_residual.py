@@ -10,7 +10,7 @@ from updyn.report import words as w
 from updyn.report.plots import Figure, existing
 from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
 from updyn.report.section import Content, Section
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
 __all__ = ["MODEL_ERROR", "tile"]
 

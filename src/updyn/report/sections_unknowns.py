@@ -17,7 +17,7 @@ from updyn.report.unknowns import (
     singular_values,
     value_paths,
 )
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = ["CONVERGENCE", "IDENTIFIABILITY", "UNKNOWNS"]

@@ -171,7 +171,7 @@ def _finished(
     JobError
         If there is none in the folder that was named, or the run is of another job or other data.
     """
-    from updyn.io import read_result
+    from updyn.store.result import read_result
 
     job, number = ready.job, part_of_plant(ready.job)
     inside = Path(job.parts[number].test.name, "run.nc") if len(job.parts) > 1 else Path("run.nc")
@@ -233,7 +233,7 @@ def _check_same(job: Job, folder: Path) -> None:
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
     """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
-    from updyn.io.uncertainty_file import read_uncertainty
+    from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 
     if not (folder / "uncertainty.nc").is_file():
