@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.engine import engine
+from updyn.cli.commands import engine
 from updyn.errors import OptionError
 
 JOB = """\
@@ -65,7 +65,7 @@ def test_refusals(
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("updyn.cli.engine._PATIENCE_S", 0.2)
+    monkeypatch.setattr("updyn.cli.commands._PATIENCE_S", 0.2)
     message = r"no scheduler answers .*`dask scheduler` starts"
     with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
         pass

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import OptionError
-from updyn.io.guard import placed
+from updyn.io.items import placed
 from updyn.model import Model
 
 __all__ = ["read_model"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from updyn.comparison import Comparison
     from updyn.engines import Engine
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
 
 __all__ = ["COMPARED", "check_comparison_out", "compare_job", "default_comparison_out"]
 
@@ -120,7 +120,7 @@ def compare_job(
         If the model cannot be solved where it starts; nothing is written.
     """
     from updyn.comparison.bench import Given
-    from updyn.io.comparison_json import write_comparison_json
+    from updyn.store.comparison import write_comparison_json
 
     out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
@@ -147,7 +147,7 @@ def _compared(
     options: dict[str, Any],
 ) -> Comparison:
     from updyn.comparison import compare, compare_jointly
-    from updyn.updating.selected import Selection
+    from updyn.updating.problem.selection import Selection
 
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
@@ -169,7 +169,7 @@ def _compared(
 
 def _options(ready: Prepared) -> dict[str, dict[str, Any]]:
     """Return options by method: the job's own for its method, measured modes for those that take them."""
-    from updyn.updating.methods import METHODS, options_of
+    from updyn.updating.fit.methods import METHODS, options_of
 
     out = {ready.job.method.name: dict(ready.job.method.options)}
     if ready.modes:

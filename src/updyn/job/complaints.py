@@ -2,36 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from updyn.control.job.plant_tables import PlantTable, PortTable, SamplingTable
-from updyn.control.job.servo_tables import (
-    ControllerTable,
-    NonlinearTable,
-    NotchTable,
-    ServoTable,
-    WindTable,
-)
 from updyn.errors import suggest
-from updyn.job.schema import (
-    CalibrationTable,
-    DampingTable,
-    Job,
-    MatchTable,
-    MethodTable,
-    ModelTable,
-    OutputTable,
-    ParameterTable,
-    SelectionTable,
-    TestTable,
-    UncertaintyTable,
-)
+from updyn.job.job_table import JOB_TABLES
+from updyn.job.schema import Job
 from updyn.job.toml_lines import Place, line_of
 
-__all__ = ["complaints"]
+__all__ = ["Complaint", "complaints"]
 
 _LONGEST = 40  # characters of a value that a message repeats
 _WORDS = {
@@ -49,26 +30,55 @@ _WORDS = {
 }
 
 
-def complaints(error: ValidationError, lines: Mapping[Place, int]) -> list[tuple[int | None, str]]:
-    """Turn what pydantic says into lines and sentences, unknown keys first, then by line."""
-    found, items = [], [(tuple(item["loc"]), item) for item in error.errors()]
+class Complaint(NamedTuple):
+    """Something wrong with the text of a job file; sorts unknown keys first, then by line."""
+
+    of_known_key: bool
+    line: int
+    text: str
+
+
+def complaints(
+    error: ValidationError,
+    lines: Mapping[Place, int],
+    schema: type[BaseModel],
+    at: Place = (),
+) -> list[Complaint]:
+    """Return what pydantic found wrong with a table as lines and sentences.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic found.
+    lines : mapping of Place to int
+        Of the job file.
+    schema : type
+        Class by which the table was validated.
+    at : Place
+        Where the table is in the job file.
+
+    Returns
+    -------
+    list of Complaint
+        Sorted, they are in the order of the message: unknown keys first, then by line.
+    """
+    found = []
+    items = [(tuple(item["loc"]), item) for item in error.errors()]
     for place, item in items:
         if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
             continue  # an array is "too short" because of a bad item, which has its own complaint
-        found.append(
-            (item["type"] != "extra_forbidden", line_of(place, lines) or 0, _sentence(item, place))
-        )
-    return [(line or None, text) for _, line, text in sorted(found)]
+        keys = _keys(place[:-1], schema)
+        text = _sentence(item, (*at, *place), keys)
+        line = line_of((*at, *place), lines)
+        found.append(Complaint(item["type"] != "extra_forbidden", line or 0, text))
+    return found
 
 
-def _sentence(item: Any, place: Place) -> str:
+def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
     kind, name, given = item["type"], _dotted(place), item["input"]
     shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
     if kind == "extra_forbidden":
-        return (
-            f"unknown key {place[-1]!r}{_inside(place[:-1])};"
-            f" {suggest(str(place[-1]), _keys(place[:-1]))}"
-        )
+        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), keys)}"
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
@@ -117,33 +127,20 @@ def _dotted(place: Place) -> str:
     return out
 
 
-def _keys(place: Place) -> list[str]:
+def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
     """Return the keys that the table at `place` may hold."""
-    table: Any = Job
+    table = schema
     for part in place:
-        if isinstance(part, str) and part in getattr(table, "model_fields", {}):
-            table = _TABLES.get(part, table)
-    return list(table.model_fields)
+        field = table.model_fields.get(str(part))
+        inner = None if field is None else _table_in(field.annotation)
+        table = table if inner is None else inner
+    keys = list(table.model_fields)
+    return [*keys, *JOB_TABLES] if table is Job else keys
 
 
-_TABLES = {
-    "model": ModelTable,
-    "test": TestTable,
-    "match": MatchTable,
-    "parameter": ParameterTable,
-    "damping": DampingTable,
-    "calibration": CalibrationTable,
-    "selection": SelectionTable,
-    "method": MethodTable,
-    "uncertainty": UncertaintyTable,
-    "plant": PlantTable,
-    "inputs": PortTable,
-    "outputs": PortTable,
-    "sampling": SamplingTable,
-    "servo": ServoTable,
-    "controller": ControllerTable,
-    "notch": NotchTable,
-    "nonlinear": NonlinearTable,
-    "wind": WindTable,
-    "output": OutputTable,
-}
+def _table_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the table that a field holds, alone or in an array; None where it holds none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (_table_in(inner) for inner in get_args(annotation))
+    return next((table for table in found if table is not None), None)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from updyn.control.job.plant_tables import PLANT_FILES
+from pydantic import ValidationError
+
 from updyn.errors import JobError
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.resolved import MARK
 from updyn.job.schema import OUTPUTS, Job
 
 __all__ = [
-    "CONTROL",
-    "PLANT_PAGE",
     "check_folder",
     "check_inputs",
     "check_no_folder",
@@ -24,13 +25,11 @@ __all__ = [
     "default_out",
     "made_folder",
     "outputs",
-    "plant_outputs",
     "put_in_place",
+    "stale_outputs",
     "unfinished",
 ]
 
-#: The page and the record of a plant.
-PLANT_PAGE, CONTROL = "plant.html", "control.json"
 #: Of what a run writes, what each of several tests has in a folder of its own.
 OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
@@ -48,25 +47,42 @@ def outputs(job: Job) -> tuple[str, ...]:
     tuple of str
         Paths, those in folders of tests included.
     """
-    more: tuple[str, ...] = () if job.output.properties is None else (job.output.properties,)
-    more += tuple(name for name in plant_outputs(job) if name not in OUTPUTS)
+    own = () if job.output.properties is None else (job.output.properties,)
+    further = [
+        file for name, table in job.tables.items() for file in JOB_TABLES[name].outputs(table)
+    ]
     if len(job.parts) == 1:
-        return (*more, *OUTPUTS)
-    own = tuple(f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST)
-    return (*more, *own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
+        return (*own, *further, *OUTPUTS)
+    tests = [f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST]
+    common = [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
+    return (*own, *further, *tests, *common)
 
 
-def plant_outputs(job: Job) -> tuple[str, ...]:
-    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+def stale_outputs(job: Job, out: Path) -> list[str]:
+    """Return files of tables that an earlier run in a folder had and the job has not.
 
     Parameters
     ----------
     job : Job
         The job.
+    out : Path
+        The folder.
     """
-    table = job.plant
-    files = PLANT_FILES if table is None else (*table.files, *table.sampled_files)
-    return (*files, PLANT_PAGE, CONTROL)
+    earlier = out / "job.toml"
+    if not earlier.is_file():
+        return []
+    try:
+        document = tomllib.loads(earlier.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return []
+    found: list[str] = []
+    for name in document:
+        if name in Job.model_fields or name in job.tables or name not in JOB_TABLES:
+            continue
+        table = JOB_TABLES[name]
+        with suppress(ValidationError):  # by another version: what it wrote is not known
+            found += table.outputs(table.schema.model_validate(document[name]))
+    return [name for name in found if name not in outputs(job)]
 
 
 def default_out(job: Job) -> Path:

@@ -10,11 +10,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from updyn.control.job.checks import check_control_tables
 from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, suggest
-from updyn.job.complaints import complaints
-from updyn.job.schema import Job, MethodTable
+from updyn.job.complaints import Complaint, complaints
+from updyn.job.job_table import JOB_TABLES
+from updyn.job.schema import Job, MethodTable, Table
 from updyn.job.toml_lines import Place, read_toml
 
 __all__ = ["load_job"]
@@ -48,19 +48,21 @@ def load_job(path: str | Path) -> Job:
         document, lines = read_toml(text)
     except tomllib.TOMLDecodeError as error:
         raise _not_toml(error, text, path) from error
-    jobs, found = [], dict[tuple[int | None, str], None]()
+    tables, wrong = _further_tables(document, lines)
+    jobs = []
     for one, own in _each_test(document, lines):
         try:
-            jobs.append(Job.model_validate(one).with_source(path, own))
+            jobs.append(Job.model_validate(one).with_source(path, own, tables))
         except ValidationError as error:
-            found |= dict.fromkeys(complaints(error, own))
-    if found:
-        raise _joined(list(found), path)
+            wrong += complaints(error, own, Job)
+    if wrong:
+        raise _joined(sorted(set(wrong)), path)
     _check_model(jobs[0])
     _check_method(jobs[0])
     _check_tests(jobs)
     job = jobs[0].with_others(tuple(jobs[1:]))
-    check_control_tables(job)
+    for name in job.tables:
+        JOB_TABLES[name].check_text(job)
     return job
 
 
@@ -90,11 +92,29 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
     return JobError(f"not TOML: {message[: found.start()]}{column}", path, line)
 
 
-def _joined(found: Sequence[tuple[int | None, str]], path: Path) -> JobError:
-    (line, first), *others = found
-    return JobError(
-        "\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line
-    )
+def _joined(found: Sequence[Complaint], path: Path) -> JobError:
+    first, *others = found
+    texts = [first.text]
+    texts += [str(JobError(other.text, path, other.line or None)) for other in others]
+    return JobError("\n".join(texts), path, first.line or None)
+
+
+def _further_tables(
+    document: dict[str, Any], lines: dict[Place, int]
+) -> tuple[dict[str, Table], list[Complaint]]:
+    """Take the tables of `JOB_TABLES` out of a document; return them, and what is wrong with them."""
+    names = [name for name in document if name not in Job.model_fields and name in JOB_TABLES]
+    if names:
+        names = [name for name in JOB_TABLES if name in names]
+    tables: dict[str, Table] = {}
+    wrong: list[Complaint] = []
+    for name in names:
+        schema = JOB_TABLES[name].schema
+        try:
+            tables[name] = schema.model_validate(document.pop(name))
+        except ValidationError as error:
+            wrong += complaints(error, lines, schema, (name,))
+    return tables, wrong
 
 
 def _each_test(
@@ -154,8 +174,8 @@ def _check_model(job: Job) -> None:
 
 
 def _check_method(job: Job) -> None:
-    from updyn.updating.methods import METHODS, make_method, options_of
-    from updyn.updating.regularise import check_regularise
+    from updyn.updating.fit.methods import METHODS, make_method, options_of
+    from updyn.updating.fit.regularisation import check_regularise
 
     table = job.method
     if table.name not in METHODS:

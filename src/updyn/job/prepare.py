@@ -8,21 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from updyn.control.job.checks import check_control
 from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, InputError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.job.configuration import configured, damped
+from updyn.job.folder import outputs
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.located import located
 from updyn.job.matched import matched, matched_modes
-from updyn.job.schema import OUTPUTS, Job
-from updyn.job.uncertain import check_uncertainty
+from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import Matching
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.noise import average
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.noise import average
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["Prepared", "PreparedTest", "prepare"]
 
@@ -127,9 +127,10 @@ def prepare(job: Job) -> Prepared:
     data = [_measurement(part) for part in job.parts]
     tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
     parameters = unknowns_of(job, model, [test.frf for test in tests])
-    check_uncertainty(job, parameters)
-    check_control(job, [test.model for test in tests], [test.frf for test in tests])
-    return Prepared(job, tests, parameters)
+    prepared = Prepared(job, tests, parameters)
+    for name in job.tables:
+        JOB_TABLES[name].check(prepared)
+    return prepared
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
@@ -170,7 +171,7 @@ def _check_properties(job: Job) -> None:
     """Check that the properties of the model's source can be written, before anything is computed."""
     if job.output.properties is None:
         return
-    from updyn.io.registry import find_format
+    from updyn.io.formats import find_format
 
     with located(job, "output", "properties"):
         if job.model.file is None:
@@ -179,7 +180,7 @@ def _check_properties(job: Job) -> None:
             )
         if (
             Path(job.output.properties).name != job.output.properties
-            or job.output.properties in OUTPUTS
+            or job.output.properties in outputs(job)[1:]
         ):
             raise OptionError(
                 f"output.properties = {job.output.properties!r}: expected the name of a file of"
@@ -273,8 +274,8 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
     from updyn.linalg.solver import check_backend
-    from updyn.updating.noise import choose_noise
-    from updyn.updating.reducing import is_reduced
+    from updyn.updating.fit.reducing import is_reduced
+    from updyn.updating.problem.noise import choose_noise
 
     if job.method.tier is not None and job.method.tier not in TIERS:
         raise job.error(

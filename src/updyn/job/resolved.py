@@ -33,9 +33,13 @@ def resolved_job(job: Job, out: Path) -> str:
     """
     import tomlkit
 
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     content = job.model_dump(exclude_none=True, mode="python")
+    output = content.pop("output")
+    for name, table in job.tables.items():
+        content[name] = table.model_dump(exclude_none=True, mode="python")
+    content["output"] = output
     content["title"] = job.title or job.path.stem
     tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
     for table, key in (

@@ -12,7 +12,7 @@ from updyn.job.schema import Job
 
 __all__ = ["JOURNAL", "journal_of"]
 
-#: Holds every evaluation of a run that has not finished; see `updyn.updating.journal`.
+#: Holds every evaluation of a run that has not finished; see `updyn.updating.fit.journal`.
 JOURNAL = "run.journal"
 
 

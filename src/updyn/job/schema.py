@@ -5,14 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
 
-from updyn.control.job.plant_tables import PLANT_FILES, PlantTable
-from updyn.control.job.servo_tables import ServoTable
 from updyn.errors import JobError
-from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
+from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable
 from updyn.job.tables import (
     CalibrationTable,
     DampingTable,
@@ -34,20 +32,15 @@ __all__ = [
     "ModelTable",
     "OutputTable",
     "ParameterTable",
-    "PlantTable",
     "SelectionTable",
-    "ServoTable",
+    "Table",
     "TestTable",
-    "UncertaintyTable",
 ]
 
-#: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
+#: What every run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = (
     "model.h5",
     "run.nc",
-    "uncertainty.nc",
-    *PLANT_FILES,
-    "control.json",
     "report.html",
     "job.toml",
     "result.json",
@@ -81,6 +74,9 @@ def _alignment(given: Any) -> Any:
             "expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array"
         )
     return given
+
+
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 class ModelTable(Table):
@@ -190,13 +186,11 @@ class Job(Table):
     ] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
-    uncertainty: UncertaintyTable | None = None
-    plant: PlantTable | None = None
-    servo: ServoTable | None = None
     output: OutputTable = OutputTable()
 
     _path: Path = PrivateAttr(default=Path("job.toml"))
     _lines: dict[Place, int] = PrivateAttr(default_factory=dict)
+    _tables: dict[str, Table] = PrivateAttr(default_factory=dict)
     _others: tuple[Job, ...] = PrivateAttr(default=())
 
     @property
@@ -208,6 +202,26 @@ class Job(Table):
     def parts(self) -> tuple[Job, ...]:
         """One job for each test, itself first; they differ in ``test`` and where that stands."""
         return (self, *self._others)
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables of `updyn.job.job_table.JOB_TABLES` that the job has, by name."""
+        return self._tables
+
+    def table(self, kind: type[AnyTable]) -> AnyTable | None:
+        """Return one of the job's `tables`.
+
+        Parameters
+        ----------
+        kind : type
+            Its class.
+
+        Returns
+        -------
+        Table or None
+            None where the job has no such table.
+        """
+        return next((table for table in self._tables.values() if isinstance(table, kind)), None)
 
     @property
     def lines_to_fit(self) -> str | list[float] | None:
@@ -297,8 +311,8 @@ class Job(Table):
         }
         return self.error(message, *next((inside[w] for w in words if w in inside), place))
 
-    def with_source(self, path: Path, lines: dict[Place, int]) -> Job:
-        """Return this job, told where it was read.
+    def with_source(self, path: Path, lines: dict[Place, int], tables: dict[str, Table]) -> Job:
+        """Return this job with its place and its further tables.
 
         Parameters
         ----------
@@ -306,6 +320,8 @@ class Job(Table):
             The file.
         lines : dict of Place to int
             Its lines.
+        tables : dict of str to Table
+            Those of `updyn.job.job_table.JOB_TABLES`, by name.
 
         Returns
         -------
@@ -313,7 +329,7 @@ class Job(Table):
             A copy.
         """
         out = self.model_copy()
-        out._path, out._lines = path, lines
+        out._path, out._lines, out._tables = path, lines, tables
         return out
 
     def with_others(self, others: tuple[Job, ...]) -> Job:
@@ -329,6 +345,6 @@ class Job(Table):
         Job
             A copy.
         """
-        out = self.with_source(self._path, self._lines)
+        out = self.with_source(self._path, self._lines, self._tables)
         out._others = others
         return out

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, suggest
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["read_truth"]
 
