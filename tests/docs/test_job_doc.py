@@ -41,7 +41,7 @@ from updyn.job.schema import (
 )
 from updyn.job.uncertainty import UncertaintyTable
 from updyn.store.result import result_to_json
-from updyn.updating.methods import METHODS, options_of
+from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
 TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")

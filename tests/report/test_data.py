@@ -26,7 +26,7 @@ from updyn.report.words import (
     unit,
     verdict,
 )
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 
 
 @pytest.fixture(scope="module")

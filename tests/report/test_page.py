@@ -17,8 +17,9 @@ from updyn.errors import FormatError
 from updyn.model import Group, Model
 from updyn.report.page import POLICY, render
 from updyn.report.sections import SECTIONS
-from updyn.updating.parameters import Parameter, ParameterSet
-from updyn.updating.result import STATUSES, Identifiability
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.result import STATUSES
 
 
 class Page(HTMLParser):

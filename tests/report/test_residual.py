@@ -12,7 +12,7 @@ from test_page import Page
 
 from updyn.report.page import render, render_joint
 from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
-from updyn.updating.adequacy import assess
+from updyn.updating.judge.adequacy import assess
 from updyn.updating.result import JointResult
 
 

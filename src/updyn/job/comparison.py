@@ -14,14 +14,14 @@ from updyn.job.folder import check_folder, check_no_folder
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.run import as_tests, job_selection, method_errors
 from updyn.job.schema import Job
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.comparison import Comparison
     from updyn.engines import Engine
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
 
 __all__ = [
     "COMPARED",
@@ -157,7 +157,7 @@ def _compared(
     options: dict[str, Any],
 ) -> Comparison:
     from updyn.comparison import compare, compare_jointly
-    from updyn.updating.selected import Selection
+    from updyn.updating.problem.selection import Selection
 
     job, method = ready.job, ready.job.method
     options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
@@ -179,7 +179,7 @@ def _compared(
 
 def _options(ready: Prepared) -> dict[str, dict[str, Any]]:
     """Return options by method: the job's own for its method, measured modes for those that take them."""
-    from updyn.updating.methods import METHODS, options_of
+    from updyn.updating.fit.methods import METHODS, options_of
 
     out = {ready.job.method.name: dict(ready.job.method.options)}
     if ready.modes:

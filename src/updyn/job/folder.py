@@ -271,7 +271,7 @@ def put_in_place(names: Iterable[str], temporary: Path, out: Path) -> None:
             (out / name).unlink(missing_ok=True)
 
 
-#: Holds every evaluation of a run that has not finished; see `updyn.updating.journal`.
+#: Holds every evaluation of a run that has not finished; see `updyn.updating.fit.journal`.
 JOURNAL = "run.journal"
 
 
@@ -342,7 +342,7 @@ def resolved_job(job: Job, out: Path) -> str:
     """
     import tomlkit
 
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     content = job.model_dump(exclude_none=True, mode="python")
     output = content.pop("output")

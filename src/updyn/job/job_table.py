@@ -41,7 +41,7 @@ from updyn.registry import Registry
 if TYPE_CHECKING:
     from updyn.job.prepare import Prepared
     from updyn.job.schema import Job, Table
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["JOB_TABLES", "JobTable"]

@@ -177,8 +177,8 @@ def _check_model(job: Job) -> None:
 
 
 def _check_method(job: Job) -> None:
-    from updyn.updating.methods import METHODS, make_method, options_of
-    from updyn.updating.regularise import check_regularise
+    from updyn.updating.fit.methods import METHODS, make_method, options_of
+    from updyn.updating.fit.regularisation import check_regularise
 
     table = job.method
     if table.name not in METHODS:

@@ -23,8 +23,8 @@ from updyn.job.unknowns import unknowns_of
 from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.noise import average
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.noise import average
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
     "Prepared",
@@ -282,8 +282,8 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.dynamics.fields import TIERS
     from updyn.linalg.solver import check_backend
-    from updyn.updating.noise import choose_noise
-    from updyn.updating.reducing import is_reduced
+    from updyn.updating.fit.reducing import is_reduced
+    from updyn.updating.problem.noise import choose_noise
 
     if job.method.tier is not None and job.method.tier not in TIERS:
         raise job.error(

@@ -19,7 +19,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.sampling import sample
 from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
-from updyn.updating.monitor import Progress
+from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
     from updyn.updating.result import JointResult, UpdateResult

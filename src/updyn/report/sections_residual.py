@@ -8,7 +8,7 @@ from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.content import Content
 from updyn.report.residual import MOST_ROWS, shown_channels
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
 __all__ = ["model_error", "tile"]
 

@@ -9,7 +9,7 @@ from updyn.group import VALUES
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.content import Content
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = ["convergence", "identifiability", "parameters"]

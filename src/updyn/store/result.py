@@ -34,9 +34,11 @@ from updyn.io.hdf5 import check_kind, put_kind, put_model, take_model
 from updyn.io.items import existing, library, placed
 from updyn.store.netcdf import text_of, variable
 from updyn.store.values import from_text, plain, to_text
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
-from updyn.updating.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import STATUSES, Identifiability, Iteration, JointResult, UpdateResult
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
+from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
 if TYPE_CHECKING:
     import xarray as xr
