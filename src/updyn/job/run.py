@@ -316,6 +316,8 @@ def _report(
 ) -> None:
     if not job.output.report:
         return
+    from updyn.report.section import objects_shown
+
     if report is None:
         text = (
             f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
@@ -323,8 +325,8 @@ def _report(
         )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    more = [found.get("uncertainty"), found.get("plant")] if found else []
-    report(result, folder / "report.html", *more)
+    shown = {name: one for name, one in found.items() if name in objects_shown()}
+    report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

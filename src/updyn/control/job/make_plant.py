@@ -117,7 +117,7 @@ def plant_job(
     run : path, optional
         The folder of the finished run, where it is another.
     report : callable, optional
-        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a
+        Writes the page, usually `write_plant_page`. It is handed in, as the way to a
         plant does not depend on how it is shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
