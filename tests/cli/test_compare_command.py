@@ -18,7 +18,7 @@ from updyn.cli import main
 from updyn.cli.terminal import Watch
 from updyn.demos import gear_train
 from updyn.demos.gear_train import true_model
-from updyn.updating.methods import METHODS
+from updyn.updating.fit.methods import METHODS
 
 METHODS_HERE = "maximum-likelihood,equation-error,reduced-frf,rfm"
 
@@ -239,7 +239,7 @@ def test_stopped_by_the_user_says_130_and_keeps_the_rows_so_far(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def stop_in_the_second(self: Watch, progress: updyn.updating.monitor.Progress) -> bool:
+    def stop_in_the_second(self: Watch, progress: updyn.updating.fit.monitor.Progress) -> bool:
         return progress.stage.startswith("output-error")
 
     monkeypatch.setattr(Watch, "__call__", stop_in_the_second)

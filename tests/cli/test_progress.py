@@ -9,7 +9,7 @@ from rich.console import Console
 
 from updyn.cli import terminal as module
 from updyn.cli.terminal import Watch
-from updyn.updating.monitor import Progress
+from updyn.updating.fit.monitor import Progress
 
 
 @pytest.fixture

@@ -17,9 +17,11 @@ from updyn.io.hdf5 import read_model, write_model
 from updyn.model import Group, Model
 from updyn.store.result import read_result, result_to_json, write_result, write_result_json
 from updyn.store.values import from_text, to_text
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
-from updyn.updating.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import Identifiability, Iteration, JointResult, UpdateResult
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
+from updyn.updating.result import JointResult, UpdateResult
 
 INF, NAN = float("inf"), float("nan")
 NAMES = ["arm.stiffness", "foot.stiffness", "foot.loss_factor"]

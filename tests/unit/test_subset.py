@@ -10,7 +10,7 @@ import scipy.linalg
 import updyn
 from updyn.errors import OptionError, ParameterError
 from updyn.store.result import result_to_json
-from updyn.updating.subset import alike, subset
+from updyn.updating.judge.selection import alike, subset
 
 
 def index(A):

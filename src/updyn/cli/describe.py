@@ -14,8 +14,9 @@ from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
 from updyn.text_table import text_table
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.result import Identifiability, UpdateResult
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.result import UpdateResult
 
 __all__ = [
     "describe",

@@ -18,7 +18,7 @@ from updyn.errors import UpdynWarning
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
 
 __all__ = [
     "BAD_INPUT",

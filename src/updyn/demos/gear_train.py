@@ -33,7 +33,7 @@ from updyn.dynamics.response import response
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.choice import parameters
+from updyn.updating.problem.parameters import parameters
 
 if TYPE_CHECKING:
     from updyn.updating.result import UpdateResult

@@ -41,7 +41,7 @@ from updyn.registry import Registry
 if TYPE_CHECKING:
     from updyn.job.prepare import Prepared
     from updyn.job.schema import Job, Table
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["JOB_TABLES", "JobTable"]
@@ -159,7 +159,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "job table",
     "updyn.job_tables",
     {
-        "uncertainty": "updyn.job.uncertain:UNCERTAINTY",
+        "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "plant": "updyn.control.job.plant_files:PLANT",
         "servo": "updyn.control.job.plant_files:SERVO",
     },

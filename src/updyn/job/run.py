@@ -12,26 +12,27 @@ from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.job.folder import (
     check_out,
     default_out,
+    journal_of,
     made_folder,
     outputs,
     put_in_place,
+    resolved_job,
     stale_outputs,
     unfinished,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import resolved_job
-from updyn.job.resume import journal_of
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.updating.monitor import Progress
-    from updyn.updating.result import Identifiability, JointResult, UpdateResult
-    from updyn.updating.run import Test
-    from updyn.updating.selected import Selection
+    from updyn.updating.fit.monitor import Progress
+    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.data import Test
+    from updyn.updating.problem.selection import Selection
+    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
 
@@ -142,8 +143,8 @@ def job_selection(prepared: Prepared) -> Selection | None:
     wish = prepared.job.selection
     if wish is None:
         return None
-    from updyn.updating.selected import Selection
-    from updyn.updating.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.problem.selection import Selection
 
     tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
     with method_errors(prepared.job):
@@ -186,7 +187,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     """Return the tests as the update takes them; without what is held out, or all with the choice."""
-    from updyn.updating.run import Test
+    from updyn.updating.problem.data import Test
 
     return [
         Test(
@@ -234,7 +235,7 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     JobError
         If it takes none.
     """
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     if not ready.modes:
         return {}
@@ -315,6 +316,8 @@ def _report(
 ) -> None:
     if not job.output.report:
         return
+    from updyn.report.section import objects_shown
+
     if report is None:
         text = (
             f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
@@ -322,8 +325,8 @@ def _report(
         )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    more = [found.get("uncertainty"), found.get("plant")] if found else []
-    report(result, folder / "report.html", *more)
+    shown = {name: one for name, one in found.items() if name in objects_shown()}
+    report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

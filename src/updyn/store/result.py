@@ -11,7 +11,7 @@ xarray opens the root, which holds what one plots::
     line                                  lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
     residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see updyn.updating.adequacy
+                                          (fitted_response, fitted_reference, band): see updyn.updating.judge.adequacy
     options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.store.values
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
@@ -45,15 +45,11 @@ from updyn.store.netcdf import (
     write_dataset,
 )
 from updyn.store.values import from_text, plain, plain_fields, to_text
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
-from updyn.updating.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import (
-    STATUSES,
-    Identifiability,
-    Iteration,
-    JointResult,
-    UpdateResult,
-)
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
+from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -19,7 +19,7 @@ from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
-    from updyn.updating.monitor import Progress
+    from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["CONTROL", "PLANT", "PLANT_PAGE", "SERVO", "plant_outputs", "write_plant_files"]
@@ -124,7 +124,7 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str]
     """Return what shows a stage as progress of the run is shown."""
     if callback is None:
         return None
-    from updyn.updating.monitor import Progress as Step
+    from updyn.updating.fit.monitor import Progress as Step
 
     return lambda stage: callback(Step(stage, 0, float("nan"), 0, 0))
 
