@@ -10,6 +10,7 @@ from updyn.control.job.make_plant import check_plant_out, default_plant_out, pla
 from updyn.control.job.plant_files import CONTROL, PLANT_PAGE
 from updyn.control.job.plant_tables import PlantTable
 from updyn.control.job.plant_words import describe_planted
+from updyn.control.report.plant_page import write_plant_page
 from updyn.job import load_job, prepare
 
 __all__ = ["plant"]
@@ -44,8 +45,6 @@ def plant(
     cluster
         Address of a Dask scheduler to spread it over its workers instead.
     """
-    from updyn.report import write_plant_page
-
     loaded = load_job(job)
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
     ready = prepare(loaded)

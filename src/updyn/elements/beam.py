@@ -23,7 +23,15 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements.checks import check_keys, from_row, make_parts, not_negative, number, positive
+from updyn.elements.checks import (
+    check_keys,
+    from_row,
+    make_parts,
+    not_negative,
+    number,
+    positive,
+    rows_of,
+)
 from updyn.errors import ModelError
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
@@ -260,13 +268,8 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     kinds: dict[str, type[Any]] = {"segments": Segment, "supports": Support, "masses": PointMass}
     check_keys("model", data, required, (*optional, *kinds))
     for key, part in kinds.items():
-        rows = data.get(key, [])
-        if not isinstance(rows, list | tuple):
-            raise ModelError(
-                f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
-                f" [[model.{key}]]"
-            )
-        data[key] = [from_row(part, key, number, row) for number, row in enumerate(rows, 1)]
+        rows = enumerate(rows_of(data, key), 1)
+        data[key] = [from_row(part, key, number, row) for number, row in rows]
     if isinstance(stations := data.get("stations"), Mapping):
         data["stations"] = {_node_number(k): v for k, v in stations.items()}
     return beam(**data)

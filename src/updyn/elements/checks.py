@@ -26,6 +26,7 @@ __all__ = [
     "number",
     "pair",
     "positive",
+    "rows_of",
     "six",
     "store",
     "vector",
@@ -231,6 +232,23 @@ def from_row(kind: type[_T], key: str, row_number: int, row: Any) -> _T:
     needed = [f.name for f in every if f.default is f.default_factory]  # both MISSING
     check_keys(where, row, needed, [f.name for f in every])
     return kind(**row)
+
+
+def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
+    """Return the rows of an array of tables of ``[model]``; none where the key is missing.
+
+    Raises
+    ------
+    ModelError
+        If it is not an array.
+    """
+    rows = table.get(key, [])
+    if not isinstance(rows, list | tuple):
+        raise ModelError(
+            f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
+            f" [[model.{key}]]"
+        )
+    return list(rows)
 
 
 def check_keys(

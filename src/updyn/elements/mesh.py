@@ -21,8 +21,16 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof
 from updyn.elements.checks import check_keys
 from updyn.elements.constraints import Equation
-from updyn.elements.structure import Beam, PointMass, RigidLink, Shell, Solid, Truss, structure
-from updyn.elements.structure.parts import Part
+from updyn.elements.structure import (
+    Beam,
+    Element,
+    PointMass,
+    RigidLink,
+    Shell,
+    Solid,
+    Truss,
+    structure,
+)
 from updyn.errors import FormatError, ModelError, suggest
 from updyn.model import Model
 
@@ -109,7 +117,7 @@ class Mesh:
 
     def parts(
         self, materials: Mapping[str, Mapping[str, Any]], leave_out: Iterable[str] = ()
-    ) -> list[Part]:
+    ) -> list[Element]:
         """Return the parts of a structure: one for each group and kind of cell.
 
         Parameters
@@ -123,7 +131,7 @@ class Mesh:
 
         Returns
         -------
-        list of Part
+        list of Element
 
         Raises
         ------
@@ -148,7 +156,7 @@ class Mesh:
                     self.path,
                 )
         self._check_once(materials)
-        out: list[Part] = []
+        out: list[Element] = []
         for name, given in materials.items():
             for kind, cells in self.groups[name].items():
                 out += _parts(self.path, name, kind, cells, given)
@@ -174,7 +182,7 @@ class Mesh:
 
 def _parts(
     path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
-) -> list[Part]:
+) -> list[Element]:
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
@@ -342,7 +350,7 @@ def structure_from_mesh(
     unit: str,
     leave_out: Iterable[str] = (),
     ungrouped: str = "error",
-    more: Iterable[Part] = (),
+    more: Iterable[Element] = (),
     links: Iterable[RigidLink] = (),
     equations: Iterable[Equation] = (),
     grounded: Iterable[str | Dof | int] = (),
@@ -363,7 +371,7 @@ def structure_from_mesh(
         Groups that are no parts. Those in `grounded` need not be named again.
     ungrouped : {"error", "leave out"}
         What becomes of cells in no group.
-    more : iterable of Part
+    more : iterable of Element
         Parts that the mesh does not have: springs, masses.
     links, equations
         As for `structure`.

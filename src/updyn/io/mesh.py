@@ -49,7 +49,7 @@ def read_model(
         group.
     """
     from updyn.elements.mesh import structure_from_mesh
-    from updyn.elements.structure.sections import section_from_table
+    from updyn.elements.structure.beams import section_from_table
 
     for name, given in (("unit", unit), ("materials", materials)):
         if given is None:

@@ -12,16 +12,16 @@ from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.job.folder import (
     check_out,
     default_out,
+    journal_of,
     made_folder,
     outputs,
     put_in_place,
+    resolved_job,
     stale_outputs,
     unfinished,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import resolved_job
-from updyn.job.resume import journal_of
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
@@ -316,6 +316,8 @@ def _report(
 ) -> None:
     if not job.output.report:
         return
+    from updyn.report.section import objects_shown
+
     if report is None:
         text = (
             f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
@@ -323,8 +325,8 @@ def _report(
         )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    more = [found.get("uncertainty"), found.get("plant")] if found else []
-    report(result, folder / "report.html", *more)
+    shown = {name: one for name, one in found.items() if name in objects_shown()}
+    report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

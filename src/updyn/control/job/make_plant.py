@@ -15,16 +15,17 @@ from updyn.control.job.plant_result import Planted, planted_of
 from updyn.control.job.plant_tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
+    MARK,
     check_folder,
     check_inputs,
     check_no_folder,
     default_out,
     made_folder,
     put_in_place,
+    resolved_job,
     unfinished,
 )
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import MARK, resolved_job
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def plant_job(
     run : path, optional
         The folder of the finished run, where it is another.
     report : callable, optional
-        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a
+        Writes the page, usually `write_plant_page`. It is handed in, as the way to a
         plant does not depend on how it is shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements.checks import check_keys, from_row, whole
+from updyn.elements.checks import check_keys, from_row, rows_of, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
 from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
 from updyn.elements.drivetrain.pieces import Hold, Mass, Part, Piece, Spring, Tie, resolve
@@ -165,13 +165,9 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     check_keys("model", data, (), (*TABLES, *_GROUP_OPTIONS))
     parts: list[Part] = []
     for key in TABLES:
-        rows = data.pop(key, [])
-        if not isinstance(rows, list | tuple):
-            raise ModelError(
-                f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
-                f" [[model.{key}]]"
-            )
-        parts += [from_row(TABLES[key], key, number, row) for number, row in enumerate(rows, 1)]
+        for number, row in enumerate(rows_of(data, key), 1):
+            parts.append(from_row(TABLES[key], key, number, row))
+        data.pop(key, None)
     if not parts:
         raise ModelError(
             "model: a drive train has no parts; expected [[model.shafts]] or others of"

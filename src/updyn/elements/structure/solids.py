@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.elements.checks import connectivity, material, store
+from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError
 
-__all__ = ["CORNERS", "FACES", "inside_out", "solid_matrices"]
+__all__ = ["Solid", "inside_out", "solid_matrices"]
 
 _CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _CUBE_EDGES = [
@@ -38,17 +40,88 @@ _SIMPLEX = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 _SIMPLEX_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
 #: Number of corners by number of nodes.
-CORNERS = {4: 4, 8: 8, 10: 4, 20: 8}
+_CORNERS = {4: 4, 8: 8, 10: 4, 20: 8}
 #: Faces by number of corners, as positions in an element, outwards.
-FACES: dict[int, list[tuple[int, ...]]] = {
+_FACES: dict[int, list[tuple[int, ...]]] = {
     4: [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
     8: [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
 }
+_ELEMENTS = {4: "ElementTetP1", 8: "ElementHex1", 10: "ElementTetP2", 20: "ElementHexS2"}
+#: Orders of the quadrature of stiffness and of mass, by number of nodes.
+_ORDERS = {4: (1, 2), 8: (2, 2), 10: (2, 4), 20: (4, 4)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid(Element):
+    """Solid elements of one material, one group. Their nodes have X, Y, Z only.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    connectivity : array_like of int, shape (m, 4), (m, 8), (m, 10) or (m, 20)
+        Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio:
+        corners, then the middles of the edges (of hexahedra those of the first face, of the second,
+        and between them).
+    E, rho : float
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
+    nu : float
+        Poisson's ratio, below 0.5.
+    loss_factor : float
+        Structural loss factor.
+    lumped : bool
+        A diagonal mass instead of the consistent one.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range.
+    """
+
+    name: str
+    connectivity: Any
+    E: float
+    rho: float
+    nu: float = 0.3
+    loss_factor: float = 0.0
+    lumped: bool = False
+
+    directions: ClassVar[tuple[int, ...]] = TRANSLATIONS
+
+    def __post_init__(self) -> None:
+        what = self.label
+        nodes = connectivity(what, self.connectivity, (4, 8, 10, 20))
+        store(self, connectivity=nodes, **material(what, self))
+        if not self.nu < 0.5:
+            raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
+        if not isinstance(self.lumped, bool):
+            raise ModelError(f"{what}: lumped {self.lumped!r}; expected True or False")
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute stiffness and mass of some of the elements."""
+        bad = inside_out(xyz)
+        if bad is not None:
+            raise ModelError(
+                f"{self.label}: the element of nodes {numbers[bad].tolist()} is turned inside out"
+                " or has no volume: its nodes are not in order, or it is too distorted"
+            )
+        K, M = solid_matrices(xyz, self.E, self.nu, self.rho, self.lumped)
+        return ElementMatrices(K, M if self.rho else None)
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return the edges, corner to corner, of the faces that belong to one element only."""
+        corners = np.array(_FACES[_CORNERS[self.connectivity.shape[1]]])
+        faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
+        _, first, count = np.unique(
+            np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        outer = faces[first[count == 1]]
+        return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """Functions N, shape (q, k), and their slopes, shape (q, 3, k), at points of weights w, shape (q,)."""
+    """Shape functions at q points: weights w, shape (q,), values N, shape (q, k), slopes, shape (q, 3, k)."""
 
     w: NDArray[np.float64]
     N: NDArray[np.float64]
@@ -79,19 +152,18 @@ def solid_matrices(
         If scikit-fem is missing.
     """
     k = xyz.shape[1]
-    stiff, heavy = _shape(k, mass=False), _shape(k, mass=True)
-    G, volume = _gradients(stiff, xyz)
+    at_stiffness = _shape(k, mass=False)
+    at_mass = _shape(k, mass=True)
+    G, volume = _gradients(at_stiffness, xyz)
     K = _elastic(G, volume, E, nu)
     if k == 8:
-        K = _with_bending(K, G, volume, xyz, stiff, E, nu)
-    _, volume = _gradients(heavy, xyz)
-    m = rho * np.einsum("mq,qa,qb->mab", volume, heavy.N, heavy.N, optimize=True)
+        K = _with_bending(K, G, volume, xyz, at_stiffness, E, nu)
+    _, volume = _gradients(at_mass, xyz)
+    m = rho * np.einsum("mq,qa,qb->mab", volume, at_mass.N, at_mass.N, optimize=True)
     if lumped:
         diagonal = np.einsum("maa->ma", m)
-        m = (
-            np.eye(k)
-            * (diagonal * (m.sum(axis=(1, 2)) / diagonal.sum(axis=1))[:, None])[:, None, :]
-        )
+        scale = m.sum(axis=(1, 2)) / diagonal.sum(axis=1)
+        m = np.eye(k) * (diagonal * scale[:, None])[:, None, :]
     M = np.zeros((len(m), k, 3, k, 3))
     for i in range(3):
         M[:, :, i, :, i] = m
@@ -99,7 +171,10 @@ def solid_matrices(
 
 
 def inside_out(xyz: NDArray[np.float64]) -> int | None:
-    """Return the first element, of shape (m, k, 3), that has no positive volume at some point; None: all have."""
+    """Return the index of the first element without positive volume at some point, or None.
+
+    `xyz` holds the positions of the nodes in m, shape (m, k, 3).
+    """
     k = xyz.shape[1]
     good = np.ones(len(xyz), dtype=np.bool_)
     for mass in (False, True):
@@ -110,7 +185,10 @@ def inside_out(xyz: NDArray[np.float64]) -> int | None:
 def _gradients(
     shape: _Shape, xyz: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the slopes along x, y, z, shape (m, q, 3, k), and the volume of each point, shape (m, q), in m3."""
+    """Return the slopes along x, y, z and the volumes of the quadrature points.
+
+    Their shapes are (m, q, 3, k), in 1/m, and (m, q), in m3.
+    """
     J = shape.slopes @ xyz[:, None]
     dN = np.broadcast_to(shape.slopes, (len(xyz), *shape.slopes.shape))
     return np.asarray(np.linalg.solve(J, dN), dtype=np.float64), np.linalg.det(J) * shape.w
@@ -120,7 +198,8 @@ def _elastic(
     G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float
 ) -> NDArray[np.float64]:
     """Return the stiffness of isotropic solids in the DOFs (node, direction), shape (m, 3 k, 3 k)."""
-    lame, shear = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    lame = E * nu / ((1 + nu) * (1 - 2 * nu))
+    shear = E / (2 * (1 + nu))
     m, q, _, k = G.shape
     rows = G.transpose(0, 3, 2, 1).reshape(m, 3 * k, q)  # (node, direction) by point
     P = ((rows * volume[:, None]) @ rows.transpose(0, 2, 1)).reshape(m, k, 3, k, 3)
@@ -142,9 +221,8 @@ def _with_bending(
 ) -> NDArray[np.float64]:
     """Add the three incompatible modes 1 - r^2 of each direction and condense them."""
     centre = _shape_at(8, np.array([[0.5], [0.5], [0.5]]))
-    J = (
-        centre.slopes @ xyz[:, None]
-    )  # (m, 1, 3, 3): slopes are turned by that of the centre, so that the patch test holds
+    # The Jacobian of the centre, shape (m, 1, 3, 3), for all points: so the patch test holds.
+    J = centre.slopes @ xyz[:, None]
     r = 2 * shape.points - 1  # (3, q)
     slopes = np.zeros((shape.w.size, 3, 3))
     for i in range(3):
@@ -160,30 +238,30 @@ def _with_bending(
 
 @lru_cache
 def _shape(k: int, mass: bool) -> _Shape:
-    quadrature = _library().quadrature.get_quadrature
-    refdom = _library().refdom
-    cube = CORNERS[k] == 8
-    order = {4: (1, 2), 8: (2, 2), 10: (2, 4), 20: (4, 4)}[k][mass]
-    points, weights = quadrature(refdom.RefHex if cube else refdom.RefTet, order)
+    fem = _library()
+    domain = fem.refdom.RefHex if _CORNERS[k] == 8 else fem.refdom.RefTet
+    order = _ORDERS[k][mass]
+    points, weights = fem.quadrature.get_quadrature(domain, order)
     found = _shape_at(k, points)
     return _Shape(weights, found.N, found.slopes, points)
 
 
 def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
     """Return the shape functions at points, shape (3, q), in the order of VTK."""
-    fem = _library()
-    element = {4: fem.ElementTetP1, 8: fem.ElementHex1, 10: fem.ElementTetP2, 20: fem.ElementHexS2}[
-        k
-    ]()
-    corners, edges = (_CUBE, _CUBE_EDGES) if CORNERS[k] == 8 else (_SIMPLEX, _SIMPLEX_EDGES)
+    element = getattr(_library(), _ELEMENTS[k])()
+    corners, edges = (_CUBE, _CUBE_EDGES) if _CORNERS[k] == 8 else (_SIMPLEX, _SIMPLEX_EDGES)
     nodes = np.array(corners, dtype=float)
     if k > len(corners):
-        nodes = np.concatenate([nodes, [(nodes[a] + nodes[b]) / 2 for a, b in edges]])
-    own = [int(np.argmin(np.abs(element.doflocs - node).sum(axis=1))) for node in nodes]
-    both = [element.lbasis(points, i) for i in own]
-    N = np.array([np.broadcast_to(value, points.shape[1:]) for value, _ in both]).T
-    dN = np.array([np.broadcast_to(slope, points.shape) for _, slope in both]).transpose(2, 1, 0)
-    return _Shape(np.ones(points.shape[1]), N, dN, points)
+        first, second = np.array(edges).T
+        nodes = np.concatenate([nodes, (nodes[first] + nodes[second]) / 2])
+    q = points.shape[1]
+    N = np.empty((k, q))
+    slopes = np.empty((k, 3, q))
+    for i, node in enumerate(nodes):
+        # scikit-fem has its own order of nodes: the function is found by its place.
+        own = int(np.argmin(np.abs(element.doflocs - node).sum(axis=1)))
+        N[i], slopes[i] = element.lbasis(points, own)
+    return _Shape(np.ones(q), N.T, slopes.transpose(2, 1, 0), points)
 
 
 def _library() -> Any:
