@@ -10,7 +10,7 @@ from updyn.control.servo.wind import Wind
 from updyn.demos import find_demo
 from updyn.errors import JobError
 from updyn.job import load_job, prepare
-from updyn.job.resolved import resolved_job
+from updyn.job.folder import resolved_job
 
 JOB = """[model]
 file = "chain.h5"

@@ -27,7 +27,6 @@ from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.job_table import JOB_TABLES
-from updyn.job.method_tables import UncertaintyTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -40,6 +39,7 @@ from updyn.job.schema import (
     SelectionTable,
     TestTable,
 )
+from updyn.job.uncertainty import UncertaintyTable
 from updyn.store.result import result_to_json
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES

@@ -315,7 +315,7 @@ def compare(
     """
     from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
-    from updyn.job.comparing import check_comparison_out, compare_job, default_comparison_out
+    from updyn.job.comparison import check_comparison_out, compare_job, default_comparison_out
     from updyn.report import write_comparison
 
     if list_:

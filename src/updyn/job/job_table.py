@@ -159,7 +159,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "job table",
     "updyn.job_tables",
     {
-        "uncertainty": "updyn.job.uncertain:UNCERTAINTY",
+        "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "plant": "updyn.control.job.plant_files:PLANT",
         "servo": "updyn.control.job.plant_files:SERVO",
     },

@@ -12,16 +12,16 @@ from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.job.folder import (
     check_out,
     default_out,
+    journal_of,
     made_folder,
     outputs,
     put_in_place,
+    resolved_job,
     stale_outputs,
     unfinished,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import resolved_job
-from updyn.job.resume import journal_of
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:

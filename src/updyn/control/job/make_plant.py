@@ -15,16 +15,17 @@ from updyn.control.job.plant_result import Planted, planted_of
 from updyn.control.job.plant_tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
+    MARK,
     check_folder,
     check_inputs,
     check_no_folder,
     default_out,
     made_folder,
     put_in_place,
+    resolved_job,
     unfinished,
 )
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import MARK, resolved_job
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:

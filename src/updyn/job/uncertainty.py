@@ -1,17 +1,18 @@
-"""The ``[uncertainty]`` table of a job: what is asked of the update once it has ended."""
+"""``[uncertainty]`` of a job: profile likelihood, bootstrap or sampling after the update."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field, model_validator
 
 from updyn.errors import OptionError
 from updyn.job.job_table import JobTable
-from updyn.job.method_tables import UncertaintyTable
 from updyn.job.prepare import Prepared
-from updyn.job.schema import Job
+from updyn.job.schema import Job, Table, Texts
 from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.draws import Draws
@@ -23,10 +24,30 @@ from updyn.updating.fit.monitor import Progress
 if TYPE_CHECKING:
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["UNCERTAINTY"]
+__all__ = ["UNCERTAINTY", "UncertaintyTable"]
 
 #: The file that it is written to, beside the results.
 FILE = "uncertainty.nc"
+
+
+class UncertaintyTable(Table):
+    """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
+
+    kind: Literal["profile", "bootstrap", "sampling"]
+    names: Texts | None = Field(
+        default=None, min_length=1
+    )  # of a profile; all unknowns where left out
+    n: int | None = Field(default=None, ge=2)
+    seed: int = Field(default=0, ge=0)
+    level: float = Field(default=0.95, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _fitting(self) -> UncertaintyTable:
+        if self.kind == "profile" and self.n is not None:
+            raise ValueError("n is the number of draws; a profile makes none")
+        if self.kind != "profile" and self.names is not None:
+            raise ValueError(f"names choose unknowns to profile; kind {self.kind!r} draws all")
+        return self
 
 
 class _UncertaintyJobTable(JobTable):
