@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import CHANNELS, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
@@ -220,15 +220,15 @@ class Comparison(Sequence[Row]):
 
 def about(name: str) -> dict[str, Any]:
     """Return what is known of a method without running it: ``method``, ``reference``, ``cannot``, ``needs``."""
-    made = method_class(name)
-    cannot = dict.fromkeys(getattr(made, "cannot", ()))
-    if not getattr(made, "calibrates", False):
+    made = METHODS.find(name)
+    cannot = dict.fromkeys(made.cannot)
+    if not made.calibrates:
         cannot |= dict.fromkeys(CHANNELS)
     return {
         "method": name,
-        "reference": str(getattr(made, "reference", "")),
+        "reference": made.reference,
         "cannot": tuple(cannot),
-        "needs": str(getattr(made, "needs", "")),
+        "needs": made.needs,
     }
 
 

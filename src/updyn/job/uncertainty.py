@@ -19,6 +19,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.sampling import sample
 from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
+from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class _UncertaintyJobTable(JobTable):
                 chosen(table.names, prepared.parameters.names)
             except OptionError as error:
                 raise job.error(f"uncertainty: {error}", "uncertainty", "names") from error
-        methods = WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD
+        methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
             raise job.error(

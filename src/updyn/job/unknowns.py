@@ -14,8 +14,8 @@ from updyn.job.configuration import with_all_masses
 from updyn.job.located import located
 from updyn.job.schema import Job
 from updyn.model import Model
-from updyn.updating.fit.methods import method_class
-from updyn.updating.problem.channels import calibration, check_method
+from updyn.updating.fit.methods import METHODS, check_channels
+from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
 __all__ = ["unknowns_of"]
@@ -118,7 +118,7 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
         items += found
     whole = ParameterSet(tuple(items))
     with located(job, "method", "name"):
-        check_method(whole, job.method.name, method_class(job.method.name))
+        check_channels(whole, METHODS.find(job.method.name))
     return whole
 
 
