@@ -31,7 +31,7 @@ from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult
@@ -94,7 +94,7 @@ def run(
         reducing = is_reduced(tier, largest, sum(len(test.frf.freq) for test in tests), method)
         check_regularise(regularise, method, reducing=reducing)
         problems = [
-            Problem.build(
+            Part.build(
                 test.model,
                 split.fitted,
                 parameters,
@@ -105,8 +105,8 @@ def run(
             )
             for test, split in zip(tests, splits, strict=True)
         ]
-        whole = together(problems)
-        all_data = together(
+        whole = Problem.of(problems)
+        all_data = Problem.of(
             [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
         )
         reduced = Reducing(all_data, accuracy) if reducing else None
@@ -218,11 +218,9 @@ def _listed(lines: Lines) -> object:
     return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
 
 
-def _solved(problem: Problem, reduced: Reducing | None) -> dict[str, Any]:
+def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     """Return, for the record, how it was solved beyond what was asked for."""
-    return (
-        fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
-    )
+    return fallback(part.solver.used, part.solver.backend) if reduced is None else reduced.record
 
 
 def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
@@ -234,13 +232,13 @@ def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
 
 
 def _fitted(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit; return the problem on these lines, too.
 
     A line that is a natural frequency of an undamped model where it starts says nothing against
@@ -261,7 +259,7 @@ def _fitted(
         return found
 
 
-def _beside_start(whole: Task) -> Task:
+def _beside_start(whole: Problem) -> Problem:
     """Return the problem with its start moved a little, each unknown by another amount.
 
     Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
@@ -273,17 +271,17 @@ def _beside_start(whole: Task) -> Task:
     step = _ASIDE * share * sign
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     moved = coordinates.moved(x + step)
-    return together([replace(part, coordinates=moved) for part in whole.parts])
+    return Problem.of([replace(part, coordinates=moved) for part in whole.parts])
 
 
 def _fitted_from_start(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit.
 
     Raises
@@ -297,7 +295,7 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = together(
+            problem = Problem.of(
                 [on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)]
             )
             monitor.problem = problem
