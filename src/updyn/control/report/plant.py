@@ -10,11 +10,10 @@ import numpy as np
 from updyn.control.job.plant_result import Planted
 from updyn.control.plant import Plant
 from updyn.control.weight import UncertaintyWeight
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
-from updyn.report.plots import Figure
-from updyn.report.section import Content, Section
-from updyn.report.stacked import (
+from updyn.report.plots import (
+    Figure,
     Panel,
     band_traces,
     curve,
@@ -24,6 +23,7 @@ from updyn.report.stacked import (
     phases,
     stacked,
 )
+from updyn.report.section import Content, Section
 
 __all__ = [
     "PLANT",

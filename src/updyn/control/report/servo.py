@@ -16,19 +16,21 @@ from updyn.control.report.plant import degree_axis
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
-from updyn.report.plots import Figure, label, numbers
-from updyn.report.section import Content, Section
-from updyn.report.stacked import (
+from updyn.report.plots import (
+    Figure,
     Panel,
     band_traces,
     curve,
+    label,
     log_frequency,
     log_range,
+    numbers,
     stacked,
     with_peaks,
 )
+from updyn.report.section import Content, Section
 
 __all__ = [
     "SERVO",
