@@ -10,6 +10,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.cli.engine import engine
+from updyn.engines import KINDS, Engine, Serial
 from updyn.errors import OptionError
 
 JOB = """\
@@ -61,6 +62,30 @@ def test_refusals(
     assert message in shown.err.replace("\n", " ")
     assert shown.out == ""
     assert not (job.parent / "job").exists()
+
+
+class Named(Serial):
+    """An engine as another package may add one."""
+
+    expects = "'named'"
+    name = "named"
+
+    @classmethod
+    def from_option(cls, option: object) -> Engine | None:
+        return cls() if isinstance(option, str) and option == "named" else None
+
+
+def test_an_engine_of_another_package(
+    job: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(KINDS, "_entries", dict(KINDS._entries))
+    KINDS.register("named", Named)
+    assert main(["run", str(job), "--engine", "named"]) == 0
+    assert updyn.read_result(job.parent / "job" / "run.nc").options["engine"] == "named"
+    assert main(["run", str(job), "--engine", "nmaed", "--out", str(job.parent / "two")]) == 2
+    assert "'nmaed'" in capsys.readouterr().err
+    with pytest.raises(OptionError, match="--engine excludes --workers"), engine(2, None, "named"):
+        pass
 
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:

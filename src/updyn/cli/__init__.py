@@ -91,6 +91,7 @@ def run(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
@@ -108,15 +109,17 @@ def run(
     cluster
         Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its
         workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     resume
         Go on with the run in that folder that was stopped or interrupted, with the same result as
         if it had not been.
     """
-    from updyn.cli.engine import engine
+    from updyn.cli.engine import engine as opened
     from updyn.job import load_job
 
     loaded = load_job(job)
-    with engine(workers, cluster) as chosen:
+    with opened(workers, cluster, engine) as chosen:
         return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 

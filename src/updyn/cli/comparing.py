@@ -24,6 +24,7 @@ def compare(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
 ) -> int:
     """Run every method on the inputs of a job: one table here, compare.html and compare.json in DIR.
@@ -51,11 +52,13 @@ def compare(
         Processes on this machine to spread the work over.
     cluster
         Address of a Dask scheduler to spread the work over its workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     list_
         List the methods, what they cannot update and where they come from, and do nothing.
     """
     from updyn.cli import DONE, NOT_DETERMINED, STOPPED, _say, _stderr
-    from updyn.cli.engine import engine
+    from updyn.cli.engine import engine as opened
     from updyn.cli.progress import watch
     from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
@@ -75,7 +78,7 @@ def compare(
     )
     folder = check_comparison_out(loaded, default_comparison_out(loaded) if out is None else out)
     ready = prepare(loaded)
-    with engine(workers, cluster) as where, watch(_stderr()) as watching:
+    with opened(workers, cluster, engine) as where, watch(_stderr()) as watching:
         found = compare_job(
             loaded,
             folder,

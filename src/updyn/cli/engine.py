@@ -19,7 +19,9 @@ _PATIENCE_S = 10
 
 
 @contextmanager
-def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
+def engine(
+    workers: int | None, cluster: str | None, registered: str | None = None
+) -> Iterator[Engine]:
     """Give the engine that is asked for, and close it.
 
     Parameters
@@ -28,11 +30,14 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         Number of processes.
     cluster : str, optional
         Address of a Dask scheduler.
+    registered : str, optional
+        Engine that another package has registered.
 
     Raises
     ------
     OptionError
-        If both are given, the number is not one of processes, or no scheduler answers.
+        If more than one is given, the number is not one of processes, no scheduler answers, or no
+        engine is registered for the text.
     """
     from updyn.engines import choose_engine
 
@@ -42,8 +47,15 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         )
     if workers is not None and workers < 1:
         raise OptionError(f"--workers {workers}: expected a number of processes from 1 up")
+    if registered is not None and not (workers is None and cluster is None):
+        raise OptionError("--engine excludes --workers and --cluster")
     with ExitStack() as ending:
-        made = choose_engine(workers if cluster is None else ending.enter_context(_client(cluster)))
+        option: int | str | Client | None = workers
+        if registered is not None:
+            option = registered
+        elif cluster is not None:
+            option = ending.enter_context(_client(cluster))
+        made = choose_engine(option)
         ending.callback(made.close)
         yield made
 
