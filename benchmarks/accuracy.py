@@ -38,10 +38,10 @@ from models import footbridge, solid
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.methods import METHODS, method_class
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 
 NOISE = (0.0, 0.01, 0.05)
 DEFAULT = "maximum-likelihood"

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 import updyn
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 
 HERE = Path(__file__).parent
 

@@ -21,8 +21,8 @@ from models import SOLIDS, sensors, solid
 
 import updyn
 from updyn.linalg.solver import BACKENDS
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import LogError
 
 #: Beyond this many DOFs SuperLU takes minutes.
 SUPERLU_LIMIT = 20_000

@@ -23,7 +23,7 @@ import updyn
 import updyn.updating.run as run_module
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
-from updyn.updating import reducing
+from updyn.updating.fit import reducing
 
 BANDS = {
     "10k": (100, 2140),

@@ -17,9 +17,9 @@ import numpy as np
 from cases import Case, chain12, gear_train
 
 import updyn
-from updyn.demos.gear_train_case import starting_model
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.demos.gear_train import starting_model
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 
 
 def cramer_rao(case: Case, relative: float) -> np.ndarray:

@@ -23,10 +23,10 @@ from cases import chain12
 
 import updyn
 from updyn.frf import FRF
-from updyn.updating.fit import spread_of
-from updyn.updating.noise import level_by_unit
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, LogError, OutputError
+from updyn.updating.fit.method import spread_of
+from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import Each, LogError, OutputError
 
 NOISE = (("output-error", 0.05, 0.0), ("output-error", 0.02, 0.002), ("output-error", 0.0, 0.01))
 NOISE += (("log", 0.05, 0.0), ("log", 0.02, 0.001), ("log", 0.01, 0.01))

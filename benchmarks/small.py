@@ -18,8 +18,8 @@ import numpy as np
 from models import chain, sensors
 
 import updyn
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import LogError
 
 
 def seconds(run: Callable[[], object]) -> float:

@@ -27,8 +27,8 @@ from cases import Case, chain12
 
 import updyn
 from updyn.frf import FRF
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 
 Draw = Callable[[np.random.Generator], FRF]
 ROBUST, BY_CHANNEL = {"robust": "student-t"}, "estimated-by-channel"

@@ -22,8 +22,8 @@ from peers import finite_differences, opentorsion_train, sdynpy_system, textbook
 from peers.measure import AnotherAnswer, Case, backends, best, machine, once, show, steps
 
 from updyn.dynamics.fields import TIERS
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import LogError
 
 PEERS = {
     "textbook": textbook,
@@ -59,7 +59,7 @@ def prepared(case: Case, tier: str, backend: str | None) -> Problem:
     if tier != "reduced":
         return case.problem(tier, backend)
     from updyn.dynamics.fields import ACCURACY
-    from updyn.updating.reducing import Reducing
+    from updyn.updating.fit.reducing import Reducing
 
     exact = case.problem("sparse", backend)
     reducing = Reducing(exact, ACCURACY)

@@ -18,7 +18,7 @@ import updyn
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 
 DATA = Path(__file__).parent / "data"
 CASES = DATA / "cases"

@@ -15,7 +15,7 @@ from updyn.comparison.table import limits
 from updyn.demos import gear_train
 from updyn.errors import UpdynWarning
 from updyn.job import load_job
-from updyn.job.comparing import compare_job
+from updyn.job.comparison import compare_job
 
 PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
 JOBS = ("compare", "compare_stiffness", "compare_full")

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from scipy.sparse.linalg import splu
 
 from peers.measure import Case, Row, backends, best, once, same, steps
-from updyn.updating.residuals import LogError
+from updyn.updating.problem.residuals import LogError
 
 #: Of the differences, absolute: unknowns are about 1, loss factors less. The default of scipy,
 #: 1.5e-8 of each unknown, leaves errors of some 1e-3 at 10k DOFs.

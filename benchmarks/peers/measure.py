@@ -19,7 +19,7 @@ import updyn
 from updyn import sensitivity
 from updyn.errors import OptionError
 from updyn.linalg.solver import BACKENDS, check_backend
-from updyn.updating.problem import Problem
+from updyn.updating.problem.problem import Problem
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 

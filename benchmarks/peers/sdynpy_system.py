@@ -16,7 +16,7 @@ import numpy as np
 
 import updyn
 from peers.measure import Case, Row, best, dense_models, same, steps
-from updyn.updating.residuals import EquationError, LogError
+from updyn.updating.problem.residuals import EquationError, LogError
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 os.environ.setdefault("MPLBACKEND", "agg")

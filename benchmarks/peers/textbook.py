@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from peers.measure import Case, Row, best, dense_models, once, same, steps
-from updyn.updating.residuals import EquationError
+from updyn.updating.problem.residuals import EquationError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -59,36 +59,36 @@ if TYPE_CHECKING:
     from updyn.io import read_geometry as read_geometry
     from updyn.io import read_model as read_model
     from updyn.io import read_modes as read_modes
-    from updyn.io import read_result as read_result
     from updyn.io import write_frf as write_frf
     from updyn.io import write_model as write_model
     from updyn.io import write_modes as write_modes
     from updyn.io import write_properties as write_properties
-    from updyn.io import write_result as write_result
-    from updyn.io.uncertainty_file import read_uncertainty as read_uncertainty
-    from updyn.io.uncertainty_file import write_uncertainty as write_uncertainty
     from updyn.matching import match as match
     from updyn.modal import ModeSet as ModeSet
     from updyn.modal import identify_modes as identify_modes
     from updyn.model import Model as Model
     from updyn.report import write_report as write_report
+    from updyn.store.result import read_result as read_result
+    from updyn.store.result import write_result as write_result
+    from updyn.store.uncertainty import read_uncertainty as read_uncertainty
+    from updyn.store.uncertainty import write_uncertainty as write_uncertainty
     from updyn.uncertainty.bootstrap import bootstrap as bootstrap
     from updyn.uncertainty.prediction import predict as predict
     from updyn.uncertainty.profile import profile as profile
     from updyn.uncertainty.sampling import sample as sample
-    from updyn.updating.channels import calibration as calibration
-    from updyn.updating.choice import link as link
-    from updyn.updating.choice import parameters as parameters
-    from updyn.updating.gaps import complete_parts as complete_parts
-    from updyn.updating.noise.repeats import average as average
+    from updyn.updating.judge.selection import cluster as cluster
+    from updyn.updating.judge.selection import cluster_jointly as cluster_jointly
+    from updyn.updating.judge.selection import select as select
+    from updyn.updating.judge.selection import select_jointly as select_jointly
+    from updyn.updating.problem.channels import calibration as calibration
+    from updyn.updating.problem.data import Test as Test
+    from updyn.updating.problem.data import complete_parts as complete_parts
+    from updyn.updating.problem.noise.repeats import average as average
+    from updyn.updating.problem.parameters import link as link
+    from updyn.updating.problem.parameters import parameters as parameters
+    from updyn.updating.problem.selection import Selection as Selection
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
-    from updyn.updating.run import Test as Test
-    from updyn.updating.selected import Selection as Selection
-    from updyn.updating.selection import cluster as cluster
-    from updyn.updating.selection import cluster_jointly as cluster_jointly
-    from updyn.updating.selection import select as select
-    from updyn.updating.selection import select_jointly as select_jointly
     from updyn.updating.update import update as update
     from updyn.updating.update import update_jointly as update_jointly
 
@@ -111,31 +111,31 @@ _WHERE = {
     "Plant": "updyn.control.plant",
     "Port": "updyn.control.ports",
     "Notch": "updyn.control.servo.controller",
-    "Selection": "updyn.updating.selected",
-    "Test": "updyn.updating.run",
+    "Selection": "updyn.updating.problem.selection",
+    "Test": "updyn.updating.problem.data",
     "UpdateResult": "updyn.updating.result",
     "UpdynError": "updyn.errors",
     "UpdynWarning": "updyn.errors",
     "Wind": "updyn.control.servo.wind",
-    "calibration": "updyn.updating.channels",
-    "cluster": "updyn.updating.selection",
-    "cluster_jointly": "updyn.updating.selection",
+    "calibration": "updyn.updating.problem.channels",
+    "cluster": "updyn.updating.judge.selection",
+    "cluster_jointly": "updyn.updating.judge.selection",
     "bootstrap": "updyn.uncertainty.bootstrap",
     "compare": "updyn.comparison",
     "compare_jointly": "updyn.comparison",
-    "average": "updyn.updating.noise.repeats",
-    "complete_parts": "updyn.updating.gaps",
+    "average": "updyn.updating.problem.noise.repeats",
+    "complete_parts": "updyn.updating.problem.data",
     "condense": "updyn.dynamics.condensation",
     "conversions": "updyn.control.build",
     "correlate": "updyn.correlation",
     "drive_figures": "updyn.control.servo.drive",
     "identify_modes": "updyn.modal",
     "limit_cycles": "updyn.control.nonlinear.balance",
-    "link": "updyn.updating.choice",
+    "link": "updyn.updating.problem.parameters",
     "match": "updyn.matching",
     "modes": "updyn.dynamics.modes",
     "opened": "updyn.control.nonlinear.opened",
-    "parameters": "updyn.updating.choice",
+    "parameters": "updyn.updating.problem.parameters",
     "plant": "updyn.control.build",
     "plant_family": "updyn.control.family",
     "predict": "updyn.uncertainty.prediction",
@@ -146,12 +146,12 @@ _WHERE = {
     "read_model": "updyn.io",
     "read_modes": "updyn.io",
     "read_plant": "updyn.control.files.plant_file",
-    "read_result": "updyn.io",
-    "read_uncertainty": "updyn.io.uncertainty_file",
+    "read_result": "updyn.store.result",
+    "read_uncertainty": "updyn.store.uncertainty",
     "response": "updyn.dynamics.response",
     "sampled": "updyn.control.sampled",
-    "select": "updyn.updating.selection",
-    "select_jointly": "updyn.updating.selection",
+    "select": "updyn.updating.judge.selection",
+    "select_jointly": "updyn.updating.judge.selection",
     "sensor_masses": "updyn.elements.sensor_masses",
     "to_control": "updyn.control.python_control",
     "to_frd": "updyn.control.python_control",
@@ -167,8 +167,8 @@ _WHERE = {
     "write_plant": "updyn.control.files.plant_file",
     "write_properties": "updyn.io",
     "write_report": "updyn.report",
-    "write_result": "updyn.io",
-    "write_uncertainty": "updyn.io.uncertainty_file",
+    "write_result": "updyn.store.result",
+    "write_uncertainty": "updyn.store.uncertainty",
 }
 
 __all__ = ["__version__", *_WHERE]

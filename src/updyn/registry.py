@@ -80,6 +80,28 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
             raise OptionError(f"{self.kind} {name!r} is registered already")
         self._entries[name] = entry
 
+    def entry(self, name: str) -> Entry | str:
+        """Return an entry as it was registered: the object, or ``"module:attribute"``, not imported.
+
+        Parameters
+        ----------
+        name : str
+            How it is called.
+
+        Returns
+        -------
+        object or str
+            The object once it was imported.
+
+        Raises
+        ------
+        KeyError
+            If there is none of that name.
+        """
+        if name not in self._entries:
+            self._add_entry_points()
+        return self._entries[name]
+
     def __getitem__(self, name: str) -> Entry:
         if name not in self._entries:
             self._add_entry_points()

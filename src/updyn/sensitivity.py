@@ -21,7 +21,7 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.linalg.threads import alone
 
 if TYPE_CHECKING:
-    from updyn.updating.parameters import Parameter
+    from updyn.updating.problem.parameters import Parameter
 
 __all__ = ["Unknowns", "condensed_product", "contract", "receptance"]
 

@@ -7,8 +7,7 @@ import pytest
 import scipy.optimize
 
 import updyn
-from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
-from updyn.elements.timoshenko import element_matrices
+from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table, element_matrices
 from updyn.errors import ModelError
 
 STEEL = {"E": 210e9, "rho": 7850.0, "width": 0.04, "height": 0.02, "nu": 0.3}

@@ -266,7 +266,7 @@ def test_a_stiffened_plate_joins_beams_and_shells():
 def test_a_warped_element_is_warned_of():
     nodes = [[0, 0, 0], [1, 0, 0], [1, 1, 0.6], [0, 1, 0]]
     with pytest.warns(
-        UpdynWarning, match=r"nodes \[1, 2, 3, 4\] is warped: a node stands 1\d% of its size off"
+        UpdynWarning, match=r"nodes \[1, 2, 3, 4\] is warped: a node is 1\d% of its size off"
     ):
         structure(nodes, [Shell("s", [[1, 2, 3, 4]], E, RHO, 0.01)])
 

@@ -211,7 +211,7 @@ def test_what_cannot_be_built_is_named(build, said):
 
 
 def test_without_scikit_fem_the_error_says_how_to_install_it(monkeypatch):
-    from updyn.elements import solid
+    from updyn.elements.structure import solids as solid
 
     solid._shape.cache_clear()
     monkeypatch.setitem(sys.modules, "skfem", None)

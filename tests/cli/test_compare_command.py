@@ -15,10 +15,10 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.progress import Watch
+from updyn.cli.terminal import Watch
 from updyn.demos import gear_train
-from updyn.demos.gear_train_case import true_model
-from updyn.updating.methods import METHODS
+from updyn.demos.gear_train import true_model
+from updyn.updating.fit.methods import METHODS
 
 METHODS_HERE = "maximum-likelihood,equation-error,reduced-frf,rfm"
 
@@ -36,7 +36,7 @@ def ran(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, i
     folder = tmp_path_factory.mktemp("out") / "deep" / "compared"
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("updyn.cli._say", said.append)
+        patch.setattr("updyn.cli.commands.say", said.append)
         job, truth = inputs / "compare_stiffness.toml", inputs / "compare_stiffness_truth.toml"
         words = ["compare", str(job), "--truth", str(truth), "--fewest", "--out", str(folder)]
         code = main([*words, "--methods", METHODS_HERE])
@@ -239,7 +239,7 @@ def test_stopped_by_the_user_says_130_and_keeps_the_rows_so_far(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def stop_in_the_second(self: Watch, progress: updyn.updating.monitor.Progress) -> bool:
+    def stop_in_the_second(self: Watch, progress: updyn.updating.fit.monitor.Progress) -> bool:
         return progress.stage.startswith("output-error")
 
     monkeypatch.setattr(Watch, "__call__", stop_in_the_second)

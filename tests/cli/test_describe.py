@@ -13,7 +13,7 @@ from updyn.geometry import Geometry
 from updyn.io import write_modes
 from updyn.modal import ModeSet
 from updyn.model import Group, Model
-from updyn.updating.result import Identifiability
+from updyn.updating.judge.identifiability import Identifiability
 
 
 def test_a_model_with_rotations_grounding_and_dampers() -> None:

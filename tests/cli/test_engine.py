@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.engine import engine
+from updyn.cli.commands import open_engine
 from updyn.engines import KINDS, Engine, Serial
 from updyn.errors import OptionError
 
@@ -84,15 +84,18 @@ def test_an_engine_of_another_package(
     assert updyn.read_result(job.parent / "job" / "run.nc").options["engine"] == "named"
     assert main(["run", str(job), "--engine", "nmaed", "--out", str(job.parent / "two")]) == 2
     assert "'nmaed'" in capsys.readouterr().err
-    with pytest.raises(OptionError, match="--engine excludes --workers"), engine(2, None, "named"):
+    with (
+        pytest.raises(OptionError, match="--engine excludes --workers"),
+        open_engine(2, None, "named"),
+    ):
         pass
 
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("updyn.cli.engine._PATIENCE_S", 0.2)
+    monkeypatch.setattr("updyn.cli.commands._PATIENCE_S", 0.2)
     message = r"no scheduler answers .*`dask scheduler` starts"
-    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+    with pytest.raises(OptionError, match=message), open_engine(None, "tcp://127.0.0.1:1"):
         pass
 
 
@@ -107,10 +110,10 @@ def test_a_scheduler_that_is_not_there_leaves_nothing_behind(job: Path) -> None:
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     message = r"pip install 'updyn\[cluster\]'"
-    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+    with pytest.raises(OptionError, match=message), open_engine(None, "tcp://127.0.0.1:1"):
         pass
 
 
 def test_serial_by_default() -> None:
-    with engine(None, None) as made:
+    with open_engine(None, None) as made:
         assert made.workers == 1

@@ -7,9 +7,9 @@ import io
 import pytest
 from rich.console import Console
 
-from updyn.cli import progress as module
-from updyn.cli.progress import Watch
-from updyn.updating.monitor import Progress
+from updyn.cli import terminal as module
+from updyn.cli.terminal import Watch
+from updyn.updating.fit.monitor import Progress
 
 
 @pytest.fixture

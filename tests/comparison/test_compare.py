@@ -13,12 +13,11 @@ import updyn
 from updyn.comparison import Fewest
 from updyn.comparison.fewest import counts, errors_against
 from updyn.comparison.table import NOT_APPLICABLE
-from updyn.demos.gear_train import measure
-from updyn.demos.gear_train_case import starting_model, true_model, true_values
+from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
-from updyn.updating import methods as registry
-from updyn.updating.methods.least_squares import LogMethod
-from updyn.updating.selected import Selection
+from updyn.updating.fit import methods as registry
+from updyn.updating.fit.methods.least_squares import LogMethod
+from updyn.updating.problem.selection import Selection
 
 OURS = ["maximum-likelihood", "log", "output-error", "equation-error"]
 
@@ -215,7 +214,7 @@ def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
 def test_a_selection_of_unknowns(start, data):
     unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
     held = next(p for p in unknowns if p.name == "unit 2.stiffness")
-    rest = updyn.updating.parameters.ParameterSet(tuple(p for p in unknowns if p != held))
+    rest = updyn.updating.problem.parameters.ParameterSet(tuple(p for p in unknowns if p != held))
     held = dataclasses.replace(held, start=2.0)
     found = updyn.compare(start, data, Selection(rest, held=(held,)), ["log"])
     assert found.parameters == rest

@@ -16,6 +16,7 @@ SRC = Path(updyn.__file__).parent
 ORDER = (
     ("errors",),
     ("registry",),
+    ("text_table",),
     ("dofs",),
     ("geometry",),
     ("frf",),
@@ -31,16 +32,17 @@ ORDER = (
     ("comparison", "uncertainty"),
     ("elements",),
     ("io",),
+    ("store",),
     ("matching",),
-    ("job",),
     ("report", "viewer"),
+    ("job",),
     ("demos",),
     ("cli", "web"),
     ("control",),
 )
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 #: Rooms that still name parts of `control` instead of finding them in a registry.
-KNOWS_CONTROL = {"job", "report", "demos", "cli"}
+KNOWS_CONTROL = {"demos", "cli"}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.

@@ -195,7 +195,7 @@ def test_public_things_are_documented():
 def test_the_front_doors_are_found():
     assert "Group" in DOORS["updyn.group"]
     assert "Model" in DOORS["updyn.model"]
-    assert "parameters" in DOORS["updyn.updating.choice"]
+    assert "parameters" in DOORS["updyn.updating.problem.parameters"]
 
 
 GOOD = '''

@@ -10,7 +10,7 @@ from updyn.control.servo.wind import Wind
 from updyn.demos import find_demo
 from updyn.errors import JobError
 from updyn.job import load_job, prepare
-from updyn.job.resolved import resolved_job
+from updyn.job.folder import resolved_job
 
 JOB = """[model]
 file = "chain.h5"
@@ -47,7 +47,7 @@ def test_labels_and_tables_become_ports(job):
         ' "twist", weights = { "5:X" = 1, "2:X" = -0.5 } }\nquantity = "mobility"\n'
     )
     ready = prepare(load_job(job(text)))
-    table = ready.job.plant
+    table = ready.job.tables["plant"]
     assert [p.name for p in table.input_ports] == ["12:-X", "drive"]
     assert dict(table.input_ports[1].weights) == {"2:X": 1 / 40}
     assert dict(table.output_ports[0].weights) == {"5:X": 1.0, "2:X": -0.5}
@@ -67,8 +67,8 @@ def test_what_is_written_out_says_the_same(job, tmp_path):
     written = resolved_job(loaded, tmp_path)
     assert tomllib.loads(written)["plant"]["band"] == [1.0, 9.0]
     (tmp_path / "again.toml").write_text(written)
-    again = load_job(tmp_path / "again.toml").plant
-    assert again == loaded.plant
+    again = load_job(tmp_path / "again.toml").tables["plant"]
+    assert again == loaded.tables["plant"]
     assert again.sampled_files == ("plant-sampled.mat", "plant-sampled.json", "plant-sampled.h")
 
 
@@ -152,12 +152,12 @@ def test_a_controller_is_that_of_the_library(job, tmp_path):
         " 7\n[[servo.controller.notch]]\nfrequency = 9\nwidth = 2\ndepth = 0.1\n"
     )
     loaded = load_job(job(LOOP + text))
-    found = loaded.servo.controller.controller(None, "M", "speed", "angle")
+    found = loaded.tables["servo"].controller.controller(None, "M", "speed", "angle")
     notches = (Notch(7.0), Notch.of_width(9.0, 2.0, 0.1))
     assert found == Controller(20.0, 0.1, 3.0, notches, low_pass=50.0, dead_time=0.001)
-    assert loaded.servo.wind.wind() == Wind(10.0, 0.5, turbulence=0.2)
+    assert loaded.tables["servo"].wind.wind() == Wind(10.0, 0.5, turbulence=0.2)
     (tmp_path / "again.toml").write_text(resolved_job(loaded, tmp_path))
-    assert load_job(tmp_path / "again.toml").servo == loaded.servo
+    assert load_job(tmp_path / "again.toml").tables["servo"] == loaded.tables["servo"]
 
 
 CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'

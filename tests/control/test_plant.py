@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import updyn
 from updyn.control.build import conversions
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.errors import DofError, ModelError, OptionError
 
 

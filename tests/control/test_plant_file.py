@@ -21,7 +21,7 @@ import updyn
 from updyn.cli import main
 from updyn.control.plant import Plant
 from updyn.control.sampled import sampled
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.errors import FormatError, OptionError
 
 SUFFIXES = [".json", ".mat", ".npz"]

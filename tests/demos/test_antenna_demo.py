@@ -13,7 +13,7 @@ import updyn
 from updyn.demos import antenna as demo
 from updyn.demos import find_demo
 from updyn.job import load_job, prepare
-from updyn.updating.noise import Coherence
+from updyn.updating.problem.noise import Coherence
 
 pytest.importorskip("pyfe3d")
 

@@ -13,7 +13,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.demos import find_demo, gear_train
-from updyn.demos.gear_train_case import READINGS, starting_model, true_model
+from updyn.demos.gear_train import READINGS, starting_model, true_model
 from updyn.errors import UpdynWarning
 
 OPEN = {f"unit {e}.{q}" for e in (1, 5, 6) for q in ("mass", "stiffness")}
@@ -24,7 +24,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "gear"
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
-        patch.setattr("updyn.cli._say", said.append)
+        patch.setattr("updyn.cli.commands.say", said.append)
         code = main(["demo", "gear-train", "--out", str(folder)])
     return folder, code, "\n".join(said)
 

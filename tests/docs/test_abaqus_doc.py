@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from updyn.io import read_model
-from updyn.io.abaqus import read_model as read_abaqus
+from updyn.io.abaqus.model import read_model as read_abaqus
 
 PAGE = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
 SECTION = PAGE.split('<a id="abaqus"></a>')[1].split("\n<a id=")[0]

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from updyn.io import ansys, ansys_emat, ansys_full
+from updyn.io.ansys import emat as ansys_emat
+from updyn.io.ansys import full as ansys_full
+from updyn.io.ansys.properties import properties as ansys
 from updyn.io.opensees import from_opensees
 
 TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 
 from updyn.io.calculix import read_model
 from updyn.io.consistent_units import UNITS
-from updyn.io.keyword_deck import POINTS, SOLIDS
+from updyn.io.keyword_deck.structure import POINTS, SOLIDS
 
 SECTION = (
     (Path(__file__).parents[2] / "docs" / "formats.md")

@@ -13,7 +13,7 @@ from pages import ROOT, blocks, run_python
 from updyn.cli import main
 from updyn.comparison import Comparison
 from updyn.comparison.table import COLUMNS
-from updyn.updating.methods import METHODS
+from updyn.updating.fit.methods import METHODS
 
 PAGE = ROOT / "docs" / "compare.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from pages import ROOT, blocks, run_python
 
 from updyn.group import GROUP_QUANTITIES, VALUES
-from updyn.updating.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS, method_class
 
 PAGE = ROOT / "docs" / "damping.md"
 TEXT = PAGE.read_text(encoding="utf-8")

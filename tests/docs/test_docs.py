@@ -13,6 +13,7 @@ import pytest
 
 import updyn
 from updyn.job import load_job, prepare
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import Job
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -60,7 +61,7 @@ def test_the_job_of_the_readme_can_be_run(chain_inputs: Path) -> None:
 
 
 def test_toml_on_the_pages_is_toml() -> None:
-    known = set(Job.model_fields)
+    known = {*Job.model_fields, *JOB_TABLES}
     for page in PAGES:
         for block in blocks(page):
             if block.language == "toml":

@@ -12,7 +12,7 @@ from pages import ROOT
 import updyn
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.methods import method_class, options_of
+from updyn.updating.fit.methods import method_class, options_of
 
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
 

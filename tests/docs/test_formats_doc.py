@@ -13,7 +13,7 @@ import scipy.io
 from updyn.cli import main
 from updyn.errors import FormatError
 from updyn.io import read_frf, read_geometry, read_model
-from updyn.io.registry import FORMATS, Format, load
+from updyn.io.formats import FORMATS, Format, load
 from updyn.job import load_job, prepare
 
 TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -33,10 +33,10 @@ def block(name: str, language: str) -> str:
 
 
 def test_the_formats_are_those_of_the_registry_in_order() -> None:
-    assert [m[1] for m in ROW.finditer(TEXT)] == [f.name for f in FORMATS]
+    assert [m[1] for m in ROW.finditer(TEXT)] == [f.name for f in FORMATS.values()]
 
 
-@pytest.mark.parametrize("known", FORMATS, ids=lambda f: f.name)
+@pytest.mark.parametrize("known", tuple(FORMATS.values()), ids=lambda f: f.name)
 def test_suffixes_and_abilities(known: Format) -> None:
     row = next(m for m in ROW.finditer(TEXT) if m[1] == known.name)
     assert row[2] == known.name
@@ -51,12 +51,14 @@ def test_suffixes_and_abilities(known: Format) -> None:
     assert section(known.name).startswith(f"\n## `{known.name}`")
 
 
-@pytest.mark.parametrize("known", [f for f in FORMATS if "read_frf" in f.can], ids=lambda f: f.name)
+@pytest.mark.parametrize(
+    "known", [f for f in FORMATS.values() if "read_frf" in f.can], ids=lambda f: f.name
+)
 def test_every_option_of_reading_is_named(known: Format) -> None:
     signature = inspect.signature(load(known).read_frf)
     options = {n for n, p in signature.parameters.items() if p.kind is p.KEYWORD_ONLY}
     if known.name == "mat":  # "as npz"
-        npz = load(next(f for f in FORMATS if f.name == "npz"))
+        npz = load(next(f for f in FORMATS.values() if f.name == "npz"))
         assert options == set(inspect.signature(npz.read_frf).parameters) - {"path"}
         return
     if known.name != "uff":

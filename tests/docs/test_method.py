@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, table, true_model
+from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating import identifiability, noise, problem, search
-from updyn.updating.lines import _RELATIVE_FLOOR
+from updyn.updating.fit import null_space, search
+from updyn.updating.problem import noise, problem
+from updyn.updating.problem.lines import _RELATIVE_FLOOR
 
 TEXT = " ".join(
     (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split()
@@ -22,8 +23,8 @@ TEXT = " ".join(
 @pytest.mark.parametrize(
     "said",
     [
-        f"s_i < {identifiability.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
-        f"standard deviation exceeds {identifiability.WIDEST:g} ",
+        f"s_i < {null_space.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
+        f"standard deviation exceeds {null_space.WIDEST:g} ",
         f"at most {search.SEARCH_LINES} lines",
         "at least {:g}, then {:g}, then {:.1f}".format(*search._INFLATED),
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
@@ -116,7 +117,7 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     from updyn.dynamics import fields
     from updyn.dynamics import reduced as reduction
-    from updyn.updating import reducing
+    from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
     assert (

@@ -10,10 +10,10 @@ import pytest
 from pages import ROOT
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.methods import METHODS, method_class, options_of
+from updyn.updating.fit.methods import METHODS, method_class, options_of
 
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
 CLASSICAL = ("rfm", "complex-rfm", "frf-sensitivity", "reduced-frf")

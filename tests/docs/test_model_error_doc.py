@@ -11,7 +11,7 @@ from pages import ROOT, blocks
 
 import updyn
 from updyn.model import Model
-from updyn.updating.adequacy import LEVEL, OUTCOMES, Misfit, Suspect
+from updyn.updating.judge.adequacy import LEVEL, OUTCOMES, Misfit, Suspect
 
 PAGE = ROOT / "docs" / "model-error.md"
 TEXT = PAGE.read_text(encoding="utf-8")

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from updyn.updating import regularise, selection
+from updyn.updating.fit import regularisation as regularise
+from updyn.updating.judge import selection
 
 sys.path.insert(0, str(Path(__file__).parent))
 

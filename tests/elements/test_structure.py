@@ -358,14 +358,14 @@ def free(*parts, **kw):
         (lambda: PointMass("m", 1, 1.0, (1.0, -1.0, 1.0)), "is negative about some axis"),
         (lambda: RigidLink(1, [2], ["Q"]), "rigid link of node 1: direction 'Q'"),
         (lambda: RigidLink(1, []), "expected at least one node number"),
-        (free(links=[RigidLink(10, [12])]), "rigid link of node 10: nothing touches node 12"),
+        (free(links=[RigidLink(10, [12])]), "rigid link of node 10: no part uses node 12"),
         (
             free(links=[RigidLink(77, [11])]),
             "rigid link of node 77: node 77 is not among the 5 nodes",
         ),
         (free(links=[(10, [11])]), "expected a RigidLink"),
         (free(links=[RigidLink(10, [11])], grounded=["11:X"]), "DOF 11:X is held and tied"),
-        (free(grounded=[12]), "grounded: nothing touches node 12"),
+        (free(grounded=[12]), "grounded: no part uses node 12"),
         (free(grounded=[True]), "grounded True: expected a DOF such as '3:X', or a node number"),
         (free(grounded=[10, 11]), "every DOF of the structure is held: nothing is left to move"),
         (

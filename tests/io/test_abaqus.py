@@ -9,7 +9,7 @@ from io_samples import assert_same_geometry
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io import read_model, write_model
-from updyn.io.abaqus import write_properties
+from updyn.io.abaqus.model import write_properties
 from updyn.model import Group, Model
 
 THIRD = 1.0 / 3.0

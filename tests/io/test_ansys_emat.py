@@ -13,8 +13,8 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.io.ansys_attributes import read_attributes
-from updyn.io.ansys_elements import ElementFile
+from updyn.io.ansys.attributes import read_attributes
+from updyn.io.ansys.emat import ElementFile
 
 pytest.importorskip("ansys.mapdl.reader", reason="needs updyn[ansys]")
 from ansys.mapdl import reader as mapdl
@@ -399,7 +399,7 @@ def test_nodal_angles_turn_about_z_then_x_then_y(angles):
     """Against rotation by one matrix after another, about axes that turn along."""
     from scipy.spatial.transform import Rotation
 
-    from updyn.io.ansys_attributes import _axes
+    from updyn.io.ansys.attributes import _axes
 
     z, x, y = angles
     expected = Rotation.from_euler("ZXY", [z, x, y], degrees=True).as_matrix().T

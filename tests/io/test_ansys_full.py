@@ -13,8 +13,9 @@ import scipy.sparse as sp
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynError
-from updyn.io import ansys_binary, ansys_full
-from updyn.io.ansys_attributes import read_attributes
+from updyn.io.ansys import binary as ansys_binary
+from updyn.io.ansys import full as ansys_full
+from updyn.io.ansys.attributes import read_attributes
 
 pytest.importorskip("ansys.mapdl.reader", reason="needs updyn[ansys]")
 from ansys.mapdl import reader as mapdl

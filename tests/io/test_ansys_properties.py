@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError, OptionError
-from updyn.io.ansys_deck import read_deck
+from updyn.io.ansys.properties import read_deck
 
 DECK = """\
 /COM,ANSYS RELEASE 2024 R2           BUILD 24.2

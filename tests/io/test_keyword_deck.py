@@ -8,11 +8,10 @@ from deck_samples import bar
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.io.calculix.reading import read_parts
+from updyn.io.calculix.model import read_parts
 from updyn.io.consistent_units import check_materials, system
-from updyn.io.keyword_cards import read_cards, short_number
-from updyn.io.keyword_deck import edges, read_deck
-from updyn.io.keyword_properties import read_properties
+from updyn.io.keyword_deck.cards import read_cards, short_number
+from updyn.io.keyword_deck.structure import edges, read_deck, read_properties
 
 
 def parts_of(path: Path, text: str):

@@ -11,8 +11,7 @@ from matlab73 import write_matlab73
 
 import updyn
 from updyn.errors import FormatError
-from updyn.io.mat import read_frf, read_model, write_frf, write_model
-from updyn.io.mat_variables import read_variables
+from updyn.io.matlab import read_frf, read_model, read_variables, write_frf, write_model
 from updyn.io.named import frf_items, model_items
 from updyn.model import Group, Model
 

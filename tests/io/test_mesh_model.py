@@ -11,7 +11,7 @@ import pytest
 import updyn
 from updyn.elements.mesh import structure_from_mesh
 from updyn.elements.structure import tube
-from updyn.errors import FormatError, OptionError
+from updyn.errors import FormatError, OptionError, UpdynWarning
 
 ROOT = Path(__file__).parents[2]
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
@@ -75,9 +75,13 @@ report = false
     (tmp_path / "job.toml").write_text(block[1] + more)
     job = load_job(tmp_path / "job.toml")
     assert prepare(job).model.dofs == model.dofs
-    result = run_job(job, out=tmp_path / "out")
+    # Without damping, three of the lines are natural frequencies of the model where it starts.
+    named = f"singular at {low[0]:g} Hz.*The fit starts"
+    with pytest.warns(UpdynWarning, match=named):
+        result = run_job(job, out=tmp_path / "out")
     assert result.values["legs.stiffness"] == pytest.approx(0.8, rel=1e-6)
-    again = run_job(load_job(tmp_path / "out" / "job.toml"), out=tmp_path / "again")
+    with pytest.warns(UpdynWarning, match=named):
+        again = run_job(load_job(tmp_path / "out" / "job.toml"), out=tmp_path / "again")
     assert again.values == result.values
 
 

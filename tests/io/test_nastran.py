@@ -9,9 +9,9 @@ from nastran_decks import mystran, plate
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.io.nastran.adapt import adapted
 from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_properties
 from updyn.io.nastran.deck import read_deck
+from updyn.io.nastran.mystran import adapted
 
 needs_mystran = pytest.mark.needs("mystran")
 MODES = re.compile(r"^\s+\d+\s+\d+((?:\s+[-+.\dE]+){5})\s*$", re.MULTILINE)

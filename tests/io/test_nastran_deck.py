@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from updyn.errors import FormatError
-from updyn.io.nastran.deck import read_deck
-from updyn.io.nastran.geometry import geometry_of
-from updyn.io.nastran.kinds import values
+from updyn.io.nastran.deck import geometry_of, read_deck, values
 
 DECK = """SOL 103
 CEND

@@ -1,7 +1,7 @@
 """Why universal files are not read with pyuff: what the version installed makes of deviations that real files have.
 
 These tests document pyuff, not updyn: one that is skipped says that the pyuff installed reads that
-file right, and that the note at the top of `updyn.io.uff` is due for a second look. In every case
+file right, and that the note at the top of `updyn.io.uff.frf` is due for a second look. In every case
 updyn reads the numbers as they were."""
 
 import contextlib

@@ -14,13 +14,14 @@ from io_samples import assert_same_frf, assert_same_model, geometry
 from updyn.errors import FormatError, InputError, UpdynWarning
 from updyn.frf import FRF
 from updyn.io.hdf5 import read_model, write_model
-from updyn.io.result_file import read_result, write_result
-from updyn.io.result_json import result_to_json, write_result_json
-from updyn.io.values_text import from_text, to_text
 from updyn.model import Group, Model
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
-from updyn.updating.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.result import Identifiability, Iteration, JointResult, UpdateResult
+from updyn.store.result import read_result, result_to_json, write_result, write_result_json
+from updyn.store.values import from_text, to_text
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
+from updyn.updating.result import JointResult, UpdateResult
 
 INF, NAN = float("inf"), float("nan")
 NAMES = ["arm.stiffness", "foot.stiffness", "foot.loss_factor"]

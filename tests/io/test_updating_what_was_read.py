@@ -9,9 +9,9 @@ import pytest
 
 import updyn
 from updyn.demos import chain
-from updyn.io.registry import FORMATS, Format
+from updyn.io.formats import FORMATS, Format
 
-HOLDING = [f for f in FORMATS if {"read_model", "write_model"} <= set(f.can)]
+HOLDING = [f for f in FORMATS.values() if {"read_model", "write_model"} <= set(f.can)]
 FACTORS = {"part1": 0.8, "part2": 1.2, "part3": 0.9, "part4": 1.25}
 
 

@@ -12,7 +12,7 @@ import updyn
 from updyn.demos import chain
 from updyn.errors import JobError
 from updyn.job import load_job, prepare, run_job
-from updyn.job.comparing import compare_job
+from updyn.job.comparison import compare_job
 from updyn.modal import ModeSet
 
 JOB = """\

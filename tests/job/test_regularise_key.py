@@ -78,8 +78,8 @@ def test_what_cannot_be_is_refused_with_its_line(job, value, method, said):
 
 def test_a_method_that_cannot_be_regularised_is_refused_with_its_line(job):
     text = job('"gcv"', "response-function").read_text().replace("starts = 0\n", "")
-    from updyn.updating.methods import METHODS
-    from updyn.updating.regularise import METHODS as ABLE
+    from updyn.updating.fit.methods import METHODS
+    from updyn.updating.fit.regularisation import METHODS as ABLE
 
     other = next(name for name in METHODS if name not in ABLE)
     path = job('"gcv"')

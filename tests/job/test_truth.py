@@ -9,8 +9,8 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError
-from updyn.job.truth import read_truth
-from updyn.updating.parameters import ParameterSet
+from updyn.job.comparison import read_truth
+from updyn.updating.problem.parameters import ParameterSet
 
 WANTED = {"part 1.stiffness": 0.8, "part 1.loss_factor": 0.02, "skin.thickness": 1.1}
 

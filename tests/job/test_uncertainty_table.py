@@ -65,7 +65,7 @@ def test_a_profile_is_written_and_shown(job, tmp_path):
     assert 'data-figure="uncertainty-band"' in text
     assert "90 % intervals" in text
     again = load_job(tmp_path / "out" / "job.toml")
-    assert again.uncertainty == load_job(path).uncertainty
+    assert again.tables == load_job(path).tables
     # A run without the table takes away what would pass for a part of it.
     run_job(load_job(job("[output]\nreport = false\n")), tmp_path / "out")
     assert not (tmp_path / "out" / "uncertainty.nc").exists()

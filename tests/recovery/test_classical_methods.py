@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
-from updyn.updating.methods.reduced_frf import independently_reduced
-from updyn.updating.problem import Problem
+from updyn.demos.gear_train import starting_model, true_model
+from updyn.updating.fit.methods.reduced_frf import independently_reduced
+from updyn.updating.problem.problem import Problem
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
 SEVEN = [f"{i}:RZ" for i in range(1, 8)]

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 
 import updyn
 from updyn.errors import OptionError, SolverError
-from updyn.updating import reducing
-from updyn.updating.reducing import Reducing, is_reduced
+from updyn.updating.fit import reducing
+from updyn.updating.fit.reducing import Reducing, is_reduced
 
 M = 16
 BAND = np.linspace(12.0, 90.0, 60)

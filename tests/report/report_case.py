@@ -9,10 +9,21 @@ import numpy as np
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.adequacy import Suspect, assess, blamed
-from updyn.updating.choice import parameters
-from updyn.updating.parameters import Parameter, ParameterSet
-from updyn.updating.result import Identifiability, Iteration, UpdateResult
+from updyn.report.section import Content, sections_of
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Parameter, ParameterSet, parameters
+from updyn.updating.result import UpdateResult
+
+
+def all_figures(result):
+    """Every figure of a page."""
+    content = Content(result)
+    out = {}
+    for section in sections_of(content):
+        out |= section.figures(content)
+    return out
 
 
 def chain(n=12, k=2.0e6, m=1.5, title=""):

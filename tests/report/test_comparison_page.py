@@ -12,8 +12,7 @@ from test_browser import attributes, dump
 
 import updyn
 from updyn.comparison import Comparison, Fewest, Row
-from updyn.demos.gear_train_bench import known_masses
-from updyn.demos.gear_train_case import true_model, true_values
+from updyn.demos.gear_train import known_masses, true_model, true_values
 from updyn.report import write_comparison
 from updyn.report.comparison_data import gather_curves, is_geometric
 
@@ -128,7 +127,7 @@ def test_bars(found, figures):
 
 
 def test_table_and_limits(found, text):
-    table = re.search(r"<section id='table'>.*?</section>", text, re.DOTALL)[0]
+    table = re.search(r'<section id="table">.*?</section>', text, re.DOTALL)[0]
     cells = {
         row[0]: row[1:]
         for row in (
@@ -216,7 +215,7 @@ def test_fewest_lines_not_found_and_why(found, tmp_path):
     )
     some = Comparison(rows, found.tests, found.parameters, tolerance=0.01, rule="Rule.")
     text = write_comparison(some, tmp_path / "some.html").read_text(encoding="utf-8")
-    lines = re.search(r"<section id='lines'>.*?</section>", text, re.DOTALL)[0]
+    lines = re.search(r'<section id="lines">.*?</section>', text, re.DOTALL)[0]
     assert ">none<" in lines
     assert "b: its own answer is stalled" in lines
 

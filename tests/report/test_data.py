@@ -8,12 +8,12 @@ import hashlib
 
 import numpy as np
 import pytest
-from report_case import chain, realistic, smallest
+from report_case import all_figures, chain, realistic, smallest
 
 from updyn.report import data as report_data
 from updyn.report.agreement import level_difference, relative_residual
 from updyn.report.data import data_checksum, gather, keep_lines, model_checksum
-from updyn.report.figures import all_figures, overlay
+from updyn.report.overlay import overlay
 from updyn.report.plots import numbers
 from updyn.report.unknowns import correlations
 from updyn.report.words import (
@@ -26,7 +26,7 @@ from updyn.report.words import (
     unit,
     verdict,
 )
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +152,7 @@ def test_residuals_by_value():
 
 
 def test_every_figure_is_there_and_finite(result, data):
-    figures = all_figures(result, data)
+    figures = all_figures(result)
     assert set(figures) == {
         "frac-before", "frac-after", "csac", "factors", "loss-factors", "singular-values", "correlation", "cost",
         "factor-paths", "loss-factor-paths", "level-differences", "residual-by-channel", "misfit-map",

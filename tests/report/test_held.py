@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.report.page import render, render_joint
+from updyn.report.page import render
 from updyn.report.sections_held import trade_off
 
 
@@ -73,5 +73,5 @@ def test_the_page_of_several_tests_has_it_once(chain, frf):
     tests = [updyn.Test(chain, frf, name) for name in ("one", "two")]
     unknowns = updyn.parameters(chain, stiffness="all")
     joint = updyn.update_jointly(tests, unknowns, regularise="gcv", starts=0)
-    assert render_joint(joint).count('<section id="held">') == 1
-    assert "#held" not in render_joint(updyn.update_jointly(tests, unknowns, starts=0))
+    assert render(joint).count('<section id="held">') == 1
+    assert "#held" not in render(updyn.update_jointly(tests, unknowns, starts=0))

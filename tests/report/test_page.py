@@ -13,12 +13,14 @@ import pytest
 from report_case import chain, largest, measured, realistic, smallest
 
 import updyn
-from updyn.errors import FormatError
+from updyn.errors import FormatError, OptionError
 from updyn.model import Group, Model
+from updyn.report.markup import asset, figure, paragraph
 from updyn.report.page import POLICY, render
-from updyn.report.sections import SECTIONS
-from updyn.updating.parameters import Parameter, ParameterSet
-from updyn.updating.result import STATUSES, Identifiability
+from updyn.report.section import SECTIONS, Content, Section, sections_of
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.result import STATUSES
 
 
 class Page(HTMLParser):
@@ -76,7 +78,9 @@ def test_elements_are_closed_in_order(page):
 
 def test_sections_stand_in_order_and_the_contents_lead_to_them(page):
     # The model has no geometry, and its unknowns were fitted freely.
-    anchors = [name for name, _, _ in SECTIONS if name not in ("structure", "held", "uncertainty")]
+    sections = sections_of(Content(realistic()))
+    assert [s.place for s in sections] == sorted(s.place for s in sections)
+    anchors = [s.anchor for s in sections if s.anchor not in ("structure", "held")]
     assert [a["id"] for a in page.of("section")] == ["verdict", *anchors]
     assert [a["href"] for a in page.of("a")] == [f"#{name}" for name in anchors]
 
@@ -103,8 +107,6 @@ def test_nothing_is_loaded_from_elsewhere(page):
 
 
 def test_own_scripts_and_styles_name_no_address():
-    from updyn.report.content import asset
-
     for name in ("report.css", "report.js", "overlay.js", "watch.js", "overlay.html"):
         text = asset(name)
         assert "://" not in text
@@ -297,3 +299,49 @@ def test_written_whole_or_not_at_all(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     with pytest.raises(FormatError, match="does not exist"):
         updyn.write_report(realistic(), tmp_path / "nowhere" / "report.html")
+
+
+class Mounts(Section):
+    """A section from outside the package."""
+
+    anchor, name, heading, place = "mounts", "Mounts", "Mounts <of> rubber", 450
+
+    def figures(self, content):
+        return {"mounts": {"data": [], "layout": {}, "height": 100}}
+
+    def body(self, content, figures):
+        found = content.further["mounts"]
+        return paragraph(f"{len(found)} <mounts> at {content.result.title}") + figure(
+            "mounts", "Mounts", "", height=figures["mounts"]["height"]
+        )
+
+
+@pytest.fixture
+def with_mounts(monkeypatch):
+    monkeypatch.setattr(SECTIONS, "_entries", dict(SECTIONS._entries))
+    SECTIONS.register("mounts.table", f"{__name__}:MOUNTS")
+
+
+MOUNTS = Mounts()
+
+
+def test_a_section_from_outside_shows_its_object(with_mounts, tmp_path):
+    path = updyn.write_report(realistic(), tmp_path / "report.html", mounts=[1, 2])
+    html = path.read_text(encoding="utf-8")
+    page = Page(html)
+    assert page.open == []
+    assert "Mounts <of> rubber 2 <mounts> at Mast, test 3" in page.words
+    ids = [a["id"] for a in page.of("section")]
+    assert ids[ids.index("mounts") - 1 : ids.index("mounts") + 2] == [
+        "unknowns",
+        "mounts",
+        "identifiability",
+    ]
+    assert embedded(html, "updyn-figures")["mounts"]["height"] == 100
+    assert 'id="mounts"' not in render(realistic())
+
+
+def test_an_object_that_no_section_shows_is_refused(with_mounts, tmp_path):
+    with pytest.raises(OptionError, match="did you mean 'mounts'"):
+        updyn.write_report(realistic(), tmp_path / "report.html", mount=[1, 2])
+    assert not list(tmp_path.iterdir())

@@ -15,7 +15,7 @@ from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.callouts import spread
 from updyn.report.line_groups import groups_of_lines, nodes_of_groups
-from updyn.report.page import render, render_joint
+from updyn.report.page import render
 from updyn.report.structure import STEPS, group_changes, structure_of
 from updyn.updating.result import JointResult
 
@@ -175,7 +175,7 @@ def test_without_a_geometry_there_is_no_section() -> None:
 def test_the_page_of_several_tests_shows_the_sensors_of_all() -> None:
     held = fitted(square(), {"first.stiffness": 1.1}, ["20:X"])
     free = fitted(square(), {"first.stiffness": 1.1}, ["30:X"])
-    page = render_joint(JointResult({"held": held, "free": free}))
+    page = render(JointResult({"held": held, "free": free}))
     assert page.count('id="structure"') == 1
     section = page[page.index('id="structure"') :]
     assert ">20: X</text>" in section

@@ -13,11 +13,11 @@ from test_comparison_page import values
 import updyn
 from updyn.control.job.plant_record import control_record
 from updyn.control.job.plant_result import lines_of, planted_of
-from updyn.control.report.plant_parts import plant_parts
+from updyn.control.report.plant_page import write_plant_page
 from updyn.control.report.plant_sections import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
-from updyn.report import write_plant_page
+from updyn.report.section import Content, sections_of
 from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
@@ -90,9 +90,19 @@ def made(tmp_path_factory):
     return result, planted_of(ready, result, "The updated model.")
 
 
+def drawn(planted):
+    """Sections by anchor, and their figures."""
+    content, texts, figures = Content(further={"plant": planted}), {}, {}
+    for section in sections_of(content):
+        own = section.figures(content)
+        texts[section.anchor] = section.render(content, own)
+        figures |= own
+    return texts, figures
+
+
 @pytest.fixture(scope="module")
 def parts(made):
-    return plant_parts(made[1])
+    return drawn(made[1])
 
 
 def trace(figure, name, number=0):
@@ -165,7 +175,7 @@ def test_ticks_are_written_out(ends, ticks):
 
 def test_tables_of_the_plant(made, parts):
     planted = made[1]
-    text = parts[0][0][2]
+    text = parts[0]["plant"]
     assert "single-frequency" in text
     found = {c.name: c for c in planted.conversions}
     row = re.search(r'<tr[^>]*><th scope="row">single-frequency</th>(.*?)</tr>', text)
@@ -220,7 +230,7 @@ def test_points_of_the_margins_lie_on_the_curves(made, parts):
 
 def test_margins_of_the_family_are_in_the_table(made, parts):
     servo = made[1].servo
-    text = {a: t for a, _, t in parts[0]}["servo"]
+    text = parts[0]["servo"]
     assert "on all 4 plants of the family too" in text
     row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', text)[1]
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
@@ -264,8 +274,8 @@ def test_an_unstable_loop_says_so(made):
         velocity="speed",
         position="dish",
     )
-    sections, figures = plant_parts(replace(planted, servo=wild))
-    text = {a: t for a, _, t in sections}["servo"]
+    texts, figures = drawn(replace(planted, servo=wild))
+    text = texts["servo"]
     assert "The loop is UNSTABLE on the nominal plant" in text
     assert "Unstable: velocity loop: plants 0, 1, 2, 3" in text
     assert "step" not in figures
@@ -296,7 +306,7 @@ def test_backlash_is_that_of_the_library(made, parts):
     assert time[-1] == pytest.approx(found.simulation.time[-1], rel=1e-6)
     inside = np.interp(time, found.simulation.time, found.simulation.reading)
     np.testing.assert_allclose(twist, inside, atol=2e-4 * np.abs(inside).max())
-    text = {a: t for a, _, t in parts[0]}["servo"]
+    text = parts[0]["servo"]
     assert "Backlash in &#x27;rim&#x27;, 0.004 rad at 2:RZ" in text
     record = control_record(planted)["nonlinear"][0]
     assert record["law"]["gap"] == 0.004
@@ -347,7 +357,7 @@ def test_names_are_escaped(made, tmp_path):
 
 def test_the_report_has_the_sections(made, tmp_path):
     result, planted = made
-    text = updyn.write_report(result, tmp_path / "report.html", None, planted).read_text(
+    text = updyn.write_report(result, tmp_path / "report.html", plant=planted).read_text(
         encoding="utf-8"
     )
     order = [
@@ -366,5 +376,5 @@ def test_the_page_is_drawn_in_a_browser(made, tmp_path):
     dom = dump(page, tmp_path / "profile")
     found = attributes(dom)
     assert "errors" not in found, found["errors"]
-    _, figures = plant_parts(made[1])
+    _, figures = drawn(made[1])
     assert len(re.findall(r'class="main-svg"', dom)) >= 2 * len(figures)

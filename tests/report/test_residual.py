@@ -10,9 +10,9 @@ import pytest
 from report_case import left_over, realistic
 from test_page import Page
 
-from updyn.report.page import render, render_joint
+from updyn.report.page import render
 from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
-from updyn.updating.adequacy import assess
+from updyn.updating.judge.adequacy import assess
 from updyn.updating.result import JointResult
 
 
@@ -123,7 +123,7 @@ def test_the_page_of_several_tests_says_what_is_left_of_each_and_the_worst_of_al
     both = JointResult(
         {"free": good, "locked": realistic(), "old": realistic(adequacy=None)}, "Three tests"
     )
-    html = render_joint(both)
+    html = render(both)
     assert (
         "What is left model error the model cannot follow the data everywhere" in Page(html).words
     )

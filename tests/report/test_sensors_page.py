@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from report_case import all_figures
 
 import updyn
 from updyn.demos import chain
 from updyn.report.data import gather
-from updyn.report.figures import all_figures
 from updyn.report.page import render
 
 
@@ -32,7 +32,7 @@ def result():
 
 
 def test_each_kind_of_unknown_has_its_own_figure(result):
-    figures = all_figures(result, gather(result))
+    figures = all_figures(result)
     assert {"factors", "mass-dampings", "stiffness-dampings", "calibrations"} <= figures.keys()
     assert "loss-factors" not in figures
     title = {

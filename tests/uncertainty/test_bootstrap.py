@@ -9,7 +9,7 @@ from uncertain_cases import in_series, one_spring, without_loss
 
 import updyn
 from updyn.errors import OptionError, SolverError
-from updyn.updating.methods.maximum_likelihood import MaximumLikelihood
+from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 
 
 @pytest.fixture(scope="module")

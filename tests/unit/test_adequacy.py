@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from updyn.updating.adequacy import LEVEL, Suspect, assess, blamed
-from updyn.updating.whiteness import adjusted, bands, clipped, serial_p
+from updyn.updating.judge.adequacy import (
+    LEVEL,
+    Suspect,
+    adjusted,
+    assess,
+    bands,
+    blamed,
+    clipped,
+    serial_p,
+)
 
 RNG = np.random.default_rng
 N_F, N_I, N_J = 60, 4, 2

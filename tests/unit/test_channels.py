@@ -5,8 +5,8 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError, ParameterError
-from updyn.updating.channels import gains_of
-from updyn.updating.problem import Problem
+from updyn.updating.problem.problem import Problem
+from updyn.updating.result import gains_of
 
 FREQ = np.linspace(1.0, 40.0, 60)
 
@@ -233,7 +233,7 @@ def test_bad_choices_are_refused(case):
 
 
 def test_sensors_and_the_model_do_not_share_an_unknown():
-    from updyn.updating.parameters import Drive, Parameter
+    from updyn.updating.problem.parameters import Drive, Parameter
 
     with pytest.raises(
         ParameterError, match=r"unknown 'a.b' acts on sensors and on the model; use two unknowns"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
-from updyn.updating.methods.constitutive import ConstitutiveError, _at_start
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import solved
+from updyn.updating.fit.methods.constitutive import ConstitutiveError, _at_start
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import solved
 
 RNG = np.random.default_rng
 

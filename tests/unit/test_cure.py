@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.cure import advise
-from updyn.updating.identifiability import analyse
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.updating.judge.advice import advise
+from updyn.updating.judge.identifiability import analyse
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 from updyn.updating.update import identifiability
 
 FOUR = [f"{i}:RZ" for i in range(1, 5)]

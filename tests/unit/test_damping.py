@@ -10,7 +10,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.elements.constraints import constrain, join
 from updyn.errors import ModelError, OptionError, ParameterError
 from updyn.group import GROUP_QUANTITIES
-from updyn.updating.problem import Problem
+from updyn.updating.problem.problem import Problem
 
 FREQ = np.linspace(2.0, 60.0, 30)
 TABLE = ([1.0, 10.0, 100.0], [0.5, 1.0, 4.0])
@@ -338,7 +338,7 @@ def test_a_group_says_what_can_change_in_it():
 
 def test_what_is_compiled_tells_models_apart(damped):
     """What a checkpoint compares: rates and tables, as well as loss factors and matrices."""
-    from updyn.updating.journal import fingerprint
+    from updyn.updating.fit.journal import fingerprint
 
     def told(model):
         frf = updyn.response(chain(), FREQ, model.dofs, ["1:X"])

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.joint import together
-from updyn.updating.noise import choose_noise
-from updyn.updating.problem import Problem
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.problem import Problem, together
 
 SENSORS = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
 FREQ = np.linspace(2.0, 22.0, 60)
@@ -152,7 +151,7 @@ def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wr
 
 
 def test_values_of_infinite_variance_are_left_out(chain12_true, data):
-    from updyn.updating.examine import examine
+    from updyn.updating.judge.assessment import examine
 
     variance = (0.01 * np.abs(data.values)) ** 2
     frf = updyn.FRF(

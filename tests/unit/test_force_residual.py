@@ -7,9 +7,9 @@ import pytest
 
 import updyn
 from updyn.errors import DataError, OptionError
-from updyn.updating.methods.force_residual import ForceResidual, _compliance
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import solved
+from updyn.updating.fit.methods.force_residual import ForceResidual, _compliance
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import solved
 
 RNG = np.random.default_rng
 

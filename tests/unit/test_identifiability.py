@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.identifiability import analyse, open_directions
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import EquationError, LogError
+from updyn.updating.fit.null_space import null_space
+from updyn.updating.judge.identifiability import analyse
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EquationError, LogError
 
 NAMES = ["a", "b", "c"]
 
@@ -137,7 +138,7 @@ def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_r
     assert set(direction) == set(exact)
     per_y6 = {k: w / direction["unit 6.stiffness"] for k, w in direction.items()}
     assert per_y6 == pytest.approx(exact, rel=2e-5)
-    unseen = open_directions(local.R)
+    unseen = null_space(local.R)
     assert unseen.shape == (18, 1)
     assert abs(unseen[:, 0] @ four.open[:, 0]) == pytest.approx(1.0, abs=1e-9)
     assert {n for n, i in zip(unknowns.names, four.involved, strict=True) if i} == set(exact)

@@ -9,9 +9,8 @@ import pytest
 
 import updyn
 from updyn.errors import InputError
-from updyn.updating.joint import Joint
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError
+from updyn.updating.problem.problem import Joint, Problem
+from updyn.updating.problem.residuals import LogError
 
 #: A motor on a shaft to a load: inertias in kg m2, stiffness in N m/rad.
 MOTOR, LOAD, SHAFT = 0.02, 0.5, 900.0
@@ -60,7 +59,7 @@ def both(noise: float = 0.0, seed: int = 0) -> list[updyn.Test]:
     ]
 
 
-def unknowns() -> updyn.updating.parameters.ParameterSet:
+def unknowns() -> updyn.updating.problem.parameters.ParameterSet:
     return updyn.parameters(
         train(False), stiffness="shaft", mass=["motor", "load"], loss_factor="shaft"
     )

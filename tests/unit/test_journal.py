@@ -16,9 +16,9 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.updating import problem as problem_module
-from updyn.updating.journal import Journal, _framed
-from updyn.updating.problem import Problem
+from updyn.updating.fit.journal import Journal, _framed
+from updyn.updating.problem import problem as problem_module
+from updyn.updating.problem.problem import Problem
 
 HEAD = {"updyn": "1", "model": "a", "data": "b", "unknowns": {"p": [1.0]}, "options": {"seed": "0"}}
 RECORDS = {
@@ -325,7 +325,7 @@ import json, os, signal, sys
 import numpy as np
 import updyn
 from updyn.demos import chain
-from updyn.updating.journal import Journal
+from updyn.updating.fit.journal import Journal
 
 path, limit, resume = sys.argv[1], int(sys.argv[2]), sys.argv[3] == "resume"
 put = Journal.put

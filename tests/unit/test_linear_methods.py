@@ -10,13 +10,13 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.group import LossTable
-from updyn.updating.methods import make_method, method_class
-from updyn.updating.methods._linear import Amounts, Plain, basic_solution
-from updyn.updating.methods.reduced_frf import _in_turn
-from updyn.updating.methods.rfm import ResponseEquation
-from updyn.updating.monitor import Monitor
-from updyn.updating.problem import Problem
-from updyn.updating.trust_region import Local
+from updyn.updating.fit.methods import make_method, method_class
+from updyn.updating.fit.methods.linear import Amounts, Plain, basic_solution
+from updyn.updating.fit.methods.reduced_frf import _in_turn
+from updyn.updating.fit.methods.rfm import ResponseEquation
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Problem
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
 ALL = [f"{i}:X" for i in range(1, 13)]

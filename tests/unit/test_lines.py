@@ -7,11 +7,11 @@ import pytest
 
 import updyn
 from updyn.errors import DataError, OptionError
-from updyn.updating import lines
-from updyn.updating.lines import a_optimal, choose_lines, d_optimal
-from updyn.updating.noise import level_by_unit
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import OutputError
+from updyn.updating.problem import lines
+from updyn.updating.problem.lines import a_optimal, choose_lines, d_optimal
+from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 
 
 @pytest.fixture

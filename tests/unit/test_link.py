@@ -31,7 +31,7 @@ def model() -> updyn.Model:
     return updyn.Model.from_groups(groups, LABELS)
 
 
-def thickness(model: updyn.Model) -> updyn.updating.parameters.ParameterSet:
+def thickness(model: updyn.Model) -> updyn.updating.problem.parameters.ParameterSet:
     return updyn.link(
         model,
         "dish.thickness",

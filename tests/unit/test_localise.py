@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import true_model
+from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
-from updyn.updating.joint import together
-from updyn.updating.localise import breach, constitutive_weights, localise
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, OutputError
+from updyn.updating.fit.methods.constitutive import constitutive_weights
+from updyn.updating.judge.localise import breach, localise
+from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.residuals import Each, OutputError
 
 GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
 

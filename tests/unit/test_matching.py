@@ -652,7 +652,7 @@ def test_a_fit_that_went_far_is_doubted() -> None:
 
 def test_least_squares_over_pairs() -> None:
     """With noise on the positions: the stationary point of the sum of squares, by its own conditions."""
-    from updyn.matching.rigid import rigid
+    from updyn.matching.placement import rigid
 
     rng = np.random.default_rng(5)
     x = rng.standard_normal((9, 3))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos.gear_train_case import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
-from updyn.updating.methods import METHODS, make_method, options_of
+from updyn.updating.fit.methods import METHODS, make_method, options_of
 
 #: Those that take any data, unknowns and priors; the others have tests of their own.
 GENERAL = ["maximum-likelihood", "log", "output-error", "equation-error"]

@@ -15,7 +15,7 @@ from updyn.errors import SolverError
 from updyn.modal.sensitivity import RealModes, separated, slopes
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 
 
 def springs(n: int, m: float = 2.0, k: float = 5e3) -> Model:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.monitor import Monitor, Progress, condition
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import LogError
-from updyn.updating.trust_region import Local, Step
+from updyn.updating.fit.monitor import Monitor, Progress, condition
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import LogError
 
 
 @pytest.fixture

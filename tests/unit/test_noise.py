@@ -5,8 +5,8 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.fit import correlation_length
-from updyn.updating.noise import (
+from updyn.updating.fit.method import correlation_length
+from updyn.updating.problem.noise import (
     ASSUMED,
     Assumed,
     Estimated,

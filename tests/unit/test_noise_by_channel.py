@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.noise import (
+from updyn.updating.problem.noise import (
     ASSUMED,
     Assumed,
     Estimated,

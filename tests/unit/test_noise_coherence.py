@@ -5,8 +5,8 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.noise import Coherence, Estimated, choose_noise
-from updyn.updating.noise.smooth import steady
+from updyn.updating.problem.noise import Coherence, Estimated, choose_noise
+from updyn.updating.problem.noise.known import steady
 
 RNG = np.random.default_rng
 

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.noise import Robust, choose_noise, noise_of_record
+from updyn.updating.problem.noise import Robust, choose_noise, noise_of_record
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.noise import Coherence, Estimated, Robust, Stated, choose_noise
+from updyn.updating.problem.noise import Coherence, Estimated, Robust, Stated, choose_noise
 
 RNG = np.random.default_rng
 ROBUST = {"robust": "student-t"}

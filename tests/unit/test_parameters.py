@@ -11,8 +11,7 @@ import pytest
 
 from updyn.errors import ModelError, ParameterError
 from updyn.model import Group, Model
-from updyn.updating.choice import DEFAULT_BOUNDS, parameters
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import DEFAULT_BOUNDS, Parameter, ParameterSet, parameters
 
 
 def raises(text: str, kind: type[Exception] = ParameterError):

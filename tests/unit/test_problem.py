@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.dynamics import fields
 from updyn.errors import DofError, OptionError
-from updyn.updating.problem import Coordinates, Problem
+from updyn.updating.problem.problem import Coordinates, Problem
 
 
 @pytest.fixture

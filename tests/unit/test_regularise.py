@@ -10,15 +10,24 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.io.result_json import result_to_json
-from updyn.updating.fit import Fit, descend
-from updyn.updating.monitor import Monitor
-from updyn.updating.noise import Stated
-from updyn.updating.problem import Problem
-from updyn.updating.regularise import CHOICES, METHODS, Regularised, check_regularise
-from updyn.updating.residuals import OutputError, reduce
-from updyn.updating.spectrum import Spectrum, corner, discrepancy, minimum
-from updyn.updating.trust_region import TrustRegion
+from updyn.store.result import result_to_json
+from updyn.updating.fit.method import Fit, descend
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.regularisation import (
+    CHOICES,
+    METHODS,
+    Regularised,
+    Spectrum,
+    check_regularise,
+    corner,
+    discrepancy,
+    minimum,
+)
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import reduce
+from updyn.updating.problem.noise import Stated
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import OutputError
 
 FREE = np.full(6, -np.inf), np.full(6, np.inf)
 

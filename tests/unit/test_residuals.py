@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 import updyn
 from updyn.dynamics import fields
 from updyn.errors import DataError
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import EquationError, LogError, OutputError, reduce, with_prior
+from updyn.updating.problem.local import reduce
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EquationError, LogError, OutputError, with_prior
 
 FREQ = np.linspace(1.5, 18.0, 7)
 

@@ -9,8 +9,10 @@ import pytest
 
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.choice import parameters
-from updyn.updating.result import STATUSES, Identifiability, Iteration, UpdateResult
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import parameters
+from updyn.updating.result import STATUSES, UpdateResult
 
 
 def step(number: int, accepted: bool) -> Iteration:

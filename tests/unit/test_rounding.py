@@ -6,8 +6,8 @@ import pytest
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.problem import Problem
-from updyn.updating.rounding import worst_rounding
+from updyn.updating.judge.rounding import worst_rounding
+from updyn.updating.problem.problem import Problem
 
 FREQ = np.linspace(0.02, 0.2, 15)
 ETA = 0.03

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.noise import Robust, Stated, level_by_unit
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, LogError, OutputError
-from updyn.updating.sandwich import sandwich
+from updyn.updating.fit.methods.least_squares import sandwich
+from updyn.updating.problem.noise import Robust, Stated, level_by_unit
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import Each, LogError, OutputError
 
 
 def output_error(problem):

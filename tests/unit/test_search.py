@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.monitor import Monitor
-from updyn.updating.problem import Problem
-from updyn.updating.search import Search
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.search import Search
+from updyn.updating.problem.problem import Problem
 
 
 def far_start(chain12):

@@ -9,11 +9,11 @@ import pytest
 
 import updyn
 from updyn.engines import Serial
-from updyn.updating import problem as problem_module
-from updyn.updating.monitor import Monitor
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import EquationError, LogError, OutputError
-from updyn.updating.session import Recent, Session, Stopped, digest
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.problem import problem as problem_module
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EquationError, LogError, OutputError
+from updyn.updating.problem.session import Recent, Session, Stopped, digest
 
 
 def sent(thing):

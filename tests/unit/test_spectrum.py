@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from updyn.updating.spectrum import Spectrum, corner, discrepancy, minimum
+from updyn.updating.fit.regularisation import Spectrum, corner, discrepancy, minimum
 
 RNG = np.random.default_rng(5)
 

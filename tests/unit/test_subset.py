@@ -9,8 +9,8 @@ import scipy.linalg
 
 import updyn
 from updyn.errors import OptionError, ParameterError
-from updyn.io.result_json import result_to_json
-from updyn.updating.subset import alike, subset
+from updyn.store.result import result_to_json
+from updyn.updating.judge.selection import alike, subset
 
 
 def index(A):

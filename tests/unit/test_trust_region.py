@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from updyn.updating.residuals import reduce
-from updyn.updating.trust_region import Local, Step, TrustRegion
+from updyn.updating.fit.trust_region import Step, TrustRegion
+from updyn.updating.problem.local import Local, reduce
 
 FREE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
 

@@ -9,7 +9,8 @@ import pytest
 import updyn
 from updyn.errors import DataError, DofError, OptionError, ParameterError, SolverError
 from updyn.linalg.solver import check_backend
-from updyn.updating.result import STATUSES, Identifiability, UpdateResult
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.result import STATUSES, UpdateResult
 from updyn.updating.update import identifiability
 
 

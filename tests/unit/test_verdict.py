@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.adequacy import Suspect, assess, blamed
-from updyn.updating.fit import Fit
-from updyn.updating.identifiability import analyse
-from updyn.updating.verdict import verdict
+from updyn.updating.fit.method import Fit
+from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.verdict import verdict
 
 NAMES = ["a.stiffness", "b.stiffness"]
 SURE, UNSURE = np.diag([1000.0, 1000.0]), np.diag([1000.0, 2.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.result import Identifiability, UpdateResult
+from updyn.text_table import text_table
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.result import UpdateResult
 
 __all__ = [
     "describe",
@@ -25,25 +27,11 @@ __all__ = [
     "describe_modes",
     "describe_parameters",
     "describe_plant",
-    "table",
 ]
 
 _MODES_UP_TO = 20_000  # DOFs: natural frequencies of larger models are not asked for in passing
 _MODES = 8
 _LABELS = 12
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return rows in columns, the first to the left and the others to the right."""
-    cells = [list(header), *(list(r) for r in rows)]
-    width = [max(len(r[i]) for r in cells) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            c.ljust(w) if i == 0 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(r, width, strict=True))
-        ).rstrip()
-        for r in cells
-    )
 
 
 def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult | Plant) -> str:
@@ -87,7 +75,7 @@ def describe_model(model: Model) -> str:
             f"DOFs: {_labels(model.dofs)}",
             describe_geometry(model.geometry) if model.geometry is not None else "No geometry.",
             "",
-            table(header, rows),
+            text_table(header, rows),
             *(
                 f"{name}: {group.damping_words}"
                 for name, group in model.groups.items()
@@ -156,7 +144,7 @@ def describe_modes(modes: ModeSet) -> str:
         [
             f"Modes: {len(modes)} from {modes.frequency[0]:g} to {modes.frequency[-1]:g} Hz",
             f"{len(modes.dofs)} DOFs: {_labels(modes.dofs)}",
-            table(
+            text_table(
                 ("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality"),
                 rows,
             ),
@@ -208,7 +196,7 @@ def describe_plant(plant: Plant) -> str:
             + (", ".join(f"{f:.5g}" for f in plant.modes[:_LABELS]) or "none")
             + (", ..." if len(plant.modes) > _LABELS else ""),
             "",
-            table(("port", "is", "unit", "weights"), rows),
+            text_table(("port", "is", "unit", "weights"), rows),
         ]
     )
 
@@ -225,7 +213,7 @@ def describe_parameters(parameters: ParameterSet) -> str:
         ]
         for p in parameters
     ]
-    return table(("unknown", "start", "lower", "upper", "prior std"), rows)
+    return text_table(("unknown", "start", "lower", "upper", "prior std"), rows)
 
 
 def describe_identifiability(found: Identifiability) -> str:

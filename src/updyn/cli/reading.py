@@ -9,8 +9,9 @@ from typing import Any
 from updyn.control.files.items import NO_PLANT
 from updyn.control.files.plant_file import plant_format, read_plant
 from updyn.errors import FormatError, InputError
-from updyn.io import read_frf, read_geometry, read_model, read_modes, read_result
-from updyn.io.registry import find_format
+from updyn.io import read_frf, read_geometry, read_model, read_modes
+from updyn.io.formats import find_format
+from updyn.store.result import read_result
 
 __all__ = ["KINDS", "read_anything"]
 

@@ -18,18 +18,17 @@ from updyn.engines import Engine, choose_engine
 from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.lines import choose_lines, d_optimal
-from updyn.updating.methods import METHODS, make_method
-from updyn.updating.monitor import Progress
-from updyn.updating.noise import choose_noise
-from updyn.updating.parameters import Parameter, ParameterSet, finite
-from updyn.updating.problem import Problem
-from updyn.updating.reducing import is_reduced
-from updyn.updating.regularise import check_regularise
+from updyn.updating.fit.methods import METHODS, make_method
+from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.fit.regularisation import check_regularise
+from updyn.updating.problem.data import Test, check, split_data
+from updyn.updating.problem.lines import choose_lines, d_optimal
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import Test, check
-from updyn.updating.selected import Selection
-from updyn.updating.split import split_data
 from updyn.updating.update import update, update_jointly
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["COUNTS", "Fewest", "counts", "errors_against", "fewest_lines", "own_answer", "rule"]

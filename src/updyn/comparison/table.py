@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
-from updyn.updating.methods import METHODS, method_class
-from updyn.updating.parameters import CHANNELS, ParameterSet
+from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.problem.data import Test
+from updyn.updating.problem.parameters import CHANNELS, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import Test
 
 __all__ = [
     "COLUMNS",

@@ -20,8 +20,8 @@ from updyn.errors import ModelError, OptionError, SolverError, suggest
 from updyn.frf import check_lines
 from updyn.model import Model
 from updyn.uncertainty.draws import Draws
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.problem import Coordinates
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Coordinates
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:

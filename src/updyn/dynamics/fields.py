@@ -19,10 +19,13 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg.solver import (
     LARGEST_GROWTH,
+    LARGEST_PROBE_GROWTH,
     SparseSolver,
     check_backend,
     growth,
+    probe_load,
     singular_message,
+    unit_scale,
 )
 from updyn.linalg.threads import alone
 
@@ -208,7 +211,9 @@ class LineSolver:
         B[columns, np.arange(r)] = 1.0
         if self.tier == "dense":
             Z = self._dense(self.system.values(coefficients))
-            return solve_dense(Z, np.broadcast_to(B, (len(freq), n, r)), freq).transpose(1, 0, 2)
+            loads = np.broadcast_to(B, (len(freq), n, r))
+            X = solve_dense(Z, loads, freq, size=self._sizes(coefficients))
+            return X.transpose(1, 0, 2)
         solver, Z = self._whole()
 
         def line(i: int) -> NDArray[np.complex128]:
@@ -251,7 +256,9 @@ class LineSolver:
         """
         if self.tier == "dense":
             Z = self._dense(self.system.values(coefficients))
-            return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
+            loads = forces.transpose(1, 0, 2)
+            X = solve_dense(Z, loads, freq, size=self._sizes(coefficients))
+            return X.transpose(1, 0, 2)
         solver, Z = self._whole()
         out = np.empty((len(freq), forces.shape[2], self.system.n), dtype=np.complex128)
         for i in range(len(freq)):
@@ -316,7 +323,8 @@ class LineSolver:
             if eliminated.size == 0:
                 return Znn, T.transpose(1, 0, 2)
             Zsn = Z[:, eliminated[:, None], retained]
-            W = solve_dense(Z[:, eliminated[:, None], eliminated], Zsn, freq, _HELD)
+            Zss, size = Z[:, eliminated[:, None], eliminated], self._sizes(coefficients)
+            W = solve_dense(Zss, Zsn, freq, _HELD, size=size[:, eliminated])
             T[:, eliminated] = -W
             return Znn - Zsn.transpose(0, 2, 1) @ W, T.transpose(1, 0, 2)
         T = np.zeros((len(freq), n, self.system.n), dtype=np.complex128)
@@ -348,6 +356,17 @@ class LineSolver:
             self._kept[key] = Partition.find(self.system, retained), SparseSolver(self.backend)
         return cast("tuple[Partition, SparseSolver]", self._kept[key])
 
+    def _sizes(self, coefficients: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """Return the sizes of the diagonal entries of Z before its terms cancel, shape (n_lines, N)."""
+        key = b"diagonals"
+        if key not in self._kept:
+            diagonals = np.zeros((len(self.system.terms), self.system.n))
+            for diagonal, term in zip(diagonals, self.system.terms, strict=True):
+                diagonal[term.rows] = np.abs(term.local.diagonal())
+            self._kept[key] = (diagonals,)
+        (diagonals,) = self._kept[key]
+        return np.asarray(np.abs(coefficients).T @ diagonals)
+
     def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         n = self.system.n
         if len(values) == n * n:
@@ -365,7 +384,12 @@ def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
 
 @alone
 def solve_dense(
-    Z: NDArray[np.complex128], B: NDArray[np.complex128], freq: NDArray[np.float64], held: str = ""
+    Z: NDArray[np.complex128],
+    B: NDArray[np.complex128],
+    freq: NDArray[np.float64],
+    held: str = "",
+    *,
+    size: NDArray[np.float64] | None = None,
 ) -> NDArray[np.complex128]:
     """Solve Z X = B at a block of lines with dense matrices, and check that none is singular.
 
@@ -379,6 +403,9 @@ def solve_dense(
         In Hz, for messages.
     held : str
         Which DOFs are held, for messages.
+    size : ndarray of float, shape (n_lines, n), optional
+        Sizes of the diagonal entries, by which rows and columns are scaled where they are judged.
+        Those of Z where none are given; of a sum, those of its terms do not cancel.
 
     Returns
     -------
@@ -389,15 +416,31 @@ def solve_dense(
     SolverError
         If a matrix is singular; the message names the line.
     """
+    size = np.abs(np.einsum("fii->fi", Z)) if size is None else size
+    n_lines, n, r = B.shape
+    loads = np.empty((n_lines, n, r + 1), dtype=np.complex128)
+    loads[:, :, :r] = B
+    loads[:, :, r:] = probe_load(unit_scale(size))
     try:
-        X = np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
+        X = np.asarray(np.linalg.solve(Z, loads), dtype=np.complex128)
     except np.linalg.LinAlgError:
-        singular = [f for z, f in zip(Z, freq, strict=True) if np.linalg.matrix_rank(z) < len(z)]
-        raise SolverError(singular_message(singular[0] if singular else freq[0], held)) from None
-    bad = ~(growth(np.einsum("fii->fi", Z), X, B) <= LARGEST_GROWTH)
-    if bad.any():
-        raise SolverError(singular_message(freq[bad][0], held))
-    return X
+        X = np.stack([_solved_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
+    answer, probe = X[:, :, :r], X[:, :, r:]
+    accepted = growth(size, answer, B) <= LARGEST_GROWTH
+    accepted &= growth(size, probe, loads[:, :, r:]) <= LARGEST_PROBE_GROWTH
+    if not accepted.all():
+        raise SolverError(singular_message(freq[~accepted][0], held))
+    return answer
+
+
+def _solved_or_infinite(
+    Z: NDArray[np.complex128], B: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return the solution of Z X = B at one line, infinite where Z has no inverse."""
+    try:
+        return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
+    except np.linalg.LinAlgError:
+        return np.full_like(B, np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

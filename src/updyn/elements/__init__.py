@@ -1,1 +1,27 @@
-"""Builders of models: beams, drive trains, structures in space and meshes, and the constraints that tie them."""
+"""Builders of models: beams, drive trains, structures in space and meshes, and constraints between DOFs.
+
+`MODEL_KINDS` holds the builders that a job file asks for by ``[model] kind = "..."``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from updyn.registry import Registry
+
+if TYPE_CHECKING:
+    from updyn.model import Model
+
+__all__ = ["MODEL_KINDS"]
+
+#: Builders of models by kind: functions from the keys of the table ``[model]`` to a `Model`.
+MODEL_KINDS: Registry[Callable[[Mapping[str, Any]], Model]] = Registry(
+    "model kind",
+    "updyn.model_kinds",
+    {
+        "beam": "updyn.elements.beam:beam_from_table",
+        "drivetrain": "updyn.elements.drivetrain:drivetrain_from_table",
+        "structure": "updyn.elements.structure:structure_from_table",
+    },
+)

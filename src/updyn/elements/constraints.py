@@ -11,18 +11,29 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
-from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
+from updyn.elements.checks import node_number, store
 from updyn.errors import ModelError, suggest
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["Equation", "about_axis", "add_masses", "along_axis", "constrain", "join", "rigid_link"]
+__all__ = [
+    "Equation",
+    "RigidLink",
+    "about_axis",
+    "add_masses",
+    "along_axis",
+    "constrain",
+    "join",
+    "rigid_link",
+]
 
 _LARGEST = sys.float_info.max  # a whole number may be larger
 _SHOWN = 6  # equations of a loop that are named
@@ -77,6 +88,52 @@ class Equation:
 
     def __str__(self) -> str:
         return f"{self.dof} = " + (" ".join(f"{c:+.6g} {d}" for d, c in self.terms.items()) or "0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidLink:
+    """Nodes that move rigidly with another; their own DOFs vanish.
+
+    Parameters
+    ----------
+    master : int
+        The node that leads.
+    slaves : array_like of int, shape (m,)
+        The nodes that follow.
+    directions : iterable of str, optional
+        Which of their DOFs follow. None: all that they have (of solids and trusses X, Y, Z).
+
+    Raises
+    ------
+    ModelError
+        If a node is not a whole number, or a direction is not known.
+    """
+
+    master: int
+    slaves: Any
+    directions: Any = None
+
+    def __post_init__(self) -> None:
+        what = f"rigid link of node {self.master!r}"
+        slaves = np.atleast_1d(whole_numbers(self.slaves, f"{what}: slaves", ModelError))
+        if slaves.ndim != 1 or not slaves.size:
+            raise ModelError(f"{what}: slaves {self.slaves!r}; expected at least one node number")
+        store(self, master=node_number(what, "master", self.master), slaves=slaves)
+        if self.directions is not None:
+            wanted = self.directions
+            if isinstance(wanted, str):
+                wanted = wanted.split()
+            if not isinstance(wanted, Iterable):
+                raise ModelError(
+                    f"{what}: directions {wanted!r}; expected some of {' '.join(DIRECTIONS)}"
+                )
+            wanted = tuple(wanted)
+            for name in wanted:
+                if name not in DIRECTIONS:
+                    raise ModelError(
+                        f"{what}: direction {name!r}; {suggest(str(name), DIRECTIONS)}"
+                    )
+            store(self, directions=wanted)
 
 
 def constrain(

@@ -1,9 +1,14 @@
-"""Meshes of Gmsh, Abaqus, VTK and others, read by meshio: each physical group becomes a part of a structure."""
+"""Meshes of Gmsh, Abaqus, VTK and others, read by meshio: each physical group becomes a part of a structure.
+
+meshio drops the node numbers of a file and reads some Abaqus decks wrongly: node numbers are read
+here, and such decks are refused.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from os import PathLike
@@ -14,15 +19,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof
-from updyn.elements._mesh import check_keys
+from updyn.elements.checks import check_keys
 from updyn.elements.constraints import Equation
-from updyn.elements.mesh_numbers import numbers_in
-from updyn.elements.structure import Beam, PointMass, RigidLink, Shell, Solid, Truss, structure
-from updyn.elements.structure.parts import Part
+from updyn.elements.structure import (
+    Beam,
+    Element,
+    PointMass,
+    RigidLink,
+    Shell,
+    Solid,
+    Truss,
+    structure,
+)
 from updyn.errors import FormatError, ModelError, suggest
 from updyn.model import Model
 
-__all__ = ["Mesh", "read_mesh", "structure_from_mesh"]
+__all__ = [
+    "Mesh",
+    "numbers_in",
+    "read_mesh",
+    "structure_from_mesh",
+]
 
 #: Metres in a unit of length.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
@@ -100,7 +117,7 @@ class Mesh:
 
     def parts(
         self, materials: Mapping[str, Mapping[str, Any]], leave_out: Iterable[str] = ()
-    ) -> list[Part]:
+    ) -> list[Element]:
         """Return the parts of a structure: one for each group and kind of cell.
 
         Parameters
@@ -114,7 +131,7 @@ class Mesh:
 
         Returns
         -------
-        list of Part
+        list of Element
 
         Raises
         ------
@@ -139,7 +156,7 @@ class Mesh:
                     self.path,
                 )
         self._check_once(materials)
-        out: list[Part] = []
+        out: list[Element] = []
         for name, given in materials.items():
             for kind, cells in self.groups[name].items():
                 out += _parts(self.path, name, kind, cells, given)
@@ -165,7 +182,7 @@ class Mesh:
 
 def _parts(
     path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
-) -> list[Part]:
+) -> list[Element]:
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
@@ -333,7 +350,7 @@ def structure_from_mesh(
     unit: str,
     leave_out: Iterable[str] = (),
     ungrouped: str = "error",
-    more: Iterable[Part] = (),
+    more: Iterable[Element] = (),
     links: Iterable[RigidLink] = (),
     equations: Iterable[Equation] = (),
     grounded: Iterable[str | Dof | int] = (),
@@ -354,7 +371,7 @@ def structure_from_mesh(
         Groups that are no parts. Those in `grounded` need not be named again.
     ungrouped : {"error", "leave out"}
         What becomes of cells in no group.
-    more : iterable of Part
+    more : iterable of Element
         Parts that the mesh does not have: springs, masses.
     links, equations
         As for `structure`.
@@ -409,3 +426,117 @@ def structure_from_mesh(
         grounded=list(dict.fromkeys(held)),
         title=title,
     )
+
+
+_KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")
+
+
+def numbers_in(path: Path) -> NDArray[np.int64] | None:
+    """Return the node numbers of a mesh file, in its order; None where the format has none.
+
+    Raises
+    ------
+    FormatError
+        If the numbers are not there, or meshio would take the groups of an Abaqus deck for others:
+        element blocks without a set beside some with one, one set in two blocks, several blocks of
+        nodes, parts and includes.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".msh":
+        with path.open("rb") as file:
+            head = file.read(200)
+        if not head.startswith(b"$MeshFormat"):
+            return None  # the same suffix is used by others
+        words = head.split()
+        if len(words) < 3 or words[2] != b"0":
+            raise FormatError(
+                "a binary .msh: its node numbers are not read; save it as text (Mesh.Binary = 0)",
+                path,
+            )
+        return _gmsh(path, _lines(path), words[1].decode(errors="replace"))
+    return _abaqus(path, _lines(path)) if suffix == ".inp" else None
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"byte {error.start} is not text; expected a mesh in UTF-8", path
+        ) from error
+
+
+def _gmsh(path: Path, lines: list[str], version: str) -> NDArray[np.int64]:
+    try:
+        at = lines.index("$Nodes") + 1
+        out: list[int] = []
+        if version.startswith("2"):
+            count = int(lines[at])
+            out = [int(line.split(maxsplit=1)[0]) for line in lines[at + 1 : at + 1 + count]]
+        else:
+            blocks, at = int(lines[at].split()[0]), at + 1
+            for _ in range(blocks):
+                count = int(lines[at].split()[3])
+                out += [int(line) for line in lines[at + 1 : at + 1 + count]]
+                at += 1 + 2 * count
+    except (ValueError, IndexError) as error:
+        raise FormatError(f"the nodes cannot be read ({error})", path) from error
+    return np.array(out, dtype=np.int64)
+
+
+def _abaqus(path: Path, lines: list[str]) -> NDArray[np.int64]:
+    out: list[int] = []
+    sets: dict[str, int] = {}
+    without: int | None = None
+    blocks, inside = 0, False
+    for number, line in enumerate(lines, 1):
+        if line.startswith("**"):
+            continue
+        found = _KEYWORD.match(line)
+        if found is None:
+            if inside and line.strip():
+                out.append(_first(path, number, line))
+            continue
+        word = found[1].strip().upper()
+        inside = word == "NODE"
+        if word in ("PART", "INSTANCE", "INCLUDE"):
+            raise FormatError(
+                f"*{word}: only flat decks are read; expected *NODE, *ELEMENT and sets",
+                path,
+                number,
+            )
+        if inside:
+            blocks += 1
+            if blocks > 1:
+                raise FormatError(
+                    "a second *NODE block, of which the first would be lost; join them",
+                    path,
+                    number,
+                )
+        if word == "ELEMENT":
+            own = re.search(r"ELSET\s*=\s*([^,\s]+)", line, re.IGNORECASE)
+            if own is None:
+                without = without or number
+            elif own[1] in sets:
+                raise FormatError(
+                    f"*ELEMENT with ELSET={own[1]}, as on line {sets[own[1]]}, which would be lost;"
+                    " use two names",
+                    path,
+                    number,
+                )
+            else:
+                sets[own[1]] = number
+    if sets and without is not None:
+        raise FormatError(
+            "*ELEMENT without ELSET beside others with one; give each block its own", path, without
+        )
+    return np.array(out, dtype=np.int64)
+
+
+def _first(path: Path, number: int, line: str) -> int:
+    try:
+        return int(line.split(",", maxsplit=1)[0])
+    except ValueError as error:
+        raise FormatError(
+            f"{line.strip()[:30]!r}: expected a node number first", path, number
+        ) from error

@@ -12,8 +12,7 @@ from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import DofError, ModelError, suggest
 from updyn.group import Group
 from updyn.model import Model
-from updyn.updating.choice import parameters
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet, parameters
 
 __all__ = ["add_sensor_masses", "sensor_group", "sensor_masses"]
 

@@ -2,37 +2,56 @@
 
 The functions here are the front doors. They look at the content of a file, then at its suffix (or
 do as ``format=`` says), load the one module that knows the format, and check the options by name.
-Formats: `updyn.io.registry`.
+Formats: `updyn.io.formats`.
 """
 
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from updyn.errors import OptionError, suggest
+from updyn.io.formats import find_format, load
+from updyn.io.items import chosen, placed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-    from pathlib import Path
-
     from updyn.dofs import Dof
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.modal import ModeSet
     from updyn.model import Model
-    from updyn.updating.result import UpdateResult
 
 __all__ = [
     "read_frf",
     "read_geometry",
     "read_model",
     "read_modes",
-    "read_result",
     "write_frf",
     "write_model",
     "write_modes",
     "write_properties",
-    "write_result",
 ]
+
+
+class Changes(Protocol):
+    """Unknowns of an update, as far as `write_properties` needs them."""
+
+    def changes(self, values: Sequence[float]) -> Mapping[str, dict[str, float]]:
+        """Return the changes by group that values of the unknowns stand for."""
+
+
+class Updated(Protocol):
+    """The outcome of an update, as far as `write_properties` needs it."""
+
+    @property
+    def parameters(self) -> Changes:
+        """The unknowns."""
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Estimate by unknown."""
 
 
 def read_frf(
@@ -65,8 +84,8 @@ def read_frf(
         values change sign. Of a universal file only that part has to be complete.
     **options
         What the reader of that format takes besides, checked by name: ``scalar_direction``,
-        ``scale`` and ``local_axes`` of a universal file (`updyn.io.uff`); ``response_labels``,
-        ``reference_labels`` and ``order`` of bare arrays (`updyn.io.npz`, `updyn.io.mat`).
+        ``scale`` and ``local_axes`` of a universal file (`updyn.io.uff.frf`); ``response_labels``,
+        ``reference_labels`` and ``order`` of bare arrays (`updyn.io.npz`, `updyn.io.matlab`).
 
     Returns
     -------
@@ -81,13 +100,13 @@ def read_frf(
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader = _function(path, "read_frf", format)
+    reader, name = _function(path, "read_frf", format)
     wanted = {
         k: v for k, v in (("responses", responses), ("references", references)) if v is not None
     }
     early = wanted if {"responses", "references"} <= _options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
-    frf: FRF = reader(path, **_known(reader, given, ("responses", "references")))
+    frf: FRF = reader(path, **_known(reader, name, given, ("responses", "references")))
     return frf if early else _part(frf, wanted, path)
 
 
@@ -108,7 +127,7 @@ def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
     FormatError
         If no format fits, or the format cannot hold the data.
     """
-    _function(path, "write_frf", format)(frf, path)
+    _function(path, "write_frf", format)[0](frf, path)
 
 
 def read_geometry(path: str | Path, *, format: str | None = None, **options: Any) -> Geometry:
@@ -137,8 +156,8 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader = _function(path, "read_geometry", format)
-    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
+    reader, name = _function(path, "read_geometry", format)
+    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
 
 
 def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:
@@ -166,8 +185,8 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader = _function(path, "read_modes", format)
-    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
+    reader, name = _function(path, "read_modes", format)
+    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
 
 
 def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
@@ -187,7 +206,7 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     FormatError
         If no format fits, or the format cannot hold the modes.
     """
-    _function(path, "write_modes", format)(modes, path)
+    _function(path, "write_modes", format)[0](modes, path)
 
 
 def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:
@@ -215,8 +234,8 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader = _function(path, "read_model", format)
-    return reader(path, **_known(reader, options, ("format",)))  # type: ignore[no-any-return]
+    reader, name = _function(path, "read_model", format)
+    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
@@ -236,11 +255,11 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
     FormatError
         If no format fits, or the format cannot hold the model.
     """
-    _function(path, "write_model", format)(model, path)
+    _function(path, "write_model", format)[0](model, path)
 
 
 def write_properties(
-    result: UpdateResult | Mapping[str, Mapping[str, float]],
+    result: Updated | Mapping[str, Mapping[str, float]],
     deck: str | Path,
     path: str | Path,
     *,
@@ -267,63 +286,20 @@ def write_properties(
     OptionError
         If the file to write is the deck.
     """
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from updyn.errors import OptionError
-
     source, target = Path(deck), Path(path)
     if target.exists() and source.exists() and target.samefile(source):
         raise OptionError(f"{path}: is the deck itself, which is not changed; name another file")
     if isinstance(result, Mapping):
         changes = {group: dict(change) for group, change in result.items()}
     else:
-        changes = result.parameters.changes(list(result.values.values()))
-    _function(deck, "write_properties", format)(changes, source, target)
+        changes = dict(result.parameters.changes(list(result.values.values())))
+    _function(deck, "write_properties", format)[0](changes, source, target)
 
 
-def read_result(path: str | Path) -> UpdateResult:
-    """Read the record of an update, as `write_result` makes it.
-
-    Parameters
-    ----------
-    path : path
-        The file, usually ``run.nc``.
-
-    Returns
-    -------
-    UpdateResult
-        The outcome, with its models.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or is not the record of an update.
-    """
-    from updyn.io import result_file
-
-    return result_file.read_result(path)
-
-
-def write_result(result: UpdateResult, path: str | Path) -> None:
-    """Write the record of an update, the file replaced as a whole once it is complete.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The outcome.
-    path : path
-        File to write, usually ``run.nc``.
-    """
-    from updyn.io import result_file
-
-    result_file.write_result(result, path)
-
-
-def _function(path: str | Path, verb: str, name: str | None) -> Callable[..., Any]:
-    from updyn.io.registry import find_format, load
-
-    return getattr(load(find_format(path, verb, name)), verb)  # type: ignore[no-any-return]
+def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:
+    """Return what does that in the format of the file, and the name of the format."""
+    chosen = find_format(path, verb, format)
+    return getattr(load(chosen), verb), chosen.name
 
 
 def _options(reader: Callable[..., Any]) -> set[str]:
@@ -333,15 +309,12 @@ def _options(reader: Callable[..., Any]) -> set[str]:
 
 
 def _known(
-    reader: Callable[..., Any], options: dict[str, Any], others: Iterable[str] = ()
+    reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
 ) -> dict[str, Any]:
     """Return the options, each of which the reader must have by name; `others` are those of the front door."""
-    from updyn.errors import OptionError, suggest
-
     known = _options(reader)
     for name in options:
         if name not in known:
-            kind = reader.__module__.rpartition(".")[2]
             raise OptionError(
                 f"{reader.__name__} of the format {kind!r} has no option {name!r}; "
                 + suggest(name, sorted(known.union(others)))
@@ -350,9 +323,7 @@ def _known(
 
 
 def _part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
-    """Select, as `updyn.io.uff` does while it reads."""
-    from updyn.io.guard import chosen, placed
-
+    """Select, as `updyn.io.uff.frf` does while it reads."""
     if "responses" in wanted:
         with placed(path, "responses"):
             frf = frf.select(responses=chosen(wanted["responses"], "responses", path))

@@ -28,7 +28,7 @@ from updyn.errors import DofError, FormatError, OptionError, UpdynWarning, sugge
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_geometry
-from updyn.io.guard import placed
+from updyn.io.items import placed
 
 __all__ = ["read_frf", "read_geometry", "write_frf"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
-from updyn.io.guard import placed
+from updyn.io.items import placed
 
 __all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
 

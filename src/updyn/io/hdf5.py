@@ -30,8 +30,7 @@ from updyn.errors import FormatError, InputError, suggest
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import known_only, library, placed
-from updyn.io.items import compressed
+from updyn.io.items import compressed, known_only, library, placed
 from updyn.model import Model
 
 __all__ = [

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import OptionError
-from updyn.io.guard import placed
+from updyn.io.items import placed
 from updyn.model import Model
 
 __all__ = ["read_model"]
@@ -49,7 +49,7 @@ def read_model(
         group.
     """
     from updyn.elements.mesh import structure_from_mesh
-    from updyn.elements.structure.table import section_from_table
+    from updyn.elements.structure.beams import section_from_table
 
     for name, given in (("unit", unit), ("materials", materials)):
         if given is None:

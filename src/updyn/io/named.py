@@ -5,7 +5,7 @@ An item is a number array, a sparse matrix, a list of texts, or a mapping of ite
     dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
     K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
     groups                  mapping of group name to K, M, C, loss_factor, name                 } these
-                            (or one of the ways in `updyn.io.named_groups`)
+                            (or one of the ways in `updyn.io.named`)
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
     loss_table              (2, n): lines in Hz, factors on loss_factor
@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
@@ -39,24 +40,31 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.group import VALUES
 from updyn.io.damping import DAMPING, plain_damping
-from updyn.io.guard import known_only, placed
 from updyn.io.items import (
     Items,
     dofs,
     kind_of,
+    known_only,
     listed,
     matrix,
     number,
     numbers,
+    placed,
     real,
     text,
     vector,
     whole,
 )
-from updyn.io.named_groups import refuse_triangle, with_groups
 from updyn.model import Group, Model
 
-__all__ = ["build_frf", "build_model", "frf_items", "model_items"]
+__all__ = [
+    "build_frf",
+    "build_model",
+    "frf_items",
+    "model_items",
+    "refuse_triangle",
+    "with_groups",
+]
 
 _GEOMETRY = ("nodes", "xyz", "lines", "axes")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
@@ -425,3 +433,104 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
     if geometry.axes is not None:
         items["axes"] = geometry.axes
     return items
+
+
+_LETTERS = ("K", "M", "C")
+
+
+def with_groups(items: Items, path: str | Path) -> Items:
+    """Return the items with parts as ``groups`` and labels as ``dofs``.
+
+    Raises
+    ------
+    FormatError
+        If two ways are mixed, a part has no name or stands twice, or ``dof_ref`` is no table of
+        node and direction.
+    """
+    out = dict(items)
+    if "dof_ref" in out:
+        if "dofs" in out:
+            raise FormatError("holds both 'dofs' and 'dof_ref'; expected one of them", path)
+        table = whole(out.pop("dof_ref"), "dof_ref", path)
+        if table.ndim != 2 or table.shape[1] != 2 or not np.isin(table[:, 1], range(6)).all():
+            raise FormatError(
+                f"dof_ref: found numbers of shape {table.shape}; expected (N, 2): node, and"
+                " direction 0..5 for X, Y, Z, RX, RY, RZ; a table with directions 1..6 is called"
+                " dofs",
+                path,
+            )
+        out["dofs"] = table + np.array([0, 1])
+    if isinstance(out.get("groups"), list):
+        out["groups"] = _from_array(out["groups"], path)
+    split = [key for key in _LETTERS if isinstance(out.get(key), Mapping)]
+    if not split:
+        return out
+    if "groups" in out or any(key in out and key not in split for key in _LETTERS):
+        other = next(key for key in ("groups", *_LETTERS) if key in out and key not in split)
+        raise FormatError(
+            f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path
+        )
+    groups: dict[str, dict[str, Any]] = {}
+    for key in split:
+        for name, part in out.pop(key).items():
+            groups.setdefault(name, {})[key] = part
+    for key in DAMPING:
+        for name, value in _by_part(out, key, path).items():
+            if name not in groups:
+                raise FormatError(f"{key}: no part {name!r} in {', '.join(split)}", path)
+            groups[name][key] = value
+    return {**out, "groups": groups}
+
+
+def _by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
+    given = out.pop(key, {})
+    if not isinstance(given, Mapping):
+        found = "one table" if key == "loss_table" else f"{number(given, key, path):g}"
+        raise FormatError(
+            f"{key} is {found} for several parts; expected a struct with one for each", path
+        )
+    return dict(given)
+
+
+def _from_array(parts: list[Any], path: str | Path) -> dict[str, Any]:
+    groups: dict[str, Any] = {}
+    for i, part in enumerate(parts, 1):
+        if not isinstance(part, Mapping):
+            raise FormatError(f"groups: expected one struct a group, found {kind_of(parts)}", path)
+        if "name" not in part:
+            raise FormatError(
+                f"groups({i}) has no field 'name'; it has {', '.join(map(str, part))}", path
+            )
+        name = text(part["name"], f"groups({i}).name", path)
+        if name in groups:
+            raise FormatError(f"group {name!r} stands twice", path)
+        # An element of a struct array has all fields of the others; those that it does not need are
+        # empty.
+        groups[name] = {key: value for key, value in part.items() if not _empty(value)}
+    return groups
+
+
+def _empty(value: Any) -> bool:
+    return 0 in value.shape if sp.issparse(value) or isinstance(value, np.ndarray) else value == []
+
+
+def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
+    """Refuse one triangle of a matrix, which is what programs store of a symmetric one.
+
+    Raises
+    ------
+    FormatError
+        If all entries off the diagonal are on one side of it.
+    """
+    entry = sp.coo_array(matrix)
+    if entry.ndim != 2 or entry.shape[0] != entry.shape[1]:
+        return
+    upper = bool((entry.data[entry.row < entry.col] != 0).any())
+    lower = bool((entry.data[entry.row > entry.col] != 0).any())
+    if upper != lower:
+        side, other = ("upper", "triu(K, 1)") if upper else ("lower", "tril(K, -1)")
+        raise FormatError(
+            f"{name}: holds the {side} triangle only, as programs store a symmetric matrix;"
+            f" expected all of it: K + {other}' completes it",
+            path,
+        )

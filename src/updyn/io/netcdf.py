@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 from updyn.errors import FormatError, OptionError
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import library, placed
 from updyn.io.hdf5 import check_kind, put_kind
+from updyn.io.items import library, placed
 
 if TYPE_CHECKING:
     import xarray as xr

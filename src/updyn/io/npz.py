@@ -30,8 +30,7 @@ from updyn.dofs import Dof
 from updyn.errors import FormatError
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import library
-from updyn.io.items import compressed, kind_of, listed
+from updyn.io.items import compressed, kind_of, library, listed
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
 from updyn.model import Model

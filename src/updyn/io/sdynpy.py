@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
-from updyn.io.guard import known_only, placed
-from updyn.io.items import real
+from updyn.io.items import known_only, placed, real
 from updyn.model import Group, Model
 
 __all__ = ["FIELDS", "is_system", "system_model"]

@@ -1,36 +1,41 @@
-"""The folder of a run: its name, what is written into it, and whether it may be."""
+"""The folder of a run: its name, its files, the job file and the journal in it, and checks before it is written."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
-from updyn.control.job.plant_tables import PLANT_FILES
-from updyn.errors import JobError
-from updyn.job.resolved import MARK
+from pydantic import ValidationError
+
+from updyn import __version__
+from updyn.errors import InputError, JobError
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 
 __all__ = [
-    "CONTROL",
-    "PLANT_PAGE",
+    "JOURNAL",
+    "MARK",
     "check_folder",
     "check_inputs",
     "check_no_folder",
     "check_out",
     "default_out",
+    "journal_of",
     "made_folder",
     "outputs",
-    "plant_outputs",
     "put_in_place",
+    "resolved_job",
+    "stale_outputs",
     "unfinished",
 ]
 
-#: The page and the record of a plant.
-PLANT_PAGE, CONTROL = "plant.html", "control.json"
 #: Of what a run writes, what each of several tests has in a folder of its own.
 OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
@@ -48,25 +53,42 @@ def outputs(job: Job) -> tuple[str, ...]:
     tuple of str
         Paths, those in folders of tests included.
     """
-    more: tuple[str, ...] = () if job.output.properties is None else (job.output.properties,)
-    more += tuple(name for name in plant_outputs(job) if name not in OUTPUTS)
+    own = () if job.output.properties is None else (job.output.properties,)
+    further = [
+        file for name, table in job.tables.items() for file in JOB_TABLES[name].outputs(table)
+    ]
     if len(job.parts) == 1:
-        return (*more, *OUTPUTS)
-    own = tuple(f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST)
-    return (*more, *own, *(name for name in OUTPUTS if name not in ("model.h5", "run.nc")))
+        return (*own, *further, *OUTPUTS)
+    tests = [f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST]
+    common = [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
+    return (*own, *further, *tests, *common)
 
 
-def plant_outputs(job: Job) -> tuple[str, ...]:
-    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+def stale_outputs(job: Job, out: Path) -> list[str]:
+    """Return files of tables that an earlier run in a folder had and the job has not.
 
     Parameters
     ----------
     job : Job
         The job.
+    out : Path
+        The folder.
     """
-    table = job.plant
-    files = PLANT_FILES if table is None else (*table.files, *table.sampled_files)
-    return (*files, PLANT_PAGE, CONTROL)
+    earlier = out / "job.toml"
+    if not earlier.is_file():
+        return []
+    try:
+        document = tomllib.loads(earlier.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return []
+    found: list[str] = []
+    for name in document:
+        if name in Job.model_fields or name in job.tables or name not in JOB_TABLES:
+            continue
+        table = JOB_TABLES[name]
+        with suppress(ValidationError):  # by another version: what it wrote is not known
+            found += table.outputs(table.schema.model_validate(document[name]))
+    return [name for name in found if name not in outputs(job)]
 
 
 def default_out(job: Job) -> Path:
@@ -247,3 +269,137 @@ def put_in_place(names: Iterable[str], temporary: Path, out: Path) -> None:
             (temporary / name).replace(out / name)
         else:
             (out / name).unlink(missing_ok=True)
+
+
+#: Holds every evaluation of a run that has not finished; see `updyn.updating.fit.journal`.
+JOURNAL = "run.journal"
+
+
+@contextmanager
+def journal_of(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
+    """Give the journal of a run; a run that is refused leaves none, one that breaks down does.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : Path
+        Folder of the run.
+    resume : bool
+        Whether there has to be one to go on with.
+
+    Yields
+    ------
+    Path
+        The file; it need not exist otherwise.
+
+    Raises
+    ------
+    JobError
+        If there is nothing to go on with.
+    """
+    journal = out / JOURNAL
+    there = journal.is_file()
+    if resume and not there:
+        raise JobError(_nothing(out), job.path)
+    try:
+        yield journal
+    except InputError:
+        if not there:
+            journal.unlink(missing_ok=True)
+        raise
+
+
+def _nothing(out: Path) -> str:
+    try:
+        status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return f"nothing to resume: {str(out / JOURNAL)!r} does not exist"
+    return (
+        f"nothing to resume: the run in {str(out)!r} has ended ({status}) and needs no journal;"
+        " leave out --resume"
+    )
+
+
+#: How the comment in the first line begins, by which a folder knows its own.
+MARK = "Written by updyn"
+
+
+def resolved_job(job: Job, out: Path) -> str:
+    """Return the text of a job file that repeats `job` from the folder `out`.
+
+    Parameters
+    ----------
+    job : Job
+        The job as it was run.
+    out : Path
+        Folder in which the text will lie; files are named relative to it.
+
+    Returns
+    -------
+    str
+        TOML, with every default written out.
+    """
+    import tomlkit
+
+    from updyn.updating.fit.methods import options_of
+
+    content = job.model_dump(exclude_none=True, mode="python")
+    output = content.pop("output")
+    for name, table in job.tables.items():
+        content[name] = table.model_dump(exclude_none=True, mode="python")
+    content["output"] = output
+    content["title"] = job.title or job.path.stem
+    tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
+    for table, key in (
+        (content["model"], "file"),
+        (content["match"], "geometry"),
+        *((t, "file") for t in tests),
+    ):
+        if key in table:
+            table[key] = _from(out, job.beside(table[key]))
+    for test in tests:
+        if "modes" in test:
+            test["modes"] = _from(out, job.beside(test["modes"]))
+        if "repeats" in test:
+            test["repeats"] = [_from(out, job.beside(file)) for file in test["repeats"]]
+    content["test"] = tests if len(tests) > 1 else tests[0]
+    defaults = {
+        k: v
+        for k, v in options_of(job.method.name).items()
+        if isinstance(v, bool | int | float | str)
+    }
+    content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"{MARK} {__version__} from {_from(out, job.path)}"))
+    for key, value in content.items():
+        if value not in ({}, (), {"table": {}}):
+            document.add(key, _item(value))
+    return tomlkit.dumps(document).rstrip("\n") + "\n"
+
+
+def _from(folder: Path, path: Path) -> str:
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive: there is no relative path
+        return path.resolve().as_posix()
+
+
+def _item(value: Any) -> Any:
+    """Return a value as tomlkit writes it: tables as tables, lists of tables as arrays of tables."""
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.table()
+        for key, item in value.items():
+            if item != {}:
+                table.add(key, _item(item))
+        return table
+    if isinstance(value, list | tuple):
+        if value and all(isinstance(x, Mapping) for x in value):
+            tables = tomlkit.aot()
+            for x in value:
+                tables.append(_item(x))
+            return tables
+        return [_item(x) for x in value]
+    return value

@@ -1,22 +1,26 @@
-"""`load_job`: from a TOML file to a `Job`; all that can be told from the text alone is told here."""
+"""`load_job`: read a TOML file into a `Job` and check its text."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from updyn.control.job.checks import check_control_tables
+from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, suggest
-from updyn.job.complaints import complaints
-from updyn.job.schema import KINDS, Job, MethodTable
-from updyn.job.toml_lines import Place, read_toml
+from updyn.job.job_table import JOB_TABLES
+from updyn.job.schema import Job, MethodTable, Table
+from updyn.job.toml_lines import Place, line_of, read_toml
 
-__all__ = ["load_job"]
+__all__ = [
+    "Complaint",
+    "complaints",
+    "load_job",
+]
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
@@ -47,19 +51,21 @@ def load_job(path: str | Path) -> Job:
         document, lines = read_toml(text)
     except tomllib.TOMLDecodeError as error:
         raise _not_toml(error, text, path) from error
-    jobs, found = [], dict[tuple[int | None, str], None]()
+    tables, wrong = _further_tables(document, lines)
+    jobs = []
     for one, own in _each_test(document, lines):
         try:
-            jobs.append(Job.model_validate(one).with_source(path, own))
+            jobs.append(Job.model_validate(one).with_source(path, own, tables))
         except ValidationError as error:
-            found |= dict.fromkeys(complaints(error, own))
-    if found:
-        raise _joined(list(found), path)
+            wrong += complaints(error, own, Job)
+    if wrong:
+        raise _joined(sorted(set(wrong)), path)
     _check_model(jobs[0])
     _check_method(jobs[0])
     _check_tests(jobs)
     job = jobs[0].with_others(tuple(jobs[1:]))
-    check_control_tables(job)
+    for name in job.tables:
+        JOB_TABLES[name].check_text(job)
     return job
 
 
@@ -89,11 +95,29 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
     return JobError(f"not TOML: {message[: found.start()]}{column}", path, line)
 
 
-def _joined(found: Sequence[tuple[int | None, str]], path: Path) -> JobError:
-    (line, first), *others = found
-    return JobError(
-        "\n".join([first, *(str(JobError(text, path, at)) for at, text in others)]), path, line
-    )
+def _joined(found: Sequence[Complaint], path: Path) -> JobError:
+    first, *others = found
+    texts = [first.text]
+    texts += [str(JobError(other.text, path, other.line or None)) for other in others]
+    return JobError("\n".join(texts), path, first.line or None)
+
+
+def _further_tables(
+    document: dict[str, Any], lines: dict[Place, int]
+) -> tuple[dict[str, Table], list[Complaint]]:
+    """Take the tables of `JOB_TABLES` out of a document; return them, and what is wrong with them."""
+    names = [name for name in document if name not in Job.model_fields and name in JOB_TABLES]
+    if names:
+        names = [name for name in JOB_TABLES if name in names]
+    tables: dict[str, Table] = {}
+    wrong: list[Complaint] = []
+    for name in names:
+        schema = JOB_TABLES[name].schema
+        try:
+            tables[name] = schema.model_validate(document.pop(name))
+        except ValidationError as error:
+            wrong += complaints(error, lines, schema, (name,))
+    return tables, wrong
 
 
 def _each_test(
@@ -144,17 +168,17 @@ def _check_model(job: Job) -> None:
             )
         raise job.error("[model] needs a file, or a kind with the keys of its builder", "model")
     if table.kind is not None:
-        if table.kind not in KINDS:
+        if table.kind not in MODEL_KINDS:
             raise job.error(
-                f"model.kind = {table.kind!r}: {suggest(table.kind, KINDS)}", "model", "kind"
+                f"model.kind = {table.kind!r}: {suggest(table.kind, MODEL_KINDS)}", "model", "kind"
             )
         if table.format is not None:
             raise job.error("model.format belongs to a file, not to a kind", "model", "format")
 
 
 def _check_method(job: Job) -> None:
-    from updyn.updating.methods import METHODS, make_method, options_of
-    from updyn.updating.regularise import check_regularise
+    from updyn.updating.fit.methods import METHODS, make_method, options_of
+    from updyn.updating.fit.regularisation import check_regularise
 
     table = job.method
     if table.name not in METHODS:
@@ -180,3 +204,135 @@ def _check_method(job: Job) -> None:
             make_method(table.name, {key: value})
         except OptionError as error:
             raise job.error(str(error), "method", key) from error
+
+
+_LONGEST = 40  # characters of a value that a message repeats
+_WORDS = {
+    "bool_type": "expected true or false",
+    "dict_type": "expected a table",
+    "finite_number": "expected a finite number",
+    "float_type": "expected a number",
+    "int_type": "expected a whole number",
+    "list_type": "expected an array",
+    "model_type": "expected a table",
+    "string_type": "expected a text",
+    "too_long": "too many entries",
+    "too_short": "too few entries",
+    "tuple_type": "expected an array",
+}
+
+
+class Complaint(NamedTuple):
+    """Something wrong with the text of a job file; sorts unknown keys first, then by line."""
+
+    of_known_key: bool
+    line: int
+    text: str
+
+
+def complaints(
+    error: ValidationError,
+    lines: Mapping[Place, int],
+    schema: type[BaseModel],
+    at: Place = (),
+) -> list[Complaint]:
+    """Return what pydantic found wrong with a table as lines and sentences.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic found.
+    lines : mapping of Place to int
+        Of the job file.
+    schema : type
+        Class by which the table was validated.
+    at : Place
+        Where the table is in the job file.
+
+    Returns
+    -------
+    list of Complaint
+        Sorted, they are in the order of the message: unknown keys first, then by line.
+    """
+    found = []
+    items = [(tuple(item["loc"]), item) for item in error.errors()]
+    for place, item in items:
+        if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
+            continue  # an array is "too short" because of a bad item, which has its own complaint
+        keys = _keys(place[:-1], schema)
+        text = _sentence(item, (*at, *place), keys)
+        line = line_of((*at, *place), lines)
+        found.append(Complaint(item["type"] != "extra_forbidden", line or 0, text))
+    return found
+
+
+def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
+    kind, name, given = item["type"], _dotted(place), item["input"]
+    shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
+    if kind == "extra_forbidden":
+        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), keys)}"
+    if kind == "missing":
+        if isinstance(place[-1], int):
+            return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
+        return f"missing key {place[-1]!r}{_inside(place[:-1])}"
+    if kind == "literal_error":
+        choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
+        return f"{shown}: {suggest(str(given), choices)}"
+    if (
+        kind == "value_error"
+        and isinstance(given, Mapping)
+        and place
+        and isinstance(place[-1], int)
+    ):
+        return f"{item['ctx']['error']}{_inside(place)}"
+    if kind == "value_error":
+        return f"{shown}: {item['ctx']['error']}"
+    if kind in ("greater_than", "greater_than_equal"):
+        bound = next(iter(item["ctx"].values()))
+        return (
+            f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'}"
+            f" {bound:g}"
+        )
+    if kind in ("less_than", "less_than_equal"):
+        bound = next(iter(item["ctx"].values()))
+        return (
+            f"{shown}: expected a number {'below' if kind == 'less_than' else 'of at most'}"
+            f" {bound:g}"
+        )
+    return f"{shown}: {_WORDS.get(kind, item['msg'])}"
+
+
+def _inside(table: Place) -> str:
+    if not table:
+        return ""
+    return (
+        f" in [[{table[0]}]] {table[1] + 1}"
+        if len(table) == 2 and isinstance(table[1], int)
+        else f" in [{_dotted(table)}]"
+    )
+
+
+def _dotted(place: Place) -> str:
+    out = ""
+    for part in place:
+        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else str(part)
+    return out
+
+
+def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
+    """Return the keys that the table at `place` may hold."""
+    table = schema
+    for part in place:
+        field = table.model_fields.get(str(part))
+        inner = None if field is None else _table_in(field.annotation)
+        table = table if inner is None else inner
+    keys = list(table.model_fields)
+    return [*keys, *JOB_TABLES] if table is Job else keys
+
+
+def _table_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the table that a field holds, alone or in an array; None where it holds none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (_table_in(inner) for inner in get_args(annotation))
+    return next((table for table in found if table is not None), None)

@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from updyn.control.job.plant_files import plant_after, write_plant_files
-from updyn.control.job.plant_result import Planted
-from updyn.errors import InputError, JobError, UpdynWarning
-from updyn.job.folder import check_out, default_out, made_folder, outputs, put_in_place, unfinished
+from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
+from updyn.job.folder import (
+    check_out,
+    default_out,
+    journal_of,
+    made_folder,
+    outputs,
+    put_in_place,
+    resolved_job,
+    stale_outputs,
+    unfinished,
+)
+from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import resolved_job
-from updyn.job.resume import journal_of
 from updyn.job.schema import Job
-from updyn.job.uncertain import UNCERTAINTY, uncertainty_of
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.uncertainty.draws import Draws
-    from updyn.uncertainty.profile import Profiles
-    from updyn.updating.monitor import Progress
-    from updyn.updating.result import Identifiability, JointResult, UpdateResult
-    from updyn.updating.run import Test
-    from updyn.updating.selected import Selection
+    from updyn.updating.fit.monitor import Progress
+    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.data import Test
+    from updyn.updating.problem.selection import Selection
+    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
 
@@ -44,7 +49,7 @@ def run_job(
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
-    further: Callable[[Draws | Profiles | None, Planted | None], object] | None = None,
+    further: Callable[[Mapping[str, Any]], object] | None = None,
 ) -> UpdateResult | JointResult:
     """Run a job and write its folder.
 
@@ -70,8 +75,8 @@ def run_job(
         of steps: to the same answer as if it had not been.
 
     further : callable, optional
-        Called once all is written, with what ``[uncertainty]`` and what ``[plant]`` gave; None
-        where they gave nothing.
+        Called once all is written, with what tables such as ``[uncertainty]`` and ``[plant]`` gave,
+        by their names.
 
     Returns
     -------
@@ -101,19 +106,17 @@ def run_job(
     ready = prepare(job) if prepared is None else prepared
     with made_folder(out), journal_of(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
-        found = uncertainty_of(result, job, callback, engine)
-        planted = plant_after(ready, result, found, callback, engine)
+        found = _further(ready, result, callback, engine)
         with unfinished(out) as temporary:
             _write(result, job, out, temporary)
-            _write_uncertainty(found, temporary)
-            if planted is not None:
-                write_plant_files(planted, job, temporary)
-            _report(result, job, temporary, report, found, planted)
-            put_in_place(outputs(job), temporary, out)
+            for name, one in found.items():
+                JOB_TABLES[name].write(one, job, temporary)
+            _report(result, job, temporary, report, found)
+            put_in_place([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
     if further is not None:
-        further(found, planted)
+        further(found)
     return result
 
 
@@ -140,8 +143,8 @@ def job_selection(prepared: Prepared) -> Selection | None:
     wish = prepared.job.selection
     if wish is None:
         return None
-    from updyn.updating.selected import Selection
-    from updyn.updating.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+    from updyn.updating.problem.selection import Selection
 
     tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
     with method_errors(prepared.job):
@@ -184,7 +187,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     """Return the tests as the update takes them; without what is held out, or all with the choice."""
-    from updyn.updating.run import Test
+    from updyn.updating.problem.data import Test
 
     return [
         Test(
@@ -232,7 +235,7 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     JobError
         If it takes none.
     """
-    from updyn.updating.methods import options_of
+    from updyn.updating.fit.methods import options_of
 
     if not ready.modes:
         return {}
@@ -259,9 +262,29 @@ def method_errors(job: Job) -> Iterator[None]:
         raise job.error_about(str(error), table) from error
 
 
+def _further(
+    ready: Prepared,
+    result: UpdateResult | JointResult,
+    callback: Callable[[Progress], bool | None] | None,
+    engine: Any,
+) -> dict[str, Any]:
+    """Return what the tables of `JOB_TABLES` that the job has give, by their names."""
+    found: dict[str, Any] = {}
+    for name in ready.job.tables:
+        try:
+            one = JOB_TABLES[name].run(ready, result, found, callback, engine)
+        except UpdynError as error:
+            text = f"{ready.job.path}: [{name}] is left out: {error}"
+            warnings.warn(text, UpdynWarning, stacklevel=3)
+            continue
+        if one is not None:
+            found[name] = one
+    return found
+
+
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    from updyn.io import write_model, write_properties, write_result
-    from updyn.io.result_json import write_result_json
+    from updyn.io import write_model, write_properties
+    from updyn.store.result import write_result, write_result_json
 
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)
@@ -273,13 +296,6 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
         )
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
-
-
-def _write_uncertainty(found: Draws | Profiles | None, folder: Path) -> None:
-    if found is not None:
-        from updyn.io.uncertainty_file import write_uncertainty
-
-        write_uncertainty(found, folder / UNCERTAINTY)
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
@@ -296,11 +312,12 @@ def _report(
     job: Job,
     folder: Path,
     report: Callable[..., object] | None,
-    found: Draws | Profiles | None,
-    planted: Planted | None,
+    found: Mapping[str, Any],
 ) -> None:
     if not job.output.report:
         return
+    from updyn.report.section import objects_shown
+
     if report is None:
         text = (
             f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
@@ -308,9 +325,8 @@ def _report(
         )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return
-    more: tuple[object, ...] = () if found is None else (found,)
-    more = more if planted is None else (found, planted)
-    report(result, folder / "report.html", *more)
+    shown = {name: one for name, one in found.items() if name in objects_shown()}
+    report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
             report(one, own / "report.html")

@@ -1,61 +1,274 @@
-"""What a job file may hold: one pydantic model a table, and how their complaints read."""
+"""`Job` and the tables of a job file: one pydantic class a table, all derived from `Table`."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict
-
-from updyn.control.job.plant_tables import PLANT_FILES, PlantTable
-from updyn.control.job.servo_tables import ServoTable
-from updyn.errors import JobError
-from updyn.job.method_tables import HeldOut, MethodTable, Noise, SelectionTable, UncertaintyTable
-from updyn.job.tables import (
-    CalibrationTable,
-    DampingTable,
-    Pair,
-    ParameterTable,
-    Table,
-    Texts,
-    is_number,
-    tables_of,
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    Strict,
+    model_validator,
 )
+
+from updyn.errors import JobError
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = [
     "CalibrationTable",
     "DampingTable",
+    "HeldOut",
     "Job",
     "MatchTable",
     "MethodTable",
     "ModelTable",
+    "Noise",
     "OutputTable",
+    "Pair",
     "ParameterTable",
-    "PlantTable",
     "SelectionTable",
-    "ServoTable",
+    "Table",
     "TestTable",
-    "UncertaintyTable",
+    "Texts",
+    "is_number",
+    "tables_of",
 ]
 
-#: Builders that `[model] kind = "..."` may name: module and function.
-KINDS = {
-    "beam": ("updyn.elements.beam", "beam_from_table"),
-    "drivetrain": ("updyn.elements.drivetrain", "drivetrain_from_table"),
-    "structure": ("updyn.elements.structure", "structure_from_table"),
-}
+Pair = Annotated[tuple[float, float], Strict(False)]
+Texts = Annotated[tuple[str, ...], Strict(False)]
 
 
-#: What a run writes, in the order in which it appears; `job.toml` and `result.json` come last.
+def _groups(given: Any) -> Any:
+    globs = [given] if isinstance(given, str) else given
+    if (
+        not isinstance(globs, list | tuple)
+        or not globs
+        or not all(isinstance(g, str) for g in globs)
+    ):
+        raise ValueError("expected group names or globs, such as ['shaft', 'gear*']")
+    return tuple(globs)
+
+
+def _driven(given: Any) -> Any:
+    if isinstance(given, Mapping) and given and all(is_number(p) for p in given.values()):
+        return {name: float(power) for name, power in given.items()}
+    if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
+        return tuple(given)
+    raise ValueError(
+        'expected names with powers, such as { "skin.stiffness" = 1 }, or an array of names'
+    )
+
+
+def tables_of(name: str) -> Callable[[Any], Any]:
+    """Return a check that an array of tables of this name is one, not a single table."""
+
+    def several(given: Any) -> Any:
+        if isinstance(given, dict):
+            raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
+        return given
+
+    return several
+
+
+def _sensors(given: Any) -> Any:
+    if given == "all":
+        return given
+    if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
+        return tuple(given)
+    raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
+
+
+def is_number(given: Any) -> bool:
+    """Whether something is a number, truth values left out."""
+    return isinstance(given, int | float) and not isinstance(given, bool)
+
+
+class Table(BaseModel):
+    """What all tables have in common: unknown keys and loose types are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class ParameterTable(Table):
+    """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
+
+    groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
+    quantity: (
+        Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"]
+        | None
+    ) = None
+    name: str | None = None
+    drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
+    nominal: float | None = Field(default=None, gt=0)
+    unit: str = ""
+    bounds: Pair | None = None
+    prior_std: float | None = Field(default=None, gt=0)
+    start: float | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ParameterTable:
+        plain, linked = (self.groups, self.quantity), (self.name, self.drives)
+        if any(x is not None for x in plain) and any(x is not None for x in linked):
+            raise ValueError(
+                "groups and quantity are one way to choose, name and drives the other; give one"
+                " pair"
+            )
+        for pair, keys in ((plain, ("groups", "quantity")), (linked, ("name", "drives"))):
+            for one, other, missing in ((pair[0], pair[1], keys[1]), (pair[1], pair[0], keys[0])):
+                if one is not None and other is None:
+                    raise ValueError(f"missing key {missing!r}")
+        if self.groups is None and self.name is None:
+            raise ValueError("expected groups and quantity, or name and drives")
+        return self
+
+
+class DampingTable(Table):
+    """``[[damping]]``: damping that groups begin with, instead of what the model has."""
+
+    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
+    loss_factor: float | None = Field(default=None, ge=0)
+    mass_damping: float | None = Field(default=None, ge=0)
+    stiffness_damping: float | None = Field(default=None, ge=0)
+    loss_table: Annotated[
+        tuple[Annotated[tuple[float, ...], Strict(False)], ...] | None, Strict(False)
+    ] = None
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """What the table says, by name."""
+        return self.model_dump(exclude={"groups"}, exclude_none=True)
+
+    @model_validator(mode="after")
+    def _something(self) -> DampingTable:
+        if not self.stated:
+            raise ValueError("expected loss_factor, mass_damping, stiffness_damping or loss_table")
+        return self
+
+
+class CalibrationTable(Table):
+    """``[[calibration]]``: factors of sensors, an unknown each."""
+
+    responses: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
+    references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
+    prior_std: float = Field(default=0.05, gt=0)
+    bounds: Pair = (0.1, 10.0)
+    name: str | None = None
+
+    @model_validator(mode="after")
+    def _something(self) -> CalibrationTable:
+        if not self.responses and not self.references:
+            raise ValueError("expected responses or references: labels, or 'all'")
+        return self
+
+
+def _lines(given: Any) -> Any:
+    if isinstance(given, str):
+        return given
+    if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
+        return tuple(float(x) for x in given)
+    raise ValueError(
+        "expected 'd-optimal:N' or an array of frequencies in Hz; leave it out to fit all lines"
+    )
+
+
+def _validation(given: Any) -> Any:
+    if isinstance(given, list | tuple) and given:
+        if all(isinstance(x, str) for x in given):
+            return tuple(given)
+        if len(given) == 2 and all(is_number(x) for x in given):
+            return float(given[0]), float(given[1])
+    raise ValueError(
+        "expected response labels, such as ['5:+Z'], or a band of two frequencies in Hz"
+    )
+
+
+def _noise(given: Any) -> Any:
+    if not isinstance(given, str | Mapping):
+        raise ValueError(  # noqa: TRY004
+            "expected a table with relative and/or floor, such as { relative = 0.02, floor ="
+            " 0.001 }"
+        )
+    return given
+
+
+def _regularise(given: Any) -> Any:
+    if isinstance(given, str):
+        return given
+    if not is_number(given) or given <= 0:
+        raise ValueError(
+            "expected 'gcv', 'l-curve', 'discrepancy', 'tsvd', 'tsvd:N', or a strength above 0"
+        )
+    return float(given)
+
+
+def _count(given: Any) -> Any:
+    if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
+        raise ValueError("expected a whole number of at least 1, or 'rank'")
+    return given
+
+
+def _cosine(given: Any) -> Any:
+    if not is_number(given) or not 0 < given < 1:
+        raise ValueError("expected a cosine between 0 and 1, such as 0.99")
+    return given
+
+
+#: The noise of a test, and what of it is held out; both stand in ``[method]``, or in ``[test]``
+#: instead.
+Noise = Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)]
+HeldOut = Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)]
+
+
+class SelectionTable(Table):
+    """``[selection]``: which of the unknowns are fitted; the others are joined, or stay at their start."""
+
+    cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
+    n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
+    max_collinearity: float | None = Field(default=None, ge=1)
+
+    @model_validator(mode="after")
+    def _something(self) -> SelectionTable:
+        if self.cluster is None and self.n is None and self.max_collinearity is None:
+            raise ValueError(
+                "expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns"
+            )
+        if self.n is not None and self.max_collinearity is not None:
+            raise ValueError(
+                "n says how many to fit, max_collinearity how separable they have to be; give one"
+            )
+        return self
+
+
+class MethodTable(Table):
+    """``[method]``: how the unknowns are found; further keys are options of the method."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = "maximum-likelihood"
+    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = None
+    noise: Noise = None
+    validation: HeldOut = None
+    tier: str | None = None
+    backend: str | None = None
+    accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
+    regularise: Annotated[str | float | None, BeforeValidator(_regularise)] = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The method's own options."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+#: What every run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = (
     "model.h5",
     "run.nc",
-    "uncertainty.nc",
-    *PLANT_FILES,
-    "control.json",
     "report.html",
     "job.toml",
     "result.json",
@@ -89,6 +302,9 @@ def _alignment(given: Any) -> Any:
             "expected 'fit', a table of nodes of the test = nodes of the model, or a 4 x 4 array"
         )
     return given
+
+
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 class ModelTable(Table):
@@ -198,13 +414,11 @@ class Job(Table):
     ] = ()
     selection: SelectionTable | None = None
     method: MethodTable = MethodTable()
-    uncertainty: UncertaintyTable | None = None
-    plant: PlantTable | None = None
-    servo: ServoTable | None = None
     output: OutputTable = OutputTable()
 
     _path: Path = PrivateAttr(default=Path("job.toml"))
     _lines: dict[Place, int] = PrivateAttr(default_factory=dict)
+    _tables: dict[str, Table] = PrivateAttr(default_factory=dict)
     _others: tuple[Job, ...] = PrivateAttr(default=())
 
     @property
@@ -216,6 +430,26 @@ class Job(Table):
     def parts(self) -> tuple[Job, ...]:
         """One job for each test, itself first; they differ in ``test`` and where that stands."""
         return (self, *self._others)
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables of `updyn.job.job_table.JOB_TABLES` that the job has, by name."""
+        return self._tables
+
+    def table(self, kind: type[AnyTable]) -> AnyTable | None:
+        """Return one of the job's `tables`.
+
+        Parameters
+        ----------
+        kind : type
+            Its class.
+
+        Returns
+        -------
+        Table or None
+            None where the job has no such table.
+        """
+        return next((table for table in self._tables.values() if isinstance(table, kind)), None)
 
     @property
     def lines_to_fit(self) -> str | list[float] | None:
@@ -305,8 +539,8 @@ class Job(Table):
         }
         return self.error(message, *next((inside[w] for w in words if w in inside), place))
 
-    def with_source(self, path: Path, lines: dict[Place, int]) -> Job:
-        """Return this job, told where it was read.
+    def with_source(self, path: Path, lines: dict[Place, int], tables: dict[str, Table]) -> Job:
+        """Return this job with its place and its further tables.
 
         Parameters
         ----------
@@ -314,6 +548,8 @@ class Job(Table):
             The file.
         lines : dict of Place to int
             Its lines.
+        tables : dict of str to Table
+            Those of `updyn.job.job_table.JOB_TABLES`, by name.
 
         Returns
         -------
@@ -321,7 +557,7 @@ class Job(Table):
             A copy.
         """
         out = self.model_copy()
-        out._path, out._lines = path, lines
+        out._path, out._lines, out._tables = path, lines, tables
         return out
 
     def with_others(self, others: tuple[Job, ...]) -> Job:
@@ -337,6 +573,6 @@ class Job(Table):
         Job
             A copy.
         """
-        out = self.with_source(self._path, self._lines)
+        out = self.with_source(self._path, self._lines, self._tables)
         out._others = others
         return out

@@ -14,10 +14,9 @@ from updyn.job.configuration import with_all_masses
 from updyn.job.located import located
 from updyn.job.schema import Job
 from updyn.model import Model
-from updyn.updating.channels import calibration, check_method
-from updyn.updating.choice import link, parameters
-from updyn.updating.methods import method_class
-from updyn.updating.parameters import Parameter, ParameterSet
+from updyn.updating.fit.methods import method_class
+from updyn.updating.problem.channels import calibration, check_method
+from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
 __all__ = ["unknowns_of"]
 

@@ -1,13 +1,12 @@
-"""Matching: which DOF of the model each sensor and each force of a test is, by label or by where it sits.
+"""Matching: the DOF of the model for each sensor and each force of a test, by label or by position.
 
-- `sensors`: `match`, the way through.
-- `told`: what is said about the test.
-- `nearest`, `rigid`: positions, units and alignment.
-- `turning`: sensors that point along no DOF.
-- `table`: what comes out.
+- `sensors`: `match`, and the user's input on the test.
+- `placement`: positions, units and alignment.
+- `directions`: sensors that point along no DOF.
+- `result`: the matching, its table and its error.
 """
 
+from updyn.matching.result import Alignment, MatchError, Matching, SensorMatch
 from updyn.matching.sensors import match
-from updyn.matching.table import Alignment, MatchError, Matching, SensorMatch
 
 __all__ = ["Alignment", "MatchError", "Matching", "SensorMatch", "match"]

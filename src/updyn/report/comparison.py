@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -13,9 +14,10 @@ from updyn.comparison.table import cells, columns, limits
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.comparison_data import Curves, gather_curves
-from updyn.report.comparison_figures import PAIR, comparison_figures, panel_name
-from updyn.report.page import page_text
+from updyn.report.comparison_figures import PAIR, bar_figures, frf_figures, panel_name
+from updyn.report.page import assemble
 from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
 
 __all__ = ["write_comparison"]
 
@@ -47,19 +49,115 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
 
 def render(comparison: Comparison) -> str:
     """Return the page as text."""
-    curves = gather_curves(comparison)
-    figures = comparison_figures(comparison, curves)
-    sections = [
-        ("table", "Methods", _methods(comparison)),
-        ("frfs", "FRFs", _frfs(comparison, curves, figures)),
-        ("bars", "Error, time and work", _bars(comparison, figures)),
-        ("lines", "Fewest lines", _lines(comparison)),
-        ("limits", "Limits and sources", _limits(comparison)),
-    ]
-    there = [(anchor, name, text) for anchor, name, text in sections if text]
-    return page_text(
-        _head(comparison), there, comparison.title or "Comparison of methods", __version__, figures
-    )
+    content = Content(further={"comparison": Compared(comparison, gather_curves(comparison))})
+    title = comparison.title or "Comparison of methods"
+    return assemble(content, _head(comparison), title, __version__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """A comparison with the FRFs that its page draws.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        What `updyn.compare` gave.
+    curves : Curves or None
+        The FRFs; None where no model could be computed.
+    """
+
+    comparison: Comparison
+    curves: Curves | None
+
+
+class ComparisonSection(Section):
+    """A section of the page of a comparison."""
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page is that of a comparison, not of an update."""
+        return content.update is None
+
+
+class Methods(ComparisonSection):
+    """The table of the methods."""
+
+    anchor = "table"
+    name = "Methods"
+    heading = "Methods"
+    place = 100
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words and table."""
+        return _methods(content.further["comparison"].comparison)
+
+
+class Curve(ComparisonSection):
+    """FRFs of one channel, measured, before, and after by each method."""
+
+    anchor = "frfs"
+    name = "FRFs"
+    heading = "FRFs before and after"
+    place = 200
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the FRFs by method."""
+        curves = content.further["comparison"].curves
+        return {} if curves is None else frf_figures(curves)
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words and places of figures; empty where no model could be computed."""
+        shown: Compared = content.further["comparison"]
+        return _frfs(shown.comparison, shown.curves, figures)
+
+
+class Bars(ComparisonSection):
+    """Error, misfit, time and work by method."""
+
+    anchor = "bars"
+    name = "Error, time and work"
+    heading = "Error, time and work"
+    place = 300
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the bars."""
+        return bar_figures(content.further["comparison"].comparison)
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return places of figures; empty where there is none."""
+        return _bars(content.further["comparison"].comparison, figures)
+
+
+class FewestLines(ComparisonSection):
+    """The fewest lines with which each method recovers the unknowns."""
+
+    anchor = "lines"
+    name = "Fewest lines"
+    heading = "Fewest lines"
+    place = 400
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return rule and table; empty where the fewest lines were not sought."""
+        return _lines(content.further["comparison"].comparison)
+
+
+class Limits(ComparisonSection):
+    """Limits and sources of the methods."""
+
+    anchor = "limits"
+    name = "Limits and sources"
+    heading = "Limits and sources"
+    place = 500
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return the table."""
+        return _limits(content.further["comparison"].comparison)
+
+
+METHODS = Methods()
+FRFS = Curve()
+BARS = Bars()
+FEWEST_LINES = FewestLines()
+LIMITS = Limits()
 
 
 # -- head --------------------------------------------------------------------------------------------------
@@ -173,11 +271,7 @@ def _methods(comparison: Comparison) -> str:
     )
     head = [heading for _, heading, _ in shown]
     return (
-        "<section id='table'><h2>Methods</h2>"
-        + m.paragraph(how)
-        + (m.paragraph(truth) if truth else "")
-        + m.table(head, rows, kinds=kinds)
-        + "</section>"
+        m.paragraph(how) + (m.paragraph(truth) if truth else "") + m.table(head, rows, kinds=kinds)
     )
 
 
@@ -191,7 +285,6 @@ def _frfs(comparison: Comparison, curves: Curves | None, figures: Mapping[str, F
         " the median."
     )
     parts = [
-        "<section id='frfs'><h2>FRFs before and after</h2>",
         m.paragraph(why),
         m.note(*curves.notes),
     ]
@@ -224,7 +317,7 @@ def _frfs(comparison: Comparison, curves: Curves | None, figures: Mapping[str, F
         parts.append(f'<h3>Method by method</h3><div class="pair wide">{"".join(places)}</div>')
     silent = [row for row in comparison if row.applies and row.method not in curves.after]
     parts += [m.paragraph(f"{row.method} gave no answer: {row.message}", "muted") for row in silent]
-    return "".join(parts) + "</section>"
+    return "".join(parts)
 
 
 def _bars(comparison: Comparison, figures: Mapping[str, Figure]) -> str:
@@ -242,10 +335,7 @@ def _bars(comparison: Comparison, figures: Mapping[str, Figure]) -> str:
     ]
     if not places:
         return ""
-    return (
-        "<section id='bars'><h2>Error, time and work</h2><div class='pair"
-        f" wide'>{''.join(places)}</div></section>"
-    )
+    return f'<div class="pair wide">{"".join(places)}</div>'
 
 
 def _lines(comparison: Comparison) -> str:
@@ -279,13 +369,11 @@ def _lines(comparison: Comparison) -> str:
         )
     )
     return (
-        "<section id='lines'><h2>Fewest lines</h2>"
-        + m.paragraph(comparison.rule)
+        m.paragraph(comparison.rule)
         + m.table(
             ["method", "unknowns", "fewest", *(f"{n}" for n in numbers)], rows, caption=caption
         )
         + "".join(m.paragraph(text, "muted") for text in notes)
-        + "</section>"
     )
 
 
@@ -303,8 +391,4 @@ def _limits(comparison: Comparison) -> str:
             m.row([row.method, limits(row), row.reference, said], ("", "text", "text", "note-cell"))
         )
     head = ["method", "cannot update", "reference", "here"]
-    return (
-        "<section id='limits'><h2>Limits and sources</h2>"
-        + m.table(head, rows, kinds=("", "text", "text", "note-cell"))
-        + "</section>"
-    )
+    return m.table(head, rows, kinds=("", "text", "text", "note-cell"))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from updyn.comparison import Comparison, Row
 from updyn.frf import FRF
 from updyn.report.data import EVALUATION_BUDGET, computed, keep_lines
+from updyn.updating.problem.data import Test
 from updyn.updating.result import UpdateResult
-from updyn.updating.run import Test
 
 __all__ = ["Curves", "gather_curves", "is_geometric"]
 

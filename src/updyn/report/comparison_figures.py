@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from updyn.comparison import Comparison, Row
 from updyn.report.comparison_data import Curves, is_geometric
-from updyn.report.plots import Figure, label, labels, log_step, numbers, rows_height
+from updyn.report.plots import Figure, existing, label, labels, log_step, numbers, rows_height
 from updyn.report.words import number, unit
 
-__all__ = ["PAIR", "comparison_figures", "panel_name"]
+__all__ = ["PAIR", "bar_figures", "frf_figures", "panel_name"]
 
 #: The paper's method and the one that it compares with; shown together where both gave an answer.
 PAIR = ("equation-error", "reduced-frf")
@@ -24,16 +24,22 @@ _POINTS = 150
 _FLOOR = 1e-16
 
 
-def comparison_figures(comparison: Comparison, curves: Curves | None) -> dict[str, Figure]:
-    """Return every figure that has something to show, by the name of its place in the page."""
-    made: dict[str, Figure | None] = {}
-    if curves is not None:
-        if any(name in curves.after for name in PAIR):
-            made["pair"] = _overlay(curves, [name for name in PAIR if name in curves.after])
-        for number, name in enumerate(curves.after):
-            made[panel_name(number)] = _panel(curves, name)
+def frf_figures(curves: Curves) -> dict[str, Figure]:
+    """Return the FRFs by method, by the name of their place in the page."""
+    out: dict[str, Figure] = {}
+    pair = [name for name in PAIR if name in curves.after]
+    if pair:
+        out["pair"] = _overlay(curves, pair)
+    for k, name in enumerate(curves.after):
+        out[panel_name(k)] = _panel(curves, name)
+    return out
+
+
+def bar_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Return bars of error, misfit, time and work, by the name of their place in the page."""
     run = [row for row in comparison if row.applies]
     answered = [row for row in run if row.status != "failed"]
+    made: dict[str, Figure | None] = {}
     if comparison.truth:
         made["error"] = _bars(
             answered, lambda r: r.error_max, "largest error of an unknown", comparison.tolerance
@@ -45,7 +51,7 @@ def comparison_figures(comparison: Comparison, curves: Curves | None) -> dict[st
     )
     made["seconds"] = _bars(run, lambda r: r.seconds, "seconds")
     made["work"] = _bars(run, lambda r: float(r.lines_solved), "lines solved")
-    return {name: figure for name, figure in made.items() if figure is not None}
+    return existing(made)
 
 
 def panel_name(number: int) -> str:

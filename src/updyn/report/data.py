@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.channels import gains_of
-from updyn.updating.result import UpdateResult
+from updyn.updating.result import UpdateResult, gains_of
 
 __all__ = [
     "EVALUATION_BUDGET",

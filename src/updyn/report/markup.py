@@ -5,11 +5,13 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Iterable, Sequence
+from importlib import resources
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "asset",
     "definition_table",
     "details",
     "embedded_json",
@@ -22,6 +24,16 @@ __all__ = [
     "table",
     "write_page",
 ]
+
+
+def asset(name: str) -> str:
+    """Return the text of a file of the package, safe inside the element that it goes into."""
+    text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
+    return (
+        text.replace("</script", "<\\/script")
+        .replace("</style", "<\\/style")
+        .replace("<!--", "<\\!--")
+    )
 
 
 def esc(text: object) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = [
     "categories",
     "colour_bar",
     "error_bars",
+    "existing",
     "label",
     "labels",
     "log_step",
@@ -28,6 +29,11 @@ Figure = dict[str, Any]
 
 #: Heat maps with up to this many cells have their values printed.
 PRINTED_CELLS = 150
+
+
+def existing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:
+    """Return the figures that have something to show, by name."""
+    return {name: figure for name, figure in made.items() if figure is not None}
 
 
 def label(text: str) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.report import words as w
 from updyn.report.plots import Figure, categories, colour_bar, label, rows_height
-from updyn.updating.adequacy import Adequacy
+from updyn.updating.judge.adequacy import Adequacy
 
 __all__ = ["MOST_ROWS", "misfit_map", "shown_channels"]
 

@@ -1,23 +1,22 @@
-"""The sections of the report from the verdict to the agreement by channel, and the order of all sections."""
+"""The head of the report and the section on the agreement by channel."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from string import Template
+
+import numpy as np
 
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.content import Content, asset
-from updyn.report.sections_held import held
-from updyn.report.sections_record import noise, provenance, validation
-from updyn.report.sections_residual import model_error, tile
-from updyn.report.sections_uncertainty import uncertainty
-from updyn.report.sections_unknowns import convergence, identifiability, parameters
-from updyn.report.structure import structure
+from updyn.report.agreement import csac_lines, frac_map, level_difference
+from updyn.report.data import ReportData
+from updyn.report.plots import Figure, existing
+from updyn.report.section import Content, Section
+from updyn.report.sections_residual import tile
 from updyn.updating.result import UpdateResult
 
-__all__ = ["SECTIONS", "agreement", "head", "overlay"]
+__all__ = ["AGREEMENT", "agreement_figures", "head"]
 
 
 def head(result: UpdateResult, figures: Mapping[str, Mapping[str, float]], data: str = "") -> str:
@@ -72,97 +71,104 @@ def _from_to(before: float | None, after: float, say: Callable[[float], str]) ->
     return (say(before).removesuffix(" dB") + " → " if before is not None else "") + say(after)
 
 
-def overlay(c: Content) -> str:
-    """Return the FRF overlay with its channel picker."""
-    responses = "".join(
-        f'<option value="{i}"'
-        f' data-label="{m.esc(r)}">{m.esc(r)}{" (held out)" if held else ""}</option>'
-        for i, (r, held) in enumerate(zip(c.data.responses, c.data.held_out, strict=True))
-    )
-    references = "".join(
-        f'<option value="{j}" data-label="{m.esc(r)}">{m.esc(r)}</option>'
-        for j, r in enumerate(c.data.references)
-    )
-    return Template(asset("overlay.html")).substitute(
-        responses=responses,
-        references=references,
-        height=640 if c.data.coherence is not None else 560,
-        bands=_bands(c),
-        notes=m.note(c.note, *c.data.notes),
-    )
-
-
-def _bands(c: Content) -> str:
-    said = ""
-    if len(c.result.lines):
-        low, high = w.number(float(c.result.lines.min())), w.number(float(c.result.lines.max()))
-        said = (
-            f"{m.swatch('fit')}band used in the fit, {low} to {high} Hz, {len(c.result.lines)}"
-            " lines"
-        )
-    if c.result.validation_band is not None:
-        low, high = (w.number(v) for v in c.result.validation_band)
-        said += f" {m.swatch('held')}band held out, {low} to {high} Hz"
-    return said
-
-
-def agreement(c: Content) -> str:
-    """Return FRAC before and after, CSAC over frequency."""
-    parts = [
-        "<section id='agreement'><h2>Agreement channel by channel</h2>",
-        m.paragraph(
-            "FRAC (frequency response assurance criterion) compares the shape of a measured and a"
-            " computed FRF over frequency: 1 where they are proportional, 0 where they have nothing"
-            " in common. It does not see a wrong level; the level difference in dB does."
-        ),
-    ]
-    span = c.data.freq[c.data.compared]
-    over = (
-        f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz"
-        if len(span)
-        else ""
-    )
-    held = " ◆ marks responses held out of the fit." if any(c.data.held_out) else ""
-    maps = []
-    for when in ("before", "after"):
-        if f"frac-{when}" in c.figures:
-            caption = f"{over}. Choose a cell to see its FRF above.{held}"
-            plot = m.figure(
-                f"frac-{when}",
-                f"FRAC of every channel {when} the update",
-                caption,
-                height=c.figures[f"frac-{when}"]["height"],
+def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
+    """Return the figures of agreement of the result; where it has none, those of this page's own comparison."""
+    held = result.correlation.get("validation") or {}
+    out = {when: dict(result.correlation.get(when) or {}) for when in ("before", "after")}
+    out["validation"] = dict(held.get("after") or {})
+    fitted = ~np.array(data.held_out, dtype=np.bool_)
+    for when, frac, values in (
+        ("before", data.frac_before, data.before),
+        ("after", data.frac_after, data.after),
+    ):
+        if not out[when] and frac is not None and values is not None and fitted.any():
+            level = level_difference(
+                data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
             )
-            maps.append(f"<div><h3>FRAC {when}</h3>{plot}</div>")
-    parts.append(
-        f'<div class="pair">{"".join(maps)}</div>'
-        if maps
-        else m.paragraph("There is no FRAC to show.", "muted")
-    )
-    parts.append(_agreement_table(c.result))
-    if "csac" in c.figures:
-        caption = (
-            "CSAC (cross signature assurance criterion) compares, line by line, the deflection over"
-            " all channels: dips show the frequencies at which the model moves in a different"
-            " shape."
+            out[when] = {"frac_median": float(np.median(frac[fitted]))}
+            if level.size:
+                out[when]["db_error_median"] = float(np.median(np.abs(level)))
+    return out
+
+
+class Agreement(Section):
+    """FRAC before and after, CSAC over frequency."""
+
+    anchor = "agreement"
+    name = "Agreement"
+    heading = "Agreement channel by channel"
+    place = 200
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the maps of FRAC, and CSAC over frequency."""
+        data = content.data
+        return existing(
+            {
+                "frac-before": frac_map(data, data.frac_before),
+                "frac-after": frac_map(data, data.frac_after),
+                "csac": csac_lines(data),
+            }
         )
-        parts.append("<h3>CSAC over frequency</h3>")
-        parts.append(
-            m.figure(
-                "csac",
-                "CSAC over frequency before and after",
-                caption,
-                height=c.figures["csac"]["height"],
-            )
-        )
-    elif len(c.data.responses) * len(c.data.references) == 1:
-        parts.append(
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words, maps, the table of figures, and CSAC."""
+        parts = [
             m.paragraph(
-                "CSAC compares shapes over several channels; with one channel it is always 1.",
-                "muted",
-            )
+                "FRAC (frequency response assurance criterion) compares the shape of a measured and a"
+                " computed FRF over frequency: 1 where they are proportional, 0 where they have nothing"
+                " in common. It does not see a wrong level; the level difference in dB does."
+            ),
+        ]
+        span = content.data.freq[content.data.compared]
+        over = (
+            f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz"
+            if len(span)
+            else ""
         )
-    return "".join(parts) + "</section>"
+        held = " ◆ marks responses held out of the fit." if any(content.data.held_out) else ""
+        maps = []
+        for when in ("before", "after"):
+            if f"frac-{when}" in figures:
+                caption = f"{over}. Choose a cell to see its FRF above.{held}"
+                plot = m.figure(
+                    f"frac-{when}",
+                    f"FRAC of every channel {when} the update",
+                    caption,
+                    height=figures[f"frac-{when}"]["height"],
+                )
+                maps.append(f"<div><h3>FRAC {when}</h3>{plot}</div>")
+        parts.append(
+            f'<div class="pair">{"".join(maps)}</div>'
+            if maps
+            else m.paragraph("There is no FRAC to show.", "muted")
+        )
+        parts.append(_agreement_table(content.result))
+        if "csac" in figures:
+            caption = (
+                "CSAC (cross signature assurance criterion) compares, line by line, the deflection over"
+                " all channels: dips show the frequencies at which the model moves in a different"
+                " shape."
+            )
+            parts.append("<h3>CSAC over frequency</h3>")
+            parts.append(
+                m.figure(
+                    "csac",
+                    "CSAC over frequency before and after",
+                    caption,
+                    height=figures["csac"]["height"],
+                )
+            )
+        elif len(content.data.responses) * len(content.data.references) == 1:
+            parts.append(
+                m.paragraph(
+                    "CSAC compares shapes over several channels; with one channel it is always 1.",
+                    "muted",
+                )
+            )
+        return "".join(parts)
+
+
+AGREEMENT = Agreement()
 
 
 def _agreement_table(result: UpdateResult) -> str:
@@ -174,20 +180,3 @@ def _agreement_table(result: UpdateResult) -> str:
     return (
         m.table(["figure", "before", "after"], rows, caption="Figures of the fit") if rows else ""
     )
-
-
-#: Sections after the head, in order: anchor, name in the list of contents, function.
-SECTIONS: tuple[tuple[str, str, Callable[[Content], str]], ...] = (
-    ("frfs", "FRFs", overlay),
-    ("agreement", "Agreement", agreement),
-    ("structure", "Structure", structure),
-    ("unknowns", "Unknowns", parameters),
-    ("uncertainty", "Uncertainty", uncertainty),
-    ("identifiability", "What is determined", identifiability),
-    ("held", "What was held", held),
-    ("convergence", "Convergence", convergence),
-    ("validation", "Validation", validation),
-    ("model-error", "Model error", model_error),
-    ("noise", "Noise and residual", noise),
-    ("provenance", "How it was made", provenance),
-)

@@ -7,11 +7,11 @@ from typing import Any
 
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.content import Content
-from updyn.report.plots import Figure, numbers
+from updyn.report.plots import Figure, existing, numbers
+from updyn.report.section import Content, Section
 from updyn.updating.result import UpdateResult
 
-__all__ = ["held", "trade_off"]
+__all__ = ["HELD", "trade_off"]
 
 _HOW = {
     "gcv": "chosen by generalised cross-validation",
@@ -21,17 +21,38 @@ _HOW = {
 }
 
 
-def held(c: Content) -> str:
-    """Return the section; empty where all unknowns were fitted freely."""
-    selection, pull = (c.result.options.get(key) for key in ("selection", "regularisation"))
-    if not selection and not pull:
-        return ""
-    parts = ['<section id="held"><h2>What was held</h2>']
-    if selection:
-        parts.append(_selection(selection))
-    if pull:
-        parts.append(_pull(c, pull))
-    return "".join(parts) + "</section>"
+class Held(Section):
+    """Selection before the fit, and its regularisation."""
+
+    anchor = "held"
+    name = "What was held"
+    heading = "What was held"
+    place = 700
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update."""
+        return content.update is not None
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the trade-off of the regularisation."""
+        return existing({"trade-off": trade_off(content.result)})
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return the section; empty where all unknowns were fitted freely."""
+        selection, pull = (
+            content.result.options.get(key) for key in ("selection", "regularisation")
+        )
+        if not selection and not pull:
+            return ""
+        parts = []
+        if selection:
+            parts.append(_selection(selection))
+        if pull:
+            parts.append(_pull(figures, pull))
+        return "".join(parts)
+
+
+HELD = Held()
 
 
 def _selection(record: Mapping[str, Any]) -> str:
@@ -61,7 +82,7 @@ def _selection(record: Mapping[str, Any]) -> str:
     return "".join(parts)
 
 
-def _pull(c: Content, record: Mapping[str, Any]) -> str:
+def _pull(figures: Mapping[str, Figure], record: Mapping[str, Any]) -> str:
     if record["how"] == "tsvd":
         said = (
             f"Truncated singular values: {record['kept']} of {record['of']} directions were fitted."
@@ -77,13 +98,13 @@ def _pull(c: Content, record: Mapping[str, Any]) -> str:
             " deviations count the pull as prior knowledge; the bias is not in them."
         )
     parts = ["<h3>Regularisation</h3>", m.paragraph(said)]
-    if "trade-off" in c.figures:
+    if "trade-off" in figures:
         caption = (
             "Misfit in standard deviations of the noise against the distance of the unknowns from"
             " their start, for all strengths (or numbers of directions), on the problem linearised"
             " where the fit ended; the choice is marked."
         )
-        height = c.figures["trade-off"]["height"]
+        height = figures["trade-off"]["height"]
         parts.append(
             m.figure("trade-off", "Distance from the start over misfit", caption, height=height)
         )

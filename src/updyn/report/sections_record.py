@@ -10,54 +10,71 @@ from numpy.typing import NDArray
 
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.content import Content
+from updyn.report.agreement import level_differences, residual_by_channel
 from updyn.report.data import data_checksum, model_checksum
+from updyn.report.plots import Figure, existing
+from updyn.report.section import Content, Section
 
-__all__ = ["noise", "provenance", "validation"]
+__all__ = ["NOISE", "PROVENANCE", "VALIDATION"]
 
 
-def validation(c: Content) -> str:
-    """Return what was held out, and how well it is predicted."""
-    parts = ['<section id="validation"><h2>Validation on what was held out</h2>']
-    what = w.held_out(c.result)
-    if not what:
-        text = (
-            "Nothing was held out of the fit, so these data cannot say how well the updated model"
-            " predicts what it has not seen. Hold out a response or a band to find out."
-        )
-        return "".join(parts) + m.paragraph(text) + "</section>"
-    parts.append(m.paragraph(f"Held out of the fit, and used only to judge it: {what}."))
-    scores = c.result.correlation.get("validation") or {}
-    before, after = (dict(scores.get(k) or {}) for k in ("before", "after"))
-    names = list(dict.fromkeys([*before, *after]))
-    if names:
-        rows = [
-            m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))])
-            for n in names
-        ]
-        parts.append(
-            m.table(["figure", "before", "after"], rows, caption="Figures over the data held out")
-        )
-    else:
-        parts.append(m.paragraph("There are no figures for it.", "muted"))
-    rows = [
-        m.row(
-            [
-                f"{response} / {reference}",
-                _cell(c.data.frac_before, i, j),
-                _cell(c.data.frac_after, i, j),
+class Validation(Section):
+    """Agreement with the data held out of the fit."""
+
+    anchor = "validation"
+    name = "Validation"
+    heading = "Validation on what was held out"
+    place = 900
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return what was held out, and how well it is predicted."""
+        parts = []
+        what = w.held_out(content.result)
+        if not what:
+            text = (
+                "Nothing was held out of the fit, so these data cannot say how well the updated model"
+                " predicts what it has not seen. Hold out a response or a band to find out."
+            )
+            return m.paragraph(text)
+        parts.append(m.paragraph(f"Held out of the fit, and used only to judge it: {what}."))
+        scores = content.result.correlation.get("validation") or {}
+        before, after = (dict(scores.get(k) or {}) for k in ("before", "after"))
+        names = list(dict.fromkeys([*before, *after]))
+        if names:
+            rows = [
+                m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))])
+                for n in names
             ]
-        )
-        for i, (response, held) in enumerate(zip(c.data.responses, c.data.held_out, strict=True))
-        if held
-        for j, reference in enumerate(c.data.references)
-    ]
-    if rows:
-        shown = m.table(["response / reference", "FRAC before", "FRAC after"], rows)
-        parts.append(
-            shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown)
-        )
-    return "".join(parts) + "</section>"
+            parts.append(
+                m.table(
+                    ["figure", "before", "after"], rows, caption="Figures over the data held out"
+                )
+            )
+        else:
+            parts.append(m.paragraph("There are no figures for it.", "muted"))
+        rows = [
+            m.row(
+                [
+                    f"{response} / {reference}",
+                    _cell(content.data.frac_before, i, j),
+                    _cell(content.data.frac_after, i, j),
+                ]
+            )
+            for i, (response, held) in enumerate(
+                zip(content.data.responses, content.data.held_out, strict=True)
+            )
+            if held
+            for j, reference in enumerate(content.data.references)
+        ]
+        if rows:
+            shown = m.table(["response / reference", "FRAC before", "FRAC after"], rows)
+            parts.append(
+                shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown)
+            )
+        return "".join(parts)
+
+
+VALIDATION = Validation()
 
 
 def _cell(frac: NDArray[Any] | None, i: int, j: int) -> str:
@@ -86,53 +103,73 @@ _NOISE_WORDS = {
 }
 
 
-def noise(c: Content) -> str:
-    """Return noise model and what is left over."""
-    items = [
-        (_NOISE_WORDS.get(k, k), w.number(v) if isinstance(v, float) else w.plain(v))
-        for k, v in c.result.noise.items()
-    ]
-    chi = c.result.noise.get("chi_square")
-    parts = ['<section id="noise"><h2>Noise and residual</h2>']
-    if isinstance(chi, int | float) and math.isfinite(chi):
-        parts.append(m.paragraph(_chi_words(float(chi), c.result.noise)))
-    if "down_weighted" in c.result.noise:
-        parts.append(m.paragraph(_outlier_words(c.result.noise)))
-    parts.append(
-        m.definition_table(items)
-        if items
-        else m.paragraph("The method used no noise model.", "muted")
-    )
-    if "level-differences" in c.figures:
-        caption = (
-            "How often the computed level lies above (positive) or below the measured one, over all"
-            " channels and the lines compared; values beyond ±30 dB are counted at the ends."
+class Noise(Section):
+    """Noise model and residual."""
+
+    anchor = "noise"
+    name = "Noise and residual"
+    heading = "Noise and residual"
+    place = 1100
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return level differences and the residual by channel."""
+        return existing(
+            {
+                "level-differences": level_differences(content.data),
+                "residual-by-channel": residual_by_channel(content.data),
+            }
         )
-        parts.append("<h3>Level differences</h3>")
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return noise model and what is left over."""
+        items = [
+            (_NOISE_WORDS.get(k, k), w.number(v) if isinstance(v, float) else w.plain(v))
+            for k, v in content.result.noise.items()
+        ]
+        chi = content.result.noise.get("chi_square")
+        parts = []
+        if isinstance(chi, int | float) and math.isfinite(chi):
+            parts.append(m.paragraph(_chi_words(float(chi), content.result.noise)))
+        if "down_weighted" in content.result.noise:
+            parts.append(m.paragraph(_outlier_words(content.result.noise)))
         parts.append(
-            m.figure(
-                "level-differences",
-                "Histogram of level differences",
-                caption,
-                height=c.figures["level-differences"]["height"],
+            m.definition_table(items)
+            if items
+            else m.paragraph("The method used no noise model.", "muted")
+        )
+        if "level-differences" in figures:
+            caption = (
+                "How often the computed level lies above (positive) or below the measured one, over all"
+                " channels and the lines compared; values beyond ±30 dB are counted at the ends."
             )
-        )
-    if "residual-by-channel" in c.figures:
-        caption = (
-            "Root mean square of computed minus measured (magnitude and phase) over the lines"
-            " compared, in percent of the channel's measured level: a channel that stands out"
-            " points to a sensor or a place in the model."
-        )
-        parts.append("<h3>Residual by channel</h3>")
-        parts.append(
-            m.figure(
-                "residual-by-channel",
-                "Residual of every channel",
-                caption,
-                height=c.figures["residual-by-channel"]["height"],
+            parts.append("<h3>Level differences</h3>")
+            parts.append(
+                m.figure(
+                    "level-differences",
+                    "Histogram of level differences",
+                    caption,
+                    height=figures["level-differences"]["height"],
+                )
             )
-        )
-    return "".join(parts) + "</section>"
+        if "residual-by-channel" in figures:
+            caption = (
+                "Root mean square of computed minus measured (magnitude and phase) over the lines"
+                " compared, in percent of the channel's measured level: a channel that stands out"
+                " points to a sensor or a place in the model."
+            )
+            parts.append("<h3>Residual by channel</h3>")
+            parts.append(
+                m.figure(
+                    "residual-by-channel",
+                    "Residual of every channel",
+                    caption,
+                    height=figures["residual-by-channel"]["height"],
+                )
+            )
+        return "".join(parts)
+
+
+NOISE = Noise()
 
 
 def _chi_words(chi: float, noise: Mapping[str, Any]) -> str:
@@ -172,43 +209,59 @@ def _outlier_words(noise: Mapping[str, Any]) -> str:
     )
 
 
-def provenance(c: Content) -> str:
-    """How the result was made: options, lines, versions, checksums, time."""
-    lines = ", ".join(f"{f:.6g}" for f in c.result.lines)
-    options = [(str(k), w.plain(v)) for k, v in c.result.options.items()]
-    about = [
-        ("method", c.result.method),
-        ("measured data", f"{c.result.frf.quantity}, {w.extent(c.result.frf)}"),
-        ("source of the data", c.result.frf.source or "not stated"),
-        ("model", f"{c.result.start.n_dofs} DOFs, groups: {', '.join(c.result.start.groups)}"),
-        ("responses fitted", ", ".join(c.result.fitted_responses) or "none"),
-        ("held out", w.held_out(c.result) or "nothing"),
-    ]
-    sums = [
-        ("measured data", data_checksum(c.result.frf)),
-        ("start model", model_checksum(c.result.start)),
-        ("updated model", model_checksum(c.result.model)),
-    ]
-    explained = (
-        "SHA-256 of the numbers themselves, not of a file: of the quantity, labels, lines and"
-        " values of the data, and of the labels, loss factors and matrices of each model."
-    )
-    seconds = [(k, f"{w.number(float(v), 3)} s") for k, v in c.result.timing_s.items()]
-    return "".join(
-        [
-            '<section id="provenance"><h2>How it was made</h2>',
-            m.definition_table(about),
-            m.details("Options", m.definition_table(options) if options else m.paragraph("None.")),
-            m.details(
-                f"Lines used in the fit ({len(c.result.lines)}), in Hz",
-                m.paragraph(lines or "none"),
+class Provenance(Section):
+    """Options, lines, versions, checksums and time of the update."""
+
+    anchor = "provenance"
+    name = "How it was made"
+    heading = "How it was made"
+    place = 9000
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """How the result was made: options, lines, versions, checksums, time."""
+        lines = ", ".join(f"{f:.6g}" for f in content.result.lines)
+        options = [(str(k), w.plain(v)) for k, v in content.result.options.items()]
+        about = [
+            ("method", content.result.method),
+            ("measured data", f"{content.result.frf.quantity}, {w.extent(content.result.frf)}"),
+            ("source of the data", content.result.frf.source or "not stated"),
+            (
+                "model",
+                f"{content.result.start.n_dofs} DOFs, groups: {', '.join(content.result.start.groups)}",
             ),
-            m.details("Checksums", m.paragraph(explained) + m.definition_table(sums)),
-            m.details(
-                "Versions",
-                m.definition_table([(str(k), str(v)) for k, v in c.result.versions.items()]),
-            ),
-            m.details("Time", m.definition_table(seconds)),
-            "</section>",
+            ("responses fitted", ", ".join(content.result.fitted_responses) or "none"),
+            ("held out", w.held_out(content.result) or "nothing"),
         ]
-    )
+        sums = [
+            ("measured data", data_checksum(content.result.frf)),
+            ("start model", model_checksum(content.result.start)),
+            ("updated model", model_checksum(content.result.model)),
+        ]
+        explained = (
+            "SHA-256 of the numbers themselves, not of a file: of the quantity, labels, lines and"
+            " values of the data, and of the labels, loss factors and matrices of each model."
+        )
+        seconds = [(k, f"{w.number(float(v), 3)} s") for k, v in content.result.timing_s.items()]
+        return "".join(
+            [
+                m.definition_table(about),
+                m.details(
+                    "Options", m.definition_table(options) if options else m.paragraph("None.")
+                ),
+                m.details(
+                    f"Lines used in the fit ({len(content.result.lines)}), in Hz",
+                    m.paragraph(lines or "none"),
+                ),
+                m.details("Checksums", m.paragraph(explained) + m.definition_table(sums)),
+                m.details(
+                    "Versions",
+                    m.definition_table(
+                        [(str(k), str(v)) for k, v in content.result.versions.items()]
+                    ),
+                ),
+                m.details("Time", m.definition_table(seconds)),
+            ]
+        )
+
+
+PROVENANCE = Provenance()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.content import Content
-from updyn.report.residual import MOST_ROWS, shown_channels
-from updyn.updating.adequacy import Adequacy, Misfit, Suspect
+from updyn.report.plots import Figure, existing
+from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
+from updyn.report.section import Content, Section
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
-__all__ = ["model_error", "tile"]
+__all__ = ["MODEL_ERROR", "tile"]
 
 _TILES = {
     "noise": ("noise", "nothing speaks against the model"),
@@ -36,25 +38,40 @@ def tile(found: Adequacy) -> tuple[str, str, str]:
     return ("What is left", *_TILES[found.outcome])
 
 
-def model_error(c: Content) -> str:
-    """Return verdict, map, worst places and suspects; nothing where the residual was not tested."""
-    found = c.result.adequacy
-    if found is None:
-        return ""
-    parts = ['<section id="model-error"><h2>Model error</h2>', m.paragraph(found.verdict)]
-    if "misfit-map" in c.figures:
-        parts.append(_map(c, found))
-    if found.worst:
-        parts.append(_places(found))
-    if found.explained_by:
-        parts.append(_suspects(found))
-    elif found.outcome == "structure":
-        parts.append(m.paragraph(_UNEXPLAINED))
-    parts.append(m.details("How it was tested", m.paragraph(_how(found))))
-    return "".join(parts) + "</section>"
+class ModelError(Section):
+    """Tests of the residual, and what would explain it."""
+
+    anchor = "model-error"
+    name = "Model error"
+    heading = "Model error"
+    place = 1000
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the map of the misfit."""
+        return existing({"misfit-map": misfit_map(content.result.adequacy)})
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return verdict, map, worst places and suspects; nothing where the residual was not tested."""
+        found = content.result.adequacy
+        if found is None:
+            return ""
+        parts = [m.paragraph(found.verdict)]
+        if "misfit-map" in figures:
+            parts.append(_map(figures, found))
+        if found.worst:
+            parts.append(_places(found))
+        if found.explained_by:
+            parts.append(_suspects(found))
+        elif found.outcome == "structure":
+            parts.append(m.paragraph(_UNEXPLAINED))
+        parts.append(m.details("How it was tested", m.paragraph(_how(found))))
+        return "".join(parts)
 
 
-def _map(c: Content, found: Adequacy) -> str:
+MODEL_ERROR = ModelError()
+
+
+def _map(figures: Mapping[str, Figure], found: Adequacy) -> str:
     channels = found.misfit.shape[0] * found.misfit.shape[1]
     some = (
         f" The {MOST_ROWS} worst of {channels} channels are shown."
@@ -67,7 +84,7 @@ def _map(c: Content, found: Adequacy) -> str:
         " resonance. Marked: alike from line to line (an error of the model), and only too"
         f" large.{some}"
     )
-    height = c.figures["misfit-map"]["height"]
+    height = figures["misfit-map"]["height"]
     return m.figure("misfit-map", "Misfit of every channel in every band", caption, height=height)
 
 

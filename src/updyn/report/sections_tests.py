@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from urllib.parse import quote
 
 from updyn.report import markup as m
 from updyn.report import words as w
+from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
 from updyn.report.sections import head
 from updyn.report.sections_residual import tile
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["COMMON", "joint_head", "tests"]
-
-#: Sections of a test's page that are the same for all tests.
-COMMON = ("unknowns", "uncertainty", "identifiability", "held", "convergence")
+__all__ = ["TESTS", "joint_head"]
 
 _FIGURES = ("frac_median", "frac_min", "db_error_median")
 #: Outcomes of the residual's tests, the worst first: the head shows that of all tests.
@@ -37,28 +37,40 @@ def joint_head(result: JointResult) -> str:
     )
 
 
-def tests(result: JointResult) -> str:
-    """Return one row a test: link, data, agreement before and after."""
-    kinds = ("text", "text", *[""] * len(_FIGURES), "text")
-    rows = []
-    for name, one in result.results.items():
-        before, after = _figures(one, "before"), _figures(one, "after")
-        agreed = [f"{w.number(before.get(k))} → {w.number(after.get(k))}" for k in _FIGURES]
-        left = "–" if one.adequacy is None else tile(one.adequacy)[1]
-        rows.append(
-            m.row(
-                [name, w.extent(one.frf), *agreed, left], kinds, link=f"{quote(name)}/report.html"
+class Tests(Section):
+    """The tests that were fitted together, one row each."""
+
+    anchor = "tests"
+    name = "Tests"
+    heading = "Tests"
+    place = 50
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page is that of several tests."""
+        return isinstance(content.update, JointResult)
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return one row a test: link, data, agreement before and after."""
+        kinds = ("text", "text", *[""] * len(_FIGURES), "text")
+        rows = []
+        for name, one in content.tests.items():
+            before, after = _figures(one, "before"), _figures(one, "after")
+            agreed = [f"{w.number(before.get(k))} → {w.number(after.get(k))}" for k in _FIGURES]
+            left = "–" if one.adequacy is None else tile(one.adequacy)[1]
+            rows.append(
+                m.row(
+                    [name, w.extent(one.frf), *agreed, left],
+                    kinds,
+                    link=f"{quote(name)}/report.html",
+                )
             )
-        )
-    names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES), "what is left"]
-    return (
-        '<section id="tests"><h2>Tests</h2>'
-        + m.paragraph(
+        names = ["test", "data", *(w.agreement_name(k) for k in _FIGURES), "what is left"]
+        return m.paragraph(
             "One set of unknowns was fitted to all tests together; each has a page of its own."
-        )
-        + m.table(names, rows, caption="Agreement before → after", kinds=kinds)
-        + "</section>"
-    )
+        ) + m.table(names, rows, caption="Agreement before → after", kinds=kinds)
+
+
+TESTS = Tests()
 
 
 def _figures(result: UpdateResult, when: str) -> dict[str, float]:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from updyn.report import markup as m
 from updyn.report import words as w
-from updyn.report.content import Content
-from updyn.report.uncertain import ends_of, level_of
+from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
+from updyn.report.uncertain import band_figure, ends_of, intervals_figure, level_of
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles
+from updyn.updating.result import UpdateResult
 
-__all__ = ["uncertainty"]
+__all__ = ["UNCERTAINTY"]
 
 _ABOUT = {
     "profile": (
@@ -28,40 +32,68 @@ _ABOUT = {
 }
 
 
-def uncertainty(c: Content) -> str:
-    """Return words, intervals and the band; nothing where nothing was asked for."""
-    found = c.uncertainty
-    if found is None:
-        return ""
-    kind = "profile" if isinstance(found, Profiles) else found.kind
-    parts = [
-        '<section id="uncertainty"><h2>Uncertainty</h2>',
-        m.paragraph(_ABOUT[kind]),
-        m.note(found.message),
-    ]
-    if "uncertainty-intervals" in c.figures:
-        caption = (
-            f"{100 * level_of(found):g} % intervals about the estimate, in units of its standard"
-            " deviation (in the logarithm of a factor): where both bars are alike, the standard"
-            " deviation says it all."
-        )
-        height = c.figures["uncertainty-intervals"]["height"]
-        parts.append(
-            m.figure(
-                "uncertainty-intervals", "Intervals beside those of Laplace", caption, height=height
+class Uncertainty(Section):
+    """Intervals by profile, bootstrap or sampling."""
+
+    anchor = "uncertainty"
+    name = "Uncertainty"
+    heading = "Uncertainty"
+    place = 500
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update."""
+        return content.update is not None
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the intervals and, of one test, the band of an FRF."""
+        update, found = content.update, content.further["uncertainty"]
+        assert update is not None
+        out: dict[str, Figure] = {}
+        intervals = intervals_figure(update, found)
+        if intervals is not None:
+            out["uncertainty-intervals"] = intervals
+        band = band_figure(update, found) if isinstance(update, UpdateResult) else None
+        if band is not None:
+            out["uncertainty-band"] = band[0] | {"channel": band[1]}
+        return out
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words, intervals and the band."""
+        found: Draws | Profiles = content.further["uncertainty"]
+        kind = "profile" if isinstance(found, Profiles) else found.kind
+        parts = [
+            m.paragraph(_ABOUT[kind]),
+            m.note(found.message),
+        ]
+        if "uncertainty-intervals" in figures:
+            caption = (
+                f"{100 * level_of(found):g} % intervals about the estimate, in units of its standard"
+                " deviation (in the logarithm of a factor): where both bars are alike, the standard"
+                " deviation says it all."
             )
-        )
-    parts.append(_table(c, found))
-    if "uncertainty-band" in c.figures:
-        figure = c.figures["uncertainty-band"]
-        caption = (
-            f"{figure['channel']}: of what was measured, the FRF that the updated model knows"
-            " least. The band is about the structure, without the noise of a measurement."
-        )
-        parts.append(
-            m.figure("uncertainty-band", "FRF with its band", caption, height=figure["height"])
-        )
-    return "".join(parts) + "</section>"
+            height = figures["uncertainty-intervals"]["height"]
+            parts.append(
+                m.figure(
+                    "uncertainty-intervals",
+                    "Intervals beside those of Laplace",
+                    caption,
+                    height=height,
+                )
+            )
+        parts.append(_table(content, found))
+        if "uncertainty-band" in figures:
+            figure = figures["uncertainty-band"]
+            caption = (
+                f"{figure['channel']}: of what was measured, the FRF that the updated model knows"
+                " least. The band is about the structure, without the noise of a measurement."
+            )
+            parts.append(
+                m.figure("uncertainty-band", "FRF with its band", caption, height=figure["height"])
+            )
+        return "".join(parts)
+
+
+UNCERTAINTY = Uncertainty()
 
 
 def _table(c: Content, found: Draws | Profiles) -> str:

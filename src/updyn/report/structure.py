@@ -14,11 +14,12 @@ from updyn.model import Model
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.callouts import Callout, callouts
-from updyn.report.content import Content
 from updyn.report.line_groups import groups_of_lines, nodes_of_groups
+from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
 from updyn.updating.result import UpdateResult
 
-__all__ = ["STEPS", "group_changes", "structure", "structure_of"]
+__all__ = ["STEPS", "STRUCTURE", "group_changes", "structure_of"]
 
 #: Steps of the colour scale to each side of no change.
 STEPS = 4
@@ -31,13 +32,28 @@ _ARROW = 0.055  # of the height
 _VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
 
 
-def structure(c: Content) -> str:
-    """Return the section; empty where the model has no geometry to draw."""
-    return structure_of([c.result])
+class Structure(Section):
+    """The structure as a picture, for one test or for all."""
+
+    anchor = "structure"
+    name = "Structure"
+    heading = "Structure"
+    place = 300
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update."""
+        return content.update is not None
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return picture and legend; empty where no model has a geometry to draw."""
+        return structure_of(list(content.tests.values()))
+
+
+STRUCTURE = Structure()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return the section for the tests of one structure, the sensors and forces of all of them drawn.
+    """Return the body of the section for tests of one structure, the sensors and forces of all of them drawn.
 
     Parameters
     ----------
@@ -64,7 +80,6 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
         " about the arrow. Squares: parts without lines, such as lumped masses."
     )
     parts = [
-        '<section id="structure"><h2>Structure</h2>',
         m.paragraph(
             "Where the sensors and forces are, and how much each part changed: its stiffness, or"
             " where that is no unknown its mass, then its viscous damping."
@@ -86,7 +101,7 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
             parts.append(m.details("From behind", f'<figure class="structure">{picture}</figure>'))
     parts.append(_legend(scene))
     notes = [*scene.notes, *marked.notes]
-    return "".join(parts) + "".join(m.paragraph(note, "muted") for note in notes) + "</section>"
+    return "".join(parts) + "".join(m.paragraph(note, "muted") for note in notes)
 
 
 # -- what is drawn -----------------------------------------------------------------------------------------

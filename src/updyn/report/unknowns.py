@@ -20,7 +20,7 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.words import axis_title, interval, quantity_words
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = [

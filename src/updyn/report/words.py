@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from updyn.frf import FRF
-from updyn.updating.parameters import Parameter
+from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = [

@@ -19,11 +19,11 @@ from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.progress import Progress, Watch
 from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
-from updyn.updating.joint import Task, together
-from updyn.updating.monitor import Monitor
-from updyn.updating.noise import NoiseModel
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Task, together
+from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.session import Session, Stopped
 
 if TYPE_CHECKING:
     from distributed import Client

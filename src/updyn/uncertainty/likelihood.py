@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.joint import Task
-from updyn.updating.residuals import Each, with_prior
-from updyn.updating.trust_region import Local, TrustRegion
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import Each, with_prior
 
 __all__ = [
     "Gaussian",

@@ -15,9 +15,10 @@ from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import Watch
-from updyn.updating.residuals import LogError, with_prior
-from updyn.updating.search import SEARCH_LINES, SEARCH_STEPS
-from updyn.updating.trust_region import Local, TrustRegion
+from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.residuals import LogError, with_prior
 
 __all__ = ["STARTS", "find_humps"]
 

@@ -14,9 +14,9 @@ from updyn.errors import DataError, OptionError, SolverError, suggest
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.setting import restore
-from updyn.updating.identifiability import analyse
-from updyn.updating.noise import Stated, level_by_unit
-from updyn.updating.problem import Problem
+from updyn.updating.judge.identifiability import analyse
+from updyn.updating.problem.noise import Stated, level_by_unit
+from updyn.updating.problem.problem import Problem
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from updyn.updating.session import Session
+from updyn.updating.problem.session import Session
 
 __all__ = ["Progress", "Watch"]
 

@@ -20,8 +20,8 @@ from updyn.uncertainty.minima import STARTS, find_humps
 from updyn.uncertainty.progress import Progress, Watch
 from updyn.uncertainty.setting import Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
+from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.session import Session, Stopped
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
-from updyn.updating.joint import Task, together
-from updyn.updating.methods import make_method, options_of
-from updyn.updating.noise import NoiseModel, Robust, choose_noise, noise_of_record
-from updyn.updating.problem import Problem
-from updyn.updating.residuals import Each, OutputError
+from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
+from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.session import Session
 
 __all__ = ["LIKELIHOOD", "WITH_NOISE", "Setting", "chosen", "parts_of", "restore"]
 

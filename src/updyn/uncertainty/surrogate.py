@@ -17,8 +17,8 @@ from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.setting import Setting
-from updyn.updating.joint import Task, together
-from updyn.updating.reducing import reduction_of
+from updyn.updating.fit.reducing import reduction_of
+from updyn.updating.problem.problem import Task, together
 
 __all__ = ["Surrogate", "reduced_about"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,88 +11,15 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.adequacy import Adequacy
-from updyn.updating.parameters import ParameterSet
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.channels import Gains
+from updyn.updating.problem.parameters import ParameterSet
 
-__all__ = ["STATUSES", "Identifiability", "Iteration", "JointResult", "UpdateResult"]
+__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of"]
 
 STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
-
-
-@dataclass(frozen=True, slots=True)
-class Iteration:
-    """One accepted or refused step.
-
-    Attributes
-    ----------
-    stage : str
-        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
-        ...).
-    number : int
-        Counted from 0 (the start) through all stages.
-    cost : float
-        Half the sum of squared weighted residuals.
-    step : float
-        Largest change of an unknown (of its logarithm for a factor).
-    condition : float
-        Condition number of the Jacobian with columns scaled to unit norm.
-    accepted : bool
-        Whether the step was taken.
-    values : dict of str to float
-        The unknowns after the step.
-    """
-
-    stage: str
-    number: int
-    cost: float
-    step: float
-    condition: float
-    accepted: bool
-    values: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Identifiability:
-    """What the data can determine.
-
-    Attributes
-    ----------
-    rank : int
-        Number of independent combinations of the unknowns that the data determine.
-    n_parameters : int
-        Number of unknowns.
-    condition : float
-        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is
-        short by arithmetic).
-    singular_values : tuple of float
-        Of the Jacobian with columns scaled to unit norm, falling.
-    null_directions : list of dict of str to float
-        Each combination that the data leave open, as weights by unknown: moving all of them
-        together by these weights changes nothing that was measured. Largest weight 1; weights below
-        1e-3 left out.
-    determined_directions : list of dict of str to float
-        Among the unknowns that take part in an open combination, the combinations that the data do
-        determine.
-    collinearity : float
-        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
-        practice).
-    advice : str
-        What to do about it, in a sentence or two.
-    """
-
-    rank: int
-    n_parameters: int
-    condition: float
-    singular_values: tuple[float, ...]
-    null_directions: list[dict[str, float]]
-    determined_directions: list[dict[str, float]]
-    collinearity: float
-    advice: str
-
-    @property
-    def complete(self) -> bool:
-        """Whether all unknowns are determined."""
-        return self.rank == self.n_parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -354,3 +281,18 @@ def _left_over(found: Adequacy | None, message: str) -> list[str]:
     for suspect in found.explained_by[:3]:
         lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")
     return lines
+
+
+def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
+    """Return the estimated factor of each channel of a result's data, shape (n_i, n_j); None where there is none.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    """
+    gains = Gains.find(result.parameters, result.frf)
+    if gains is None:
+        return None
+    values = [result.values[p.name] if p.is_channel else 1.0 for p in result.parameters]
+    return gains.factors(np.log(np.array(values)))

@@ -5,77 +5,46 @@ from __future__ import annotations
 import platform
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
 
 from updyn import __version__
-from updyn.dofs import DIRECTIONS, Dof
 from updyn.engines import Engine, choose_engine
-from updyn.errors import OptionError, ParameterError, SolverError, UpdynWarning
-from updyn.frf import FRF
-from updyn.geometry import Geometry
+from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
-from updyn.updating.channels import check_channel, check_method
-from updyn.updating.fit import Fit, Method
-from updyn.updating.joint import Task, together
-from updyn.updating.journal import Journal, fingerprint
-from updyn.updating.judge import judge
-from updyn.updating.lines import choose_lines
-from updyn.updating.methods import make_method, options_of
-from updyn.updating.monitor import Monitor, Progress
-from updyn.updating.noise import NoiseModel, choose_noise
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.problem import Problem
-from updyn.updating.reducing import Reducing, fallback, is_reduced
-from updyn.updating.regularise import check_regularise, regularised
+from updyn.updating.fit.journal import Journal, fingerprint
+from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.monitor import Monitor, Progress
+from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
+from updyn.updating.fit.regularisation import check_regularise, regularised
+from updyn.updating.judge.assessment import judge
+from updyn.updating.judge.verdict import verdict
+from updyn.updating.problem.channels import check_method
+from updyn.updating.problem.data import Test, check, has_quantity, split_data
+from updyn.updating.problem.lines import Lines, on_lines
+from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult
-from updyn.updating.selected import Selection
-from updyn.updating.session import Recent, Session, Stopped
-from updyn.updating.split import split_data
-from updyn.updating.verdict import verdict
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["Test", "check", "on_lines", "run"]
+__all__ = [
+    "run",
+]
 
-#: Cosine of the angle, 1 degree, from which a sensor is worth a warning.
-_ALONG = float(np.cos(np.radians(1.0)))
-
-_Lines = str | ArrayLike | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Test:
-    """One test: the structure in one configuration, and what was measured on it.
-
-    Parameters
-    ----------
-    model : Model
-        The model of that configuration. Groups are told by their names.
-    frf : FRF
-        The measurement.
-    name : str
-        What the test is called.
-    lines, noise, validation
-        As for `updyn.update`.
-    """
-
-    __test__ = False  # not a test, whatever its name suggests to pytest
-
-    model: Model
-    frf: FRF
-    name: str = ""
-    lines: _Lines = None
-    noise: Mapping[str, float | str] | str | None = None
-    validation: Iterable[str | Dof] | tuple[float, float] | None = None
+#: How far the start is moved, relative to each unknown, where the model is singular there.
+_ASIDE = 1e-3
 
 
 def run(
@@ -236,93 +205,16 @@ def run(
     ]
 
 
-def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
-    """Check that tests and unknowns fit together.
-
-    Raises
-    ------
-    InputError
-        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is
-        no DOF of its model.
-    """
-    kinds = (
-        [(test.model, Model) for test in tests]
-        + [(test.frf, FRF) for test in tests]
-        + [(parameters, ParameterSet)]
-    )
-    for given, kind in kinds:
-        if not isinstance(given, kind):
-            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
-    for p in parameters:
-        for d in p.acts_on:
-            if p.is_channel:
-                check_channel(d.group, d.quantity, [test.frf for test in tests], p.name)
-            elif not any(_has(test.model, d.group, d.quantity) for test in tests):
-                tests[0].model.group(d.group)  # names the nearest where there is none
-                raise ParameterError(
-                    f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
-                )
-    for test in tests:
-        test.model.dofs.match(test.frf.responses, "response")
-        test.model.dofs.match(test.frf.references, "reference")
-        _warn_of_axes(test)
-
-
-def _warn_of_axes(test: Test) -> None:
-    """Warn where the measurement says that a sensor or a force does not point along the DOF of its name."""
-    placed = test.frf.geometry
-    if placed is None or placed.axes is None:
-        return
-    modelled = test.model.geometry
-    for dof in dict.fromkeys([*test.frf.responses, *test.frf.references]):
-        told = _axes_at(placed, dof.node)
-        if told is None:
-            continue
-        own = None if modelled is None else _axes_at(modelled, dof.node)
-        axis = DIRECTIONS.index(dof.direction) % 3
-        cosine = float(told[axis] @ (np.eye(3) if own is None else own)[axis])
-        if cosine < _ALONG:
-            angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-            text = (
-                f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as"
-                " it points"
-            )
-            warnings.warn(text, UpdynWarning, stacklevel=4)
-            return
-
-
-def _axes_at(geometry: Geometry, node: int) -> NDArray[np.float64] | None:
-    at = np.flatnonzero(geometry.nodes == node)
-    return None if geometry.axes is None or not at.size else np.asarray(geometry.axes[at[0]])
-
-
-def on_lines(problem: Problem, lines: _Lines) -> Problem:
-    """Return the problem on chosen lines of its data.
-
-    Raises
-    ------
-    InputError
-        If the choice is not understood, or a line is not in the data.
-    """
-    at = choose_lines(lines, problem)
-    if len(at) == len(problem.frf.freq):
-        return problem
-    return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
-
-
-def _has(model: Model, group: str, quantity: str) -> bool:
-    return group in model.groups and model.groups[group].has(quantity)
-
-
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
     """Return what of the changes is in a model: a configuration may lack a group."""
     own = {
-        g: {q: v for q, v in change.items() if _has(model, g, q)} for g, change in changes.items()
+        g: {q: v for q, v in change.items() if has_quantity(model, g, q)}
+        for g, change in changes.items()
     }
     return {g: change for g, change in own.items() if change}
 
 
-def _listed(lines: _Lines) -> object:
+def _listed(lines: Lines) -> object:
     return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
 
 
@@ -343,13 +235,62 @@ def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
 
 def _fitted(
     whole: Task,
-    lines: Sequence[_Lines],
+    lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
 ) -> tuple[Task, Fit]:
-    """Choose the lines and fit; return the problem on these lines, too."""
+    """Choose the lines and fit; return the problem on these lines, too.
+
+    A line that is a natural frequency of an undamped model where it starts says nothing against
+    the data: the fit then starts beside it.
+    """
+    try:
+        return _fitted_from_start(whole, lines, strategy, noises, monitor, reduced)
+    except SolverError as error:
+        beside = _beside_start(whole)
+        if reduced is not None:
+            reduced.restart(_beside_start(reduced.exact))
+        try:
+            found = _fitted_from_start(beside, lines, strategy, noises, monitor, reduced)
+        except SolverError:
+            raise error from None  # no unknown changes that
+        text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
+        warnings.warn(text, UpdynWarning, stacklevel=3)
+        return found
+
+
+def _beside_start(whole: Task) -> Task:
+    """Return the problem with its start moved a little, each unknown by another amount.
+
+    Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
+    """
+    coordinates = whole.coordinates
+    x, (lower, upper) = coordinates.to_x(coordinates.parameters.start), coordinates.bounds
+    share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
+    sign = [-1.0 if p.quantity == "mass" else 1.0 for p in coordinates.parameters]
+    step = _ASIDE * share * sign
+    step = np.where((x + step < lower) | (x + step > upper), -step, step)
+    moved = coordinates.moved(x + step)
+    return together([replace(part, coordinates=moved) for part in whole.parts])
+
+
+def _fitted_from_start(
+    whole: Task,
+    lines: Sequence[Lines],
+    strategy: Method,
+    noises: Sequence[NoiseModel],
+    monitor: Monitor,
+    reduced: Reducing | None,
+) -> tuple[Task, Fit]:
+    """Choose the lines and fit.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at a line where it starts.
+    """
     x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
     try:
         with monitor.stage("start"):
@@ -361,7 +302,7 @@ def _fitted(
             )
             monitor.problem = problem
             for part in problem.parts:
-                part.responses(x)  # a start that cannot be solved is the user's to know
+                part.responses(x)
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)

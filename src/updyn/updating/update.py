@@ -15,15 +15,17 @@ from updyn.engines import Engine
 from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.joint import together
-from updyn.updating.judge import at_start
-from updyn.updating.monitor import Progress
-from updyn.updating.noise import choose_noise
-from updyn.updating.parameters import ParameterSet
-from updyn.updating.problem import Problem
-from updyn.updating.result import Identifiability, JointResult, UpdateResult
-from updyn.updating.run import Test, check, on_lines, run
-from updyn.updating.selected import Selection
+from updyn.updating.fit.monitor import Progress
+from updyn.updating.judge.assessment import at_start
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.lines import on_lines
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.selection import Selection
+from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.run import run
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -19,7 +19,7 @@ Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place o
     input_weight_port, input_weight_dof  number of the port (from 1) and DOF label of each weight
     quantities                           of the outputs
     dt                                   0 where continuous, as MATLAB has it
-    facts                                JSON text, see `updyn.io.values_text`
+    facts                                JSON text, see `updyn.store.values`
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from updyn.control.ports import Port, as_ports
 from updyn.errors import FormatError, suggest
 from updyn.frf import QUANTITIES
 from updyn.group import is_number
-from updyn.io.guard import known_only, placed
-from updyn.io.values_text import from_text, to_text
+from updyn.io.items import known_only, placed
+from updyn.store.values import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
 

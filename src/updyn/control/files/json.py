@@ -12,7 +12,7 @@ from updyn.control.files.items import build_plant, plant_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.values_text import from_text, to_text
+from updyn.store.values import from_text, to_text
 
 __all__ = ["read_plant", "write_plant"]
 

@@ -16,7 +16,7 @@ from updyn.control.files.items import build_plant, flat_items, nested_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.mat_variables import read_variables
+from updyn.io.matlab import read_variables
 
 __all__ = ["read_plant", "write_plant"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from updyn.control.files.items import build_plant, flat_items, nested_items
 from updyn.control.plant import Plant
 from updyn.io.atomic import atomic_path
-from updyn.io.guard import library
+from updyn.io.items import library
 
 __all__ = ["read_plant", "write_plant"]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.dataset import existing
-from updyn.io.registry import Format, load
+from updyn.io.formats import Format, load
+from updyn.io.items import existing
 
 if TYPE_CHECKING:
     from updyn.control.plant import Plant

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.servo_tables import ServoTable
 from updyn.errors import InputError, JobError, suggest
 from updyn.job.located import located
 from updyn.job.schema import Job
@@ -19,6 +21,7 @@ __all__ = [
     "beyond_the_data",
     "check_control",
     "check_control_tables",
+    "check_servo_table",
     "part_of_plant",
 ]
 
@@ -36,8 +39,7 @@ def check_control_tables(job: Job) -> None:
     JobError
         If names, counts or frequencies contradict each other, with the line.
     """
-    _check_servo(job)
-    table = job.plant
+    table = job.table(PlantTable)
     if table is None:
         return
     for key in ("inputs", "outputs"):
@@ -71,7 +73,7 @@ def check_control_tables(job: Job) -> None:
 
 def part_of_plant(job: Job) -> int:
     """Return the number of the test in whose configuration the plant is made; the first where none is named."""
-    table = job.plant
+    table = job.table(PlantTable)
     if table is None or table.test is None:
         return 0
     return [part.test.name for part in job.parts].index(table.test)
@@ -87,9 +89,10 @@ def band_of_plant(job: Job, frf: FRF) -> tuple[float, float]:
     frf : FRF
         The data of the test, in its band.
     """
-    assert job.plant is not None
-    if job.plant.band is not None:
-        return job.plant.band
+    table = job.table(PlantTable)
+    assert table is not None
+    if table.band is not None:
+        return table.band
     above = frf.freq[frf.freq > 0]
     return float(above[0]), float(above[-1])
 
@@ -128,10 +131,12 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     JobError
         If a DOF is not in the model, or the band does not fit the sampling, with the line.
     """
-    table = job.plant
+    table = job.table(PlantTable)
     if table is None:
         return
     from updyn.control.ports import port_matrix
+
+    servo = job.table(ServoTable)
 
     number = part_of_plant(job)
     for key in ("inputs", "outputs"):
@@ -139,11 +144,11 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
             with located(job, "plant", key, at):
                 port_matrix((port,), models[number], key[:-1])
     for key in ("motor", "load"):
-        label = None if job.servo is None else getattr(job.servo, key)
+        label = None if servo is None else getattr(servo, key)
         if label is not None:
             with located(job, "servo", key):
                 models[number].dofs.match([label], key)
-    for at, each in enumerate(() if job.servo is None else job.servo.nonlinear):
+    for at, each in enumerate(() if servo is None else servo.nonlinear):
         with located(job, "servo", "nonlinear", at, "at"):
             models[number].dofs.match([each.at], "DOF")
         if each.mesh is not None:
@@ -160,9 +165,9 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
 
 
 # -- [servo] ---------------------------------------------------------------------------------------------------
-def _check_servo(job: Job) -> None:
+def check_servo_table(job: Job) -> None:
     """Check ``[servo]`` as far as its text and the names of the plant's ports go."""
-    servo, plant = job.servo, job.plant
+    servo, plant = job.table(ServoTable), job.table(PlantTable)
     if servo is None:
         return
     if plant is None:

@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from updyn.control.job.checks import part_of_plant
-from updyn.control.job.plant_files import write_plant_files
+from updyn.control.job.plant_files import PLANT_PAGE, plant_outputs, write_plant_files
 from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.plant_tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
-    PLANT_PAGE,
+    MARK,
     check_folder,
     check_inputs,
     check_no_folder,
     default_out,
     made_folder,
-    plant_outputs,
     put_in_place,
+    resolved_job,
     unfinished,
 )
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.resolved import MARK, resolved_job
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:
@@ -83,11 +83,12 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
         If the job has no ``[plant]``, or the folder is a file, cannot be written, or holds an input
         of the job under the name of a file of the plant.
     """
-    if job.plant is None:
+    table = job.table(PlantTable)
+    if table is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
     out = check_folder(job, out)
-    check_inputs(job, out, plant_outputs(job))
-    check_no_folder(job, out, plant_outputs(job))
+    check_inputs(job, out, plant_outputs(table))
+    check_no_folder(job, out, plant_outputs(table))
     return out
 
 
@@ -116,7 +117,7 @@ def plant_job(
     run : path, optional
         The folder of the finished run, where it is another.
     report : callable, optional
-        Writes the page, usually `updyn.report.write_plant_page`. It is handed in, as the way to a
+        Writes the page, usually `write_plant_page`. It is handed in, as the way to a
         plant does not depend on how it is shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
@@ -142,6 +143,8 @@ def plant_job(
         If the model has no answer at a line; nothing is written.
     """
     out = check_plant_out(job, default_plant_out(job) if out is None else out)
+    table = job.table(PlantTable)
+    assert table is not None
     ready = prepare(job) if prepared is None else prepared
     found = _finished(ready, out, run)
     result, draws, where = (None, None, None) if found is None else found
@@ -154,7 +157,7 @@ def plant_job(
         write_plant_files(planted, job, temporary)
         if report is not None:
             report(planted, temporary / PLANT_PAGE)
-        put_in_place(plant_outputs(job), temporary, out)
+        put_in_place(plant_outputs(table), temporary, out)
     return planted
 
 
@@ -169,7 +172,7 @@ def _finished(
     JobError
         If there is none in the folder that was named, or the run is of another job or other data.
     """
-    from updyn.io import read_result
+    from updyn.store.result import read_result
 
     job, number = ready.job, part_of_plant(ready.job)
     inside = Path(job.parts[number].test.name, "run.nc") if len(job.parts) > 1 else Path("run.nc")
@@ -231,7 +234,7 @@ def _check_same(job: Job, folder: Path) -> None:
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
     """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
-    from updyn.io.uncertainty_file import read_uncertainty
+    from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 
     if not (folder / "uncertainty.nc").is_file():

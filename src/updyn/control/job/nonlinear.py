@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from updyn.control.job.servo import located_in
-from updyn.control.job.servo_tables import NonlinearTable
+from updyn.control.job.servo_tables import NonlinearTable, ServoTable
 from updyn.errors import UpdynError
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -105,7 +105,8 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
         If a mesh cannot be opened, a plant with it not be made, or a number not be used, with the
         line.
     """
-    tables = () if job.servo is None else job.servo.nonlinear
+    servo_table = job.table(ServoTable)
+    tables = () if servo_table is None else servo_table.nonlinear
     return tuple(
         _one(job, number, table, model, plant, servo) for number, table in enumerate(tables)
     )

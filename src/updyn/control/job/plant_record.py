@@ -12,7 +12,7 @@ from updyn.control.job.plant_result import Planted
 from updyn.control.job.servo_record import drive_record, nonlinear_record, servo_record
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
-from updyn.io.values_text import plain
+from updyn.store.values import plain
 
 __all__ = ["control_record", "write_control_record"]
 

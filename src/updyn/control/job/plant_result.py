@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
+from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.servo_tables import ServoTable
 from updyn.control.plant import Plant
 from updyn.errors import InputError, JobError, ToleranceError, UpdynError
 from updyn.job.prepare import Prepared
@@ -171,7 +173,7 @@ def planted_of(
     from updyn.updating.result import JointResult
 
     job, number = ready.job, part_of_plant(ready.job)
-    table = job.plant
+    table = job.table(PlantTable)
     assert table is not None
     test = ready.tests[number]
     one = result.results[test.name] if isinstance(result, JointResult) else result
@@ -208,7 +210,7 @@ def planted_of(
                 told("plant: weights of the family")
                 extra["weights"], missing = _weights(job, extra["family"])
                 notes += missing
-    if job.servo is not None:
+    if job.table(ServoTable) is not None:
         told("plant: servo")
         found, said = _servo(job, model, band, extra.get("family") or made, strict)
         extra |= found
@@ -275,10 +277,11 @@ def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, 
     """Return the plant; where no order holds the tolerance, why there is none."""
     from updyn.control.build import plant
 
-    assert job.plant is not None
+    table = job.table(PlantTable)
+    assert table is not None
     try:
         with _located(job):
-            return plant(model, tolerance=job.plant.tolerance, route=job.plant.route, **given), ""
+            return plant(model, tolerance=table.tolerance, route=table.route, **given), ""
     except ToleranceError as error:
         return None, str(error)
 
@@ -341,8 +344,9 @@ def lines_of(plant: Plant) -> _Real:
 def _sampled(job: Job, made: Plant) -> Plant:
     from updyn.control.sampled import sampled
 
-    assert job.plant is not None
-    wish = job.plant.sampling
+    table = job.table(PlantTable)
+    assert table is not None
+    wish = table.sampling
     assert wish is not None
     try:
         return sampled(made, wish.dt, method=wish.method, delay=wish.delay)
@@ -354,7 +358,8 @@ def _family(
     job: Job, result: UpdateResult | None, given: dict[str, Any], draws: Draws | None, engine: Any
 ) -> tuple[PlantFamily | None, str]:
     """Return the family, or why there is none; the plant is not lost for that."""
-    assert job.plant is not None
+    wish = job.table(PlantTable)
+    assert wish is not None
     if result is None:
         return (
             None,
@@ -362,7 +367,6 @@ def _family(
         )
     from updyn.control.family import plant_family
 
-    wish = job.plant
     how: dict[str, Any] = {
         "n": wish.family,
         "seed": wish.seed,
@@ -382,7 +386,10 @@ def _weights(
     """Return a weight for each channel of the servo's loops, or for each channel of the plant; and what is missing."""
     from updyn.control.weight import uncertainty_weight
 
-    servo, everything = job.servo, list(np.ndindex(len(family.outputs), len(family.inputs)))
+    servo, everything = (
+        job.table(ServoTable),
+        list(np.ndindex(len(family.outputs), len(family.inputs))),
+    )
     if servo is not None and servo.controller is not None:
         torque = family.inputs[0] if servo.torque is None else servo.torque
         read = {servo.velocity, servo.position}

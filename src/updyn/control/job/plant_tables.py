@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, Strict, model_validator
 from updyn.control.ports import Port
 from updyn.errors import nearest, suggest
 from updyn.frf import QUANTITIES
-from updyn.job.tables import Pair, Table
+from updyn.job.schema import Pair, Table
 
 __all__ = ["PLANT_FILES", "PLANT_SUFFIXES", "PlantTable", "PortTable", "SamplingTable"]
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from updyn.control.job.servo_tables import ServoTable
 from updyn.errors import InputError, JobError
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -36,7 +37,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
     JobError
         If they cannot be had, with the line.
     """
-    wish = job.servo
+    wish = job.table(ServoTable)
     if wish is None or wish.motor is None or wish.load is None:
         return None
     from updyn.control.servo.drive import drive_figures
@@ -60,7 +61,7 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     JobError
         If the controller cannot be put on it, with the line.
     """
-    wish = job.servo
+    wish = job.table(ServoTable)
     if wish is None or wish.controller is None:
         return None
     from updyn.control.family import PlantFamily

@@ -8,7 +8,7 @@ from typing import Any
 from updyn.control.job.nonlinear import Nonlinear
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
-from updyn.io.values_text import plain
+from updyn.store.values import plain
 
 __all__ = ["drive_record", "nonlinear_record", "servo_record"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from updyn.errors import OptionError
-from updyn.job.tables import Table, tables_of
+from updyn.job.schema import Table, tables_of
 
 if TYPE_CHECKING:
     from updyn.control.plant import Plant

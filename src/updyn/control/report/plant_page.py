@@ -7,9 +7,9 @@ from pathlib import Path
 
 from updyn import __version__
 from updyn.control.job.plant_result import Planted
-from updyn.control.report.plant_parts import plant_parts
 from updyn.report import markup as m
-from updyn.report.page import page_text
+from updyn.report.page import assemble
+from updyn.report.section import Content
 
 __all__ = ["write_plant_page"]
 
@@ -34,12 +34,12 @@ def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
 
 def render(planted: Planted) -> str:
     """Return the page as text."""
-    sections, figures = plant_parts(planted)
     badge = ("Updated", "good") if planted.updated else ("Not updated", "warn")
     if not planted.met:
         badge = ("Tolerance not met", "bad")
+    content = Content(further={"plant": planted})
     head = (
         f"<header><h1>{m.esc(planted.title)}</h1>{m.paragraph(planted.source, 'byline')}"
         f'<p><span class="badge {badge[1]}">{m.esc(badge[0])}</span></p></header>'
     )
-    return page_text(head, sections, f"{planted.title}: plant", __version__, figures)
+    return assemble(content, head, f"{planted.title}: plant", __version__)

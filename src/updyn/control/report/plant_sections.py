@@ -9,12 +9,19 @@ import numpy as np
 
 from updyn.control.job.plant_result import Planted
 from updyn.control.plant import Plant
-from updyn.control.report.plant_figures import bode_name, channels, unit_of, weight_name
+from updyn.control.report.plant_figures import (
+    bode_name,
+    channels,
+    plant_figures,
+    unit_of,
+    weight_name,
+)
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
 
-__all__ = ["plant_section", "plant_tiles", "share"]
+__all__ = ["PLANT", "plant_tiles", "share"]
 
 #: Poles that are listed at most, and channels in the table of errors.
 _LISTED, _CHANNELS = 60, 40
@@ -27,10 +34,32 @@ _CONVERSIONS = {
 }
 
 
-def plant_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
-    """Return words, Bode diagrams, and tables of errors, poles and conversions."""
+class PlantSection(Section):
+    """The plant of a job."""
+
+    anchor = "plant"
+    name = "Plant"
+    heading = "Plant"
+    place = 2000
+
+    def applies(self, content: Content) -> bool:
+        """Whether there is one: any page shows it."""
+        return True
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return Bode diagrams and weights."""
+        return plant_figures(content.further["plant"])
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words, Bode diagrams, and tables of errors, poles and conversions."""
+        return _body(content.further["plant"], figures)
+
+
+PLANT = PlantSection()
+
+
+def _body(planted: Planted, figures: Mapping[str, Figure]) -> str:
     parts = [
-        '<section id="plant"><h2>Plant</h2>',
         m.paragraph(_about(planted), "lead"),
         m.note(*_notes(planted)),
     ]
@@ -43,7 +72,7 @@ def plant_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
         parts.append(_pole_table(plant))
     parts.append(_conversions(planted))
     parts.append(_weights(planted, figures))
-    return "".join(parts) + "</section>"
+    return "".join(parts)
 
 
 def share(value: float) -> str:

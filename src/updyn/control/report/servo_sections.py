@@ -6,25 +6,53 @@ import math
 from collections.abc import Mapping
 
 from updyn.control.job.plant_result import Planted
-from updyn.control.report.nonlinear import nonlinear_part
+from updyn.control.report.nonlinear import nonlinear_figures, nonlinear_part
+from updyn.control.report.servo_figures import servo_figures
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
 from updyn.report import markup as m
 from updyn.report import words as w
 from updyn.report.plots import Figure
+from updyn.report.section import Content, Section
 
-__all__ = ["servo_section"]
+__all__ = ["SERVO"]
 
 #: Crossings that are listed for each loop at most.
 _CROSSINGS = 12
 
 
-def servo_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
-    """Return words, tables and places of figures; nothing where the job has no servo."""
-    if planted.servo is None and planted.drive is None:
-        return ""
-    parts = ['<section id="servo"><h2>Servo</h2>']
+class ServoSection(Section):
+    """The servo on the plant of a job, and the figures of its drive."""
+
+    anchor = "servo"
+    name = "Servo"
+    heading = "Servo"
+    place = 2100
+
+    def applies(self, content: Content) -> bool:
+        """Whether there is a servo or a drive: any page shows it."""
+        planted: Planted = content.further["plant"]
+        return planted.servo is not None or planted.drive is not None
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return loops, responses over time, and simulations with backlash or friction."""
+        planted: Planted = content.further["plant"]
+        if planted.servo is None:
+            return {}
+        assert planted.plant is not None
+        return nonlinear_figures(planted.nonlinear) | servo_figures(planted.servo, planted.plant)
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words, tables and places of figures."""
+        return _body(content.further["plant"], figures)
+
+
+SERVO = ServoSection()
+
+
+def _body(planted: Planted, figures: Mapping[str, Figure]) -> str:
+    parts = []
     if planted.servo is not None:
         parts += _servo(planted.servo, figures)
         parts += [
@@ -32,7 +60,7 @@ def servo_section(planted: Planted, figures: Mapping[str, Figure]) -> str:
         ]
     if planted.drive is not None:
         parts.append(_drive(planted.drive))
-    return "".join(parts) + "</section>"
+    return "".join(parts)
 
 
 # -- the loop ---------------------------------------------------------------------------------------------------

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from updyn.elements.drivetrain.build import drivetrain, drivetrain_from_table
-from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Worm
-from updyn.elements.drivetrain.mount import mounted
-from updyn.elements.drivetrain.planetary import Planetary
+from updyn.elements.drivetrain.build import drivetrain, drivetrain_from_table, mounted
+from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
 from updyn.elements.drivetrain.reflection import Reflected, ReflectedPart, reflected
 from updyn.elements.drivetrain.shafts import Brake, Coupling, Ground, Inertia, Motor, Shaft
 

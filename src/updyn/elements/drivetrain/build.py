@@ -1,4 +1,4 @@
-"""`drivetrain`: a torsional drive train from its parts, a group each."""
+"""`drivetrain`: a torsional drive train from its parts, a group each, and `mounted`: its place on a structure."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements._mesh import check_keys, from_row
-from updyn.elements.constraints import Equation, constrain
-from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Worm
-from updyn.elements.drivetrain.kinematics import resolve
-from updyn.elements.drivetrain.pieces import Hold, Mass, Part, Piece, Spring, Tie, whole
-from updyn.elements.drivetrain.planetary import Planetary
+from updyn.elements.checks import check_keys, from_row, rows_of, whole
+from updyn.elements.constraints import Equation, about_axis, constrain, join
+from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
+from updyn.elements.drivetrain.pieces import Hold, Mass, Part, Piece, Spring, Tie, resolve
 from updyn.elements.drivetrain.shafts import Brake, Coupling, Ground, Inertia, Motor, Shaft
 from updyn.errors import ModelError, suggest
 from updyn.model import Group, Model
 
-__all__ = ["TABLES", "Train", "assemble", "drivetrain", "drivetrain_from_table"]
+__all__ = [
+    "TABLES",
+    "Train",
+    "assemble",
+    "drivetrain",
+    "drivetrain_from_table",
+    "mounted",
+]
 
 #: Arrays of tables of a job file, and the part that a row of each describes.
 TABLES: Mapping[str, type[Any]] = {
@@ -160,13 +165,9 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     check_keys("model", data, (), (*TABLES, *_GROUP_OPTIONS))
     parts: list[Part] = []
     for key in TABLES:
-        rows = data.pop(key, [])
-        if not isinstance(rows, list | tuple):
-            raise ModelError(
-                f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
-                f" [[model.{key}]]"
-            )
-        parts += [from_row(TABLES[key], key, number, row) for number, row in enumerate(rows, 1)]
+        for number, row in enumerate(rows_of(data, key), 1):
+            parts.append(from_row(TABLES[key], key, number, row))
+        data.pop(key, None)
     if not parts:
         raise ModelError(
             "model: a drive train has no parts; expected [[model.shafts]] or others of"
@@ -288,3 +289,68 @@ def _sum(
         values.append(block.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sp.csr_array(sp.coo_array(entries, shape=(len(at), len(at))))
+
+
+def mounted(
+    drive: Model, structure: Model, at: Mapping[int, tuple[int, Sequence[float]]], title: str = ""
+) -> Model:
+    """Couple a drive train to a structure: shafts of the one turn with nodes of the other.
+
+    A load that the structure carries, a wheel bolted to it, a motor's housing (`housing`) that
+    stands on it: each is a node of the train whose rotation is that of a structure node about an
+    axis.
+
+    Parameters
+    ----------
+    drive : Model
+        From `drivetrain`, DOFs ``node:RZ``.
+    structure : Model
+        With rotations at the nodes used (those of a solid by `rigid_link`). Its node numbers must
+        not be the train's.
+    at : mapping of int to (int, sequence of float)
+        For each node of the train: node of the structure, and axis in that node's own system, shape
+        (3,), any length. A positive rotation of the train is right-handed about it.
+    title : str
+        For the record; None stated: that of the structure.
+
+    Returns
+    -------
+    Model
+        All groups of both; the DOFs of the structure, then those of the train that were not
+        coupled.
+
+    Raises
+    ------
+    ModelError
+        If the two share a DOF or a group name, a node is not in the train, or an axis is not
+        usable.
+    DofError
+        If a node of the structure lacks a rotation that the axis needs.
+    """
+    if not isinstance(at, Mapping) or not at:
+        raise ModelError(
+            "mounted: expected {node of the train: (node of the structure, axis)} with one entry or"
+            " more"
+        )
+    shared = [str(d) for d in drive.dofs if d in structure.dofs]
+    if shared:
+        raise ModelError(
+            f"mounted: {', '.join(shared[:3])} {'is' if len(shared) == 1 else 'are'} in the train"
+            " and in the structure; number the nodes of the train otherwise"
+        )
+    nodes = [str(d.node) for d in drive.dofs]
+    equations = []
+    for node, place in at.items():
+        if str(whole("mounted", "node", node)) not in nodes:
+            raise ModelError(
+                f"mounted: the train has no DOF {node}:RZ (held, or it follows another by a rigid"
+                f" ratio: see keep); {suggest(str(node), nodes)}"
+            )
+        if not isinstance(place, tuple | list) or len(place) != 2:
+            raise ModelError(
+                f"mounted: node {node}: {place!r}; expected (node of the structure, axis)"
+            )
+        equations.append(
+            about_axis(f"{node}:RZ", whole("mounted", f"node {node} on", place[0]), place[1])
+        )
+    return constrain(join([structure, drive], title=title or structure.title), equations)

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
+from updyn.elements.checks import whole
 from updyn.elements.drivetrain.build import Train, assemble
-from updyn.elements.drivetrain.kinematics import resolve
-from updyn.elements.drivetrain.pieces import Mass, Part, Spring, Tie, whole
+from updyn.elements.drivetrain.pieces import Mass, Part, Spring, Tie, resolve
 from updyn.elements.drivetrain.shafts import Shaft
 from updyn.errors import ModelError, suggest
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from updyn.elements._mesh import not_negative, positive
+from updyn.elements.checks import not_negative, positive, whole
 from updyn.elements.drivetrain.pieces import (
     Hold,
     Mass,
@@ -20,7 +20,6 @@ from updyn.elements.drivetrain.pieces import (
     lump,
     quantities,
     relative,
-    whole,
 )
 from updyn.errors import ModelError, suggest
 

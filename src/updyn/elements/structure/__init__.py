@@ -1,13 +1,18 @@
-"""Structures in space: beams, trusses, springs, shells, solids, masses and rigid links over kept libraries."""
+"""Structures in space: beams, trusses, springs, shells, solids, masses and rigid links."""
 
-from updyn.elements.constraints import Equation
-from updyn.elements.structure.build import structure
-from updyn.elements.structure.parts import Beam, PointMass, RigidLink, Shell, Solid, Spring, Truss
-from updyn.elements.structure.sections import Section, rectangle, tube
-from updyn.elements.structure.table import structure_from_table
+from updyn.elements.constraints import Equation, RigidLink
+from updyn.elements.structure.beams import Beam, Section, Truss, rectangle, tube
+from updyn.elements.structure.build import structure, structure_from_table
+from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
+from updyn.elements.structure.shells import Shell
+from updyn.elements.structure.solids import Solid
+from updyn.elements.structure.springs import PointMass, Spring
 
 __all__ = [
+    "ELEMENTS",
     "Beam",
+    "Element",
+    "ElementMatrices",
     "Equation",
     "PointMass",
     "RigidLink",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,22 +11,22 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.constraints import Equation, constrain, rigid_link
-from updyn.elements.structure.blocks import Nodes, blocks_of, touch
-from updyn.elements.structure.drawing import lines_of
-from updyn.elements.structure.parts import Part, PointMass, RigidLink
+from updyn.elements.checks import check_keys, from_row, rows_of
+from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
+from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 
-__all__ = ["structure"]
+__all__ = ["structure", "structure_from_table"]
 
-_LOOSE = 4_000_000  # entries of element matrices that wait to be summed up
+_BATCH = 1_000_000  # entries of element matrices that are computed at once
+_PENDING = 4_000_000  # entries of element matrices that wait to be summed
 
 
 def structure(
     nodes: Mapping[int, ArrayLike] | ArrayLike | Geometry,
-    parts: Iterable[Part],
+    parts: Iterable[Element],
     *,
     links: Iterable[RigidLink] = (),
     equations: Iterable[Equation] = (),
@@ -38,13 +39,14 @@ def structure(
     ----------
     nodes : mapping of int to three floats, array_like of shape (n, 3), or Geometry
         Positions in m by node number; of an array the nodes are 1, 2, ... n.
-    parts : iterable of Beam, Truss, Spring, Shell, Solid or PointMass
-        What the structure is made of. Parts of the same name form one group.
+    parts : iterable of Element
+        What the structure is made of: `Beam`, `Truss`, `Spring`, `Shell`, `Solid`, `PointMass` or
+        another `Element`. Parts of the same name form one group.
     links : iterable of RigidLink
-        Nodes that move rigidly with another. A master that no part touches gets the DOFs that the
+        Nodes that move rigidly with another. A master that no part uses gets the DOFs that the
         link needs.
     equations : iterable of Equation
-        Further ties (multi-point constraints). A DOF on the right that no part touches is taken in.
+        Further ties (multi-point constraints). A DOF on the right that no part uses is added.
     grounded : iterable of str, Dof or int
         What is held: a label holds one DOF, a node number all that the node has.
     title : str
@@ -54,7 +56,7 @@ def structure(
     -------
     Model
         DOFs ``node:X`` to ``node:RZ``, node by node in the order of `nodes`, without those that
-        nothing touches (nodes of solids and trusses have X, Y, Z only) and without those that are
+        nothing uses (nodes of solids and trusses have X, Y, Z only) and without those that are
         held or tied. Its geometry has all nodes, and the edges of the elements as lines.
 
     Raises
@@ -64,35 +66,150 @@ def structure(
         held or tied twice, or a DOF is left without stiffness, mass and damping. If a library is
         missing; the message says how to install it.
     DofError
-        If a DOF that is held or tied is touched by nothing.
+        If a DOF that is held or tied is used by nothing.
     """
-    table, items = _nodes(nodes), list(parts)
-    if not items:
-        raise ModelError("structure: there are no parts")
-    for item in items:
-        if not isinstance(item, Part):
-            raise ModelError(
-                f"structure: {item!r}; expected a Beam, Truss, Spring, Shell, Solid or PointMass"
-            )
-    touched = np.zeros((len(table.numbers), 6), dtype=np.bool_)
-    for item in items:
-        touch(item, table, touched)
-    geometry = Geometry(table.numbers, table.xyz, lines_of(items))
-    ties = _ties(table, geometry, list(links), list(equations), touched)
-    dofs = _dofs(table, touched)
-    held = _held(table, touched, dofs, grounded)
-    # What is held and in no tie is never assembled; the rest is left to the transformation.
+    table = _read_nodes(nodes)
+    elements = list(parts)
+    _check_elements(elements)
+    used = np.zeros((len(table.numbers), 6), dtype=np.bool_)
+    for element in elements:
+        _mark_used(element, table, used)
+    geometry = Geometry(table.numbers, table.xyz, _edges(elements))
+    ties = _ties(table, geometry, list(links), list(equations), used)
+    dofs = _dofs(table, used)
+    held = _held(table, used, dofs, grounded)
+    # A held DOF that is in no tie is never assembled; the transformation removes the others.
     tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
-    gone = np.zeros(len(dofs), dtype=np.bool_)
-    gone[dofs.match([dof for dof in held if dof not in tied]).index] = True
-    if gone.all():
+    left_out = np.zeros(len(dofs), dtype=np.bool_)
+    left_out[dofs.match([dof for dof in held if dof not in tied]).index] = True
+    if left_out.all():
         raise ModelError("every DOF of the structure is held: nothing is left to move")
-    free = Model(_groups(items, table, touched, gone), dofs[np.flatnonzero(~gone)], geometry, title)
+    groups = _groups(elements, table, used, left_out)
+    free = Model(groups, dofs[np.flatnonzero(~left_out)], geometry, title)
     out = constrain(free, ties, [dof for dof in held if dof in tied])
     return Model.from_groups(out.groups, out.dofs, geometry=geometry, title=title)
 
 
-def _nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> Nodes:
+def structure_from_table(table: Mapping[str, Any]) -> Model:
+    """Build a structure from a table of a job file, ``[model] kind = "structure"``.
+
+    Parameters
+    ----------
+    table : mapping
+        ``kind`` (``"structure"``, may be left out); ``nodes``, a table from node number to position
+        in m; an array of tables for each kind of element (`ELEMENTS`: ``beam``, ``truss``,
+        ``shell``, ``solid``, ``spring``, ``mass``), with its fields, and ``link`` with the fields of
+        `RigidLink`; ``equation`` with ``dof`` and ``terms``; ``grounded``, an array of DOFs and
+        node numbers; ``title``. The ``section`` of a beam is a table with the fields of `Section`,
+        or with ``shape`` ``"rectangle"`` or ``"tube"`` and its dimensions.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown (the nearest is named), or as `structure`.
+    """
+    data = dict(table)
+    kind = data.pop("kind", "structure")
+    if kind != "structure":
+        raise ModelError(f"model: kind {kind!r}; expected 'structure'")
+    check_keys("model", data, ["nodes"], [*ELEMENTS, "link", "equation", "grounded", "title"])
+    parts: list[Element] = []
+    for key, element in ELEMENTS.items():
+        for number, row in enumerate(rows_of(data, key), 1):
+            if isinstance(row, Mapping):
+                row = element.fields_of_row(f"model.{key}, number {number}", row)
+            parts.append(from_row(element, key, number, row))
+    links = []
+    for number, row in enumerate(rows_of(data, "link"), 1):
+        links.append(from_row(RigidLink, "link", number, row))
+    equations = []
+    for number, row in enumerate(rows_of(data, "equation"), 1):
+        equations.append(_equation(f"model.equation, number {number}", row))
+    grounded = data.get("grounded", [])
+    if not isinstance(grounded, list | tuple):
+        raise ModelError(
+            f"model: grounded {grounded!r}; expected an array of DOFs and node numbers"
+        )
+    return structure(
+        _nodes_of_table(data["nodes"]),
+        parts,
+        links=links,
+        equations=equations,
+        grounded=grounded,
+        title=data.get("title", ""),
+    )
+
+
+def _equation(where: str, row: Any) -> Equation:
+    if not isinstance(row, Mapping):
+        raise ModelError(f"{where}: expected a table, found {row!r}")
+    check_keys(where, row, ("dof", "terms"), ())
+    if not isinstance(row["terms"], Mapping):
+        raise ModelError(
+            f"{where}: terms {row['terms']!r}; expected a table from DOF to coefficient"
+        )
+    return Equation(row["dof"], row["terms"])
+
+
+def _nodes_of_table(table: Any) -> dict[int, Any]:
+    if not isinstance(table, Mapping):
+        raise ModelError(
+            f"model: nodes holds {type(table).__name__}; expected a table from node number to"
+            " position"
+        )
+    out: dict[int, Any] = {}
+    for key, position in table.items():
+        text = str(key)
+        if not text.isdecimal():
+            raise ModelError(f"model.nodes: {key!r}; expected a node number")
+        if not isinstance(position, list | tuple) or len(position) != 3:
+            raise ModelError(
+                f"model.nodes: node {text} stands at {position!r}; expected three numbers"
+            )
+        if int(text) in out:
+            raise ModelError(f"model.nodes: node {int(text)} stands twice")
+        out[int(text)] = position
+    return out
+
+
+# -- nodes and elements
+@dataclass(frozen=True, slots=True, eq=False)
+class _Nodes:
+    """Node numbers, shape (n,), with their positions in m, shape (n, 3)."""
+
+    numbers: NDArray[np.int64]
+    xyz: NDArray[np.float64]
+    _order: NDArray[np.intp] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_order", np.argsort(self.numbers))
+
+    def find(self, what: str, wanted: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return the positions in the table of node numbers, of any shape.
+
+        Raises
+        ------
+        ModelError
+            If a node is missing; the nearest numbers are named.
+        """
+        at = np.searchsorted(self.numbers, wanted, sorter=self._order)
+        found = self._order[np.minimum(at, len(self._order) - 1)]
+        missing = np.asarray(wanted)[self.numbers[found] != wanted]
+        if missing.size:
+            distance = np.abs(self.numbers - missing.flat[0])
+            near = self.numbers[np.argsort(distance, kind="stable")[:3]].tolist()
+            raise ModelError(
+                f"{what}: node {missing.flat[0]} is not among the {len(self.numbers)} nodes;"
+                f" nearest: {', '.join(map(str, near))}"
+            )
+        return np.asarray(found)
+
+
+def _read_nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> _Nodes:
     if isinstance(given, Geometry):
         if given.axes is not None:
             raise ModelError(
@@ -108,7 +225,7 @@ def _nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> Nodes:
         numbers = np.arange(1, len(xyz) + 1)
     if not len(numbers):
         raise ModelError("structure: there are no nodes")
-    return Nodes(numbers, xyz)
+    return _Nodes(numbers, xyz)
 
 
 def _positions(given: Any) -> NDArray[np.float64]:
@@ -124,62 +241,84 @@ def _positions(given: Any) -> NDArray[np.float64]:
     return xyz
 
 
-# -- DOFs --------------------------------------------------------------------------------------------------
+def _check_elements(elements: Sequence[Element]) -> None:
+    if not elements:
+        raise ModelError("structure: there are no parts")
+    for element in elements:
+        if not isinstance(element, Element):
+            known = ", ".join(kind.__name__ for kind in ELEMENTS.values())
+            raise ModelError(f"structure: {element!r}; expected a {known}, or another Element")
+
+
+def _mark_used(element: Element, table: _Nodes, used: NDArray[np.bool_]) -> None:
+    """Mark the DOFs that an element uses in `used`, shape (n, 6)."""
+    at = table.find(element.label, element.node_numbers)
+    own = element.used_dofs(table.xyz[at])
+    for position, direction in enumerate(element.directions):
+        used[at[own[:, :, position]], direction] = True
+
+
+def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
+    """Return the edges of all elements once, shape (n, 2), as node numbers."""
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    for element in elements:
+        pairs.append(element.edges())
+    return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+
+
+# -- DOFs
 def _ties(
-    table: Nodes,
+    table: _Nodes,
     geometry: Geometry,
     links: Sequence[RigidLink],
     equations: list[Equation],
-    touched: NDArray[np.bool_],
+    used: NDArray[np.bool_],
 ) -> list[Equation]:
-    """Return the equations of links and ties; what stands on their right is taken into `touched`."""
+    """Return the equations of links and ties; marks the DOFs on their right in `used`."""
     for link in links:
         if not isinstance(link, RigidLink):
             raise ModelError(f"structure: {link!r}; expected a RigidLink")
-    masters = {link.master for link in links}
-    for link in links:  # what leads a link and follows another has all six DOFs, which vanish
-        between = np.array([s for s in link.slaves.tolist() if s in masters], dtype=np.int64)
-        touched[table.find("rigid link", between)] = True
+    masters = [link.master for link in links]
+    for link in links:  # a slave that is a master too has all six DOFs, which vanish
+        table_rows = table.find("rigid link", link.slaves[np.isin(link.slaves, masters)])
+        used[table_rows] = True
     ties = list(equations)
     for link in links:
-        ties += _link(table, geometry, link, touched)
-    terms = list(dict.fromkeys(d for tie in ties for d in tie.terms))
-    at = table.find("equation", np.array([d.node for d in terms], dtype=np.int64))
-    touched[at, [DIRECTIONS.index(d.direction) for d in terms]] = True
+        ties += _link(table, geometry, link, used)
+    terms = list(dict.fromkeys(dof for tie in ties for dof in tie.terms))
+    at = table.find("equation", np.array([dof.node for dof in terms], dtype=np.int64))
+    used[at, [DIRECTIONS.index(dof.direction) for dof in terms]] = True
     return ties
 
 
 def _link(
-    table: Nodes, geometry: Geometry, link: RigidLink, touched: NDArray[np.bool_]
+    table: _Nodes, geometry: Geometry, link: RigidLink, used: NDArray[np.bool_]
 ) -> list[Equation]:
     what = f"rigid link of node {link.master}"
     table.find(what, np.array([link.master]))
-    own = touched[table.find(what, link.slaves)]
-    if not own.any(axis=1).all():
-        node = link.slaves[~own.any(axis=1)][0]
-        raise ModelError(f"{what}: nothing touches node {node}, so that nothing of it could follow")
+    own = used[table.find(what, link.slaves)]
+    unused = link.slaves[~own.any(axis=1)]
+    if unused.size:
+        raise ModelError(f"{what}: no part uses node {unused[0]}, so that it has no DOF to tie")
     if link.directions is not None:
         return rigid_link(geometry, link.master, link.slaves.tolist(), link.directions)
     out = []
     for pattern in np.unique(own, axis=0):
-        alike = link.slaves[(own == pattern).all(axis=1)].tolist()
-        out += rigid_link(
-            geometry,
-            link.master,
-            alike,
-            [d for d, has in zip(DIRECTIONS, pattern, strict=True) if has],
-        )
+        slaves = link.slaves[(own == pattern).all(axis=1)].tolist()
+        directions = [DIRECTIONS[i] for i in np.flatnonzero(pattern)]
+        out += rigid_link(geometry, link.master, slaves, directions)
     return out
 
 
-def _dofs(table: Nodes, touched: NDArray[np.bool_]) -> DofSet:
-    node, axis = np.nonzero(touched)
+def _dofs(table: _Nodes, used: NDArray[np.bool_]) -> DofSet:
+    node, axis = np.nonzero(used)
     return DofSet.from_arrays(table.numbers[node], axis)
 
 
 def _held(
-    table: Nodes, touched: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
+    table: _Nodes, used: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
 ) -> list[Dof]:
+    """Return the DOFs that are held, each once."""
     out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
@@ -189,46 +328,71 @@ def _held(
         if isinstance(item, bool) or not isinstance(item, int | np.integer):
             raise ModelError(f"grounded {item!r}: expected a DOF such as '3:X', or a node number")
         number = Dof(int(item), "X").node
-        (place,) = table.find("grounded", np.array([number])).tolist()
-        own = [Dof(number, d) for i, d in enumerate(DIRECTIONS) if touched[place, i]]
-        if not own:
-            raise ModelError(f"grounded: nothing touches node {item}")
-        out += own
+        (place,) = table.find("grounded", np.array([number]))
+        directions = np.flatnonzero(used[place])
+        if not directions.size:
+            raise ModelError(f"grounded: no part uses node {item}")
+        out += [Dof(number, DIRECTIONS[i]) for i in directions]
     once = list(dict.fromkeys(out))
     dofs.match(once, "grounded DOF")
     return once
 
 
-# -- groups ------------------------------------------------------------------------------------------------
+# -- groups
 def _groups(
-    parts: Sequence[Part], table: Nodes, touched: NDArray[np.bool_], gone: NDArray[np.bool_]
+    elements: Sequence[Element],
+    table: _Nodes,
+    used: NDArray[np.bool_],
+    left_out: NDArray[np.bool_],
 ) -> dict[str, Group]:
-    n = int((~gone).sum())
-    number = np.full(len(gone), -1, dtype=np.int32)
-    number[~gone] = np.arange(n, dtype=np.int32)
-    place = np.full(touched.shape, -1, dtype=np.int32)
-    place[touched] = number
-    loss = _loss_factors(parts)
+    n = int((~left_out).sum())
+    number = np.full(len(left_out), -1, dtype=np.int32)
+    number[~left_out] = np.arange(n, dtype=np.int32)
+    place = np.full(used.shape, -1, dtype=np.int32)
+    place[used] = number
+    loss = _loss_factors(elements)
     groups: dict[str, Group] = {}
-    for name in dict.fromkeys(part.name for part in parts):
-        sums = {kind: _Sum(n) for kind in "KMC"}
-        for block in (b for part in parts if part.name == name for b in blocks_of(part, table)):
-            at = place[block.nodes[:, :, None], np.array(block.axes)].reshape(len(block.nodes), -1)
-            for kind, total in sums.items():
-                total.add(getattr(block, kind), at)
-        K, M, C = (total.total() for total in sums.values())
-        groups[name] = Group(K, M, loss.get(name, 0.0), C)
+    for name in dict.fromkeys(element.name for element in elements):
+        K = _Sum(n)
+        M = _Sum(n)
+        C = _Sum(n)
+        for element in elements:
+            if element.name != name:
+                continue
+            for at, found in _batches(element, table):
+                rows = place[at[:, :, None], np.array(element.directions)].reshape(len(at), -1)
+                K.add(found.K, rows)
+                M.add(found.M, rows)
+                C.add(found.C, rows)
+        groups[name] = Group(K.total(), M.total(), loss.get(name, 0.0), C.total())
     return groups
 
 
-def _loss_factors(parts: Sequence[Part]) -> dict[str, float]:
+def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:
+    """Yield rows of the table of nodes, shape (m, k), and matrices, some thousand elements at once."""
+    numbers = element.node_numbers
+    at = table.find(element.label, numbers)
+    size = at.shape[1] * len(element.directions)
+    step = max(_BATCH // size**2, 1)
+    for start in range(0, len(at), step):
+        some = slice(start, start + step)
+        found = element.matrices(numbers[some], table.xyz[at[some]])
+        expected = (len(at[some]), size, size)
+        for A in (found.K, found.M, found.C):
+            if A is not None and A.shape != expected:
+                raise ModelError(
+                    f"{element.label}: element matrices of shape {A.shape}; expected {expected}"
+                )
+        yield at[some], found
+
+
+def _loss_factors(elements: Sequence[Element]) -> dict[str, float]:
     loss: dict[str, float] = {}
-    for part in parts:
-        if isinstance(part, PointMass):
-            continue
-        if loss.setdefault(part.name, part.loss_factor) != part.loss_factor:
+    for element in elements:
+        own = getattr(element, "loss_factor", None)  # masses have none
+        if own is not None and loss.setdefault(element.name, own) != own:
             raise ModelError(
-                f"group {part.name!r}: loss factors {loss[part.name]} and {part.loss_factor} in one"
+                f"group {element.name!r}: loss factors {loss[element.name]} and {own} in one"
                 " group; use two names"
             )
     return loss
@@ -243,46 +407,46 @@ class _Sum:
 
     def __init__(self, n: int) -> None:
         self.n = n
-        self.loose: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
-        self.waiting: list[tuple[int, Any]] = []
+        self.pending: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
+        self.merged: list[tuple[int, Any]] = []  # number of batches, and their sum
 
     def add(self, A: NDArray[np.float64] | None, at: NDArray[np.int32]) -> None:
         """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1: nowhere."""
         if A is None:
             return
         s = at.shape[1]
-        values, rows, columns = (
-            A.ravel(),
-            np.repeat(at, s, axis=1).ravel(),
-            np.tile(at, (1, s)).ravel(),
-        )
+        values = A.ravel()
+        rows = np.repeat(at, s, axis=1).ravel()
+        columns = np.tile(at, (1, s)).ravel()
         keep = np.flatnonzero((values != 0.0) & (rows >= 0) & (columns >= rows))
-        values, rows, columns = values[keep], rows[keep], columns[keep]
+        values = values[keep]
+        rows = rows[keep]
+        columns = columns[keep]
         values[rows == columns] *= 0.5
-        self.loose.append((values, rows, columns))
-        if sum(len(values) for values, _, _ in self.loose) > _LOOSE:
-            self._gather()
+        self.pending.append((values, rows, columns))
+        if sum(len(values) for values, _, _ in self.pending) > _PENDING:
+            self._merge()
 
-    def _gather(self) -> None:
-        if not self.loose:
+    def _merge(self) -> None:
+        if not self.pending:
             return
-        values, rows, columns = (np.concatenate(some) for some in zip(*self.loose, strict=True))
-        self.loose = []
-        weight, matrix = (
-            1,
-            sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(self.n, self.n))),
-        )
-        while self.waiting and self.waiting[-1][0] <= weight:
-            more, other = self.waiting.pop()
-            weight, matrix = weight + more, other + matrix
-        self.waiting.append((weight, matrix))
+        values, rows, columns = (np.concatenate(some) for some in zip(*self.pending, strict=True))
+        self.pending = []
+        entries = sp.coo_array((values, (rows, columns)), shape=(self.n, self.n))
+        weight = 1
+        matrix = sp.csr_array(entries)
+        while self.merged and self.merged[-1][0] <= weight:
+            more, other = self.merged.pop()
+            weight += more
+            matrix = other + matrix
+        self.merged.append((weight, matrix))
 
     def total(self) -> Any:
         """Return the sum, a `csr_array` of shape (n, n); None where nothing was added."""
-        self._gather()
-        if not self.waiting:
+        self._merge()
+        if not self.merged:
             return None
-        out = self.waiting[-1][1]
-        for _, other in reversed(self.waiting[:-1]):
+        out = self.merged[-1][1]
+        for _, other in reversed(self.merged[:-1]):
             out = out + other
         return sp.csr_array(out + out.T)

@@ -1,33 +1,31 @@
-"""The one module that speaks with pyfe3d: element matrices of beams, trusses and shells in global axes.
+"""Element matrices of beams, trusses and shells from pyfe3d, in global axes: the only module that imports it.
 
-What has to be known of it (version 0.11; each point has a test):
+Properties of pyfe3d 0.11 that matter here (each has a test):
 
-- Every property is 0 until it is set: A, Iyy, Izz, the shear modulus; the densities ``intrho...``
-  too, apart from A, I.
-- The orientation vector of a beam lies in its local xy plane; Izz bends it there.
-- No shear coefficient is applied: it goes into G12 and G13, and then G J has to be set by itself.
-- Values are added to what the arrays hold, so that they have to start at 0.
-- Four-node shells have a shear strain at the centre only, and with it two motions without energy
-  too many: here their shear stiffness is left out and comes from `updyn.elements.structure.shells`.
-- Warped quadrilaterals are strained by a turn of the whole: here only flat ones are asked for.
+- Every property is 0 until it is set: A, Iyy, Izz, the shear modulus, and the densities ``intrho``,
+  ``intrhoy2``, ``intrhoz2``.
+- The orientation vector of a beam lies in its local xy plane; Izz is for bending in that plane.
+- No shear coefficient is applied: it is part of G12 and G13, and then G J is set separately.
+- Values are added to what the arrays hold, so that they start at 0.
+- Four-node shells have a shear strain at the centre only, and with it two spurious modes without
+  energy: their shear stiffness is left out here and computed in `updyn.elements.structure.shells`.
+- A rigid rotation strains warped quadrilaterals: only flat ones are computed here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.structure.parts import Beam, Shell, Truss
 from updyn.errors import ModelError
 
 __all__ = ["beam_matrices", "plate_matrices", "truss_matrices"]
 
-_RIGID_IN_SHEAR = (
-    1e10  # shear modulus over E that stands for none: its flexibility is lost in rounding
-)
-_INDEX = np.dtype("l")  # C long, which pyfe3d takes for indices
+_RIGID_IN_SHEAR = 1e10  # shear modulus over E whose flexibility is lost in rounding
+_INDEX = np.dtype("l")  # C long, the type of indices in pyfe3d
 
 
 def _library() -> Any:
@@ -43,7 +41,12 @@ def _library() -> Any:
 
 
 def beam_matrices(
-    part: Beam, ends: NDArray[np.float64]
+    section: Any,
+    E: float,
+    G: float,
+    rho: float,
+    vectors: NDArray[np.float64],
+    ends: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of beams, each shape (m, 12, 12), in N/m, N, N m and kg, kg m, kg m2.
 
@@ -53,22 +56,30 @@ def beam_matrices(
 
     Parameters
     ----------
-    part : Beam
-        Section and material.
+    section : Section
+        Area, second moments, torsion constant, shear coefficients.
+    E, G, rho : float
+        Young's and shear modulus in Pa, density in kg/m3.
+    vectors : ndarray of float, shape (m, 3)
+        A vector in the local xy plane of each beam.
     ends : ndarray of float, shape (m, 2, 3)
         Positions of the nodes in m.
     """
     fe = _library()
-    s, prop = part.section, fe.beamprop.BeamProp()
-    G = part.shear_modulus
-    prop.A, prop.E, prop.Iyy, prop.Izz, prop.J = s.A, part.E, s.Iyy, s.Izz, s.J
-    prop.G12 = _RIGID_IN_SHEAR * part.E if s.shear_y is None else s.shear_y * G
-    prop.G13 = _RIGID_IN_SHEAR * part.E if s.shear_z is None else s.shear_z * G
-    prop.GJ = G * s.J
-    prop.intrho, prop.intrhoy2, prop.intrhoz2 = part.rho * s.A, part.rho * s.Izz, part.rho * s.Iyy
+    prop = fe.beamprop.BeamProp()
+    prop.A = section.A
+    prop.E = E
+    prop.Iyy = section.Iyy
+    prop.Izz = section.Izz
+    prop.J = section.J
+    prop.GJ = G * section.J
+    prop.G12 = _shear_modulus(section.shear_y, E, G)
+    prop.G13 = _shear_modulus(section.shear_z, E, G)
+    prop.intrho = rho * section.A
+    prop.intrhoy2 = rho * section.Izz
+    prop.intrhoz2 = rho * section.Iyy
     element = fe.BeamC(fe.BeamCProbe())
-    element.c1, element.c2 = 0, 6
-    vectors = orientations(part, ends)
+    _place_dofs(element, 2)
 
     def place(i: int) -> None:
         x = np.ascontiguousarray(ends[i]).ravel()
@@ -78,23 +89,29 @@ def beam_matrices(
     return _collect(element, prop, fe.BeamCData(), place, len(ends), 12)
 
 
+def _shear_modulus(coefficient: float | None, E: float, G: float) -> float:
+    return _RIGID_IN_SHEAR * E if coefficient is None else coefficient * G
+
+
 def truss_matrices(
-    part: Truss, ends: NDArray[np.float64]
+    A: float, E: float, rho: float, ends: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in N/m and kg; no stiffness against turning.
+    """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in N/m and kg.
 
     Parameters
     ----------
-    part : Truss
-        Area and material.
+    A, E, rho : float
+        Area in m2, Young's modulus in Pa, density in kg/m3.
     ends : ndarray of float, shape (m, 2, 3)
         Positions of the nodes in m.
     """
     fe = _library()
     prop = fe.beamprop.BeamProp()
-    prop.A, prop.E, prop.intrho = part.A, part.E, part.rho * part.A
+    prop.A = A
+    prop.E = E
+    prop.intrho = rho * A
     element = fe.Truss(fe.TrussProbe())
-    element.c1, element.c2 = 0, 6
+    _place_dofs(element, 2)
 
     def place(i: int) -> None:
         x = np.ascontiguousarray(ends[i]).ravel()
@@ -107,7 +124,7 @@ def truss_matrices(
 
 
 def plate_matrices(
-    part: Shell, local: NDArray[np.float64]
+    what: str, thickness: float, E: float, nu: float, rho: float, local: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of flat shells in their own plane, each shape (m, 6 k, 6 k).
 
@@ -116,26 +133,32 @@ def plate_matrices(
 
     Parameters
     ----------
-    part : Shell
-        Thickness and material.
+    what : str
+        The shell, for messages.
+    thickness, E, nu, rho : float
+        Thickness in m, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
     local : ndarray of float, shape (m, k, 3)
-        Positions of the 3 or 4 nodes in m, the third of each 0.
+        Positions of the 3 or 4 nodes in m, the third coordinate of each 0.
+
+    Raises
+    ------
+    ModelError
+        If pyfe3d refuses the material.
     """
     fe = _library()
     try:
-        prop = fe.shellprop_utils.isotropic_plate(part.thickness, part.E, part.nu, rho=part.rho)
+        prop = fe.shellprop_utils.isotropic_plate(thickness, E, nu, rho=rho)
     except ValueError as error:
-        raise ModelError(
-            f"shell {part.name!r}: thickness, E and nu give no plate ({error})"
-        ) from error
+        raise ModelError(f"{what}: thickness, E and nu give no plate ({error})") from error
     count, k = local.shape[:2]
     if k == 4:
-        prop.A44 = prop.A45 = prop.A55 = 0.0
+        prop.A44 = 0.0
+        prop.A45 = 0.0
+        prop.A55 = 0.0
         element, data = fe.Quad4(fe.Quad4Probe()), fe.Quad4Data()
     else:
         element, data = fe.Tria3DSG(fe.Tria3DSGProbe()), fe.Tria3DSGData()
-    for i in range(k):
-        setattr(element, f"c{i + 1}", 6 * i)
+    _place_dofs(element, k)
 
     def place(i: int) -> None:
         x = np.ascontiguousarray(local[i]).ravel()
@@ -145,46 +168,35 @@ def plate_matrices(
     return _collect(element, prop, data, place, count, 6 * k)
 
 
-def orientations(part: Beam, ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a vector in the local xy plane of each beam, shape (m, 3); any across it where both planes are alike.
-
-    Raises
-    ------
-    ModelError
-        If the orientation is parallel to a beam.
-    """
-    along = ends[:, 1] - ends[:, 0]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    if part.orientation is None:
-        return np.asarray(np.eye(3)[np.argmin(np.abs(along), axis=1)])
-    v = part.orientation / np.linalg.norm(part.orientation)
-    parallel = np.linalg.norm(np.cross(along, v), axis=1) < 1e-6
-    if parallel.any():
-        at = int(np.flatnonzero(parallel)[0])
-        raise ModelError(
-            f"beam {part.name!r}: the orientation {part.orientation.tolist()} is parallel to the"
-            f" element of nodes {part.connectivity[at].tolist()}; expected a vector across it"
-        )
-    return np.tile(v, (len(ends), 1))
+def _place_dofs(element: Any, n_nodes: int) -> None:
+    """Set the first row of each node in the matrices of the element."""
+    for i in range(n_nodes):
+        setattr(element, f"c{i + 1}", 6 * i)
 
 
 def _collect(
-    element: Any, prop: Any, data: Any, place: Any, count: int, size: int
+    element: Any, prop: Any, data: Any, place: Callable[[int], None], count: int, size: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return K and M, shape (count, size, size), of one element object put in each place."""
-    out = []
-    for method, length in (("update_KC0", data.KC0_SPARSE_SIZE), ("update_M", data.M_SPARSE_SIZE)):
-        rows, columns = np.zeros(length, dtype=_INDEX), np.zeros(length, dtype=_INDEX)
-        values = np.zeros((count, length))
-        update = getattr(element, method)
-        for i in range(count):
-            place(i)
-            update(rows, columns, values[i], prop)
-        A = np.zeros((count, size * size))
-        where = rows * size + columns
-        if len(np.unique(where[values.any(axis=0)])) < int(values.any(axis=0).sum()):
-            raise AssertionError("an entry of the element stands twice")
-        A[:, where[values.any(axis=0)]] = values[:, values.any(axis=0)]
-        full = A.reshape(count, size, size)
-        out.append(0.5 * (full + full.transpose(0, 2, 1)))  # rounding only
-    return out[0], out[1]
+    """Return K and M, shape (count, size, size), of one element object moved to each place."""
+    K = _full(element.update_KC0, data.KC0_SPARSE_SIZE, prop, place, count, size)
+    M = _full(element.update_M, data.M_SPARSE_SIZE, prop, place, count, size)
+    return K, M
+
+
+def _full(
+    update: Any, length: int, prop: Any, place: Callable[[int], None], count: int, size: int
+) -> NDArray[np.float64]:
+    rows = np.zeros(length, dtype=_INDEX)
+    columns = np.zeros(length, dtype=_INDEX)
+    values = np.zeros((count, length))
+    for i in range(count):
+        place(i)
+        update(rows, columns, values[i], prop)
+    position = rows * size + columns
+    used = values.any(axis=0)
+    if len(np.unique(position[used])) < int(used.sum()):
+        raise AssertionError("an entry of the element stands twice")
+    flat = np.zeros((count, size * size))
+    flat[:, position[used]] = values[:, used]
+    A = flat.reshape(count, size, size)
+    return np.asarray(0.5 * (A + A.transpose(0, 2, 1)))  # differs from A by rounding only

@@ -5,7 +5,6 @@ with its modulus and density doubled (`updyn.io.differences`). Springs and point
 of their own, by element set. ``ccx`` is not part of updyn; it has to be installed.
 """
 
-from updyn.io.calculix.reading import read_model
-from updyn.io.calculix.writing import write_properties
+from updyn.io.calculix.model import read_model, write_properties
 
 __all__ = ["read_model", "write_properties"]

@@ -6,10 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from updyn.errors import ModelError
-from updyn.io.nastran.cards import Card
-from updyn.io.nastran.deck import Deck
-from updyn.io.nastran.fields import text_of
-from updyn.io.nastran.kinds import Values, materials_of, values
+from updyn.io.nastran.cards import Card, text_of
+from updyn.io.nastran.deck import Deck, Values, materials_of, values
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 

@@ -20,8 +20,7 @@ import scipy.sparse as sp
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.cards import Card, Line, lines_of, parse
-from updyn.io.nastran.fields import text_of
+from updyn.io.nastran.cards import Card, Line, lines_of, parse, text_of
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 

@@ -10,19 +10,27 @@ rows). Binary files come in either byte order, with words of 4 or of 8 bytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+import struct
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, BinaryIO, Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
+from updyn.io.nastran.cards import real
 
-__all__ = ["Layout", "OP4Matrix", "read_op4", "select", "write_op4"]
+__all__ = [
+    "Layout",
+    "OP4Matrix",
+    "read_op4",
+    "select",
+    "write_op4",
+]
 
 #: How a column is stored: from first to last entry, or as strings with heads of one or of two
 #: words.
@@ -77,15 +85,13 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
         If the file is cut short or damaged, holds complex numbers, or a matrix of form 6 is not
         symmetric; the message says in which matrix, and on which line or in which record.
     """
-    from updyn.io.nastran import op4_binary, op4_text
-
     path = Path(path)
     with path.open("rb") as file:
         start = file.read(8)
     if not start:
         raise FormatError("the file is empty", path)
-    order = op4_binary.byte_order(start)
-    found = op4_text.read(path) if order is None else op4_binary.read(path, *order)
+    order = _byte_order(start)
+    found = _read_text(path) if order is None else _read_binary(path, *order)
     return [
         OP4Matrix(name, _completed(path, name, matrix, form), form) for name, matrix, form in found
     ]
@@ -145,8 +151,6 @@ def write_op4(
     FormatError
         If a name or a matrix cannot be written so.
     """
-    from updyn.io.nastran import op4_binary, op4_text
-
     path = Path(path)
     if layout not in ("dense", "strings", "bigmat"):
         raise FormatError(
@@ -157,9 +161,9 @@ def write_op4(
     ready = [_checked(name, given, path, layout) for name, given in matrices.items()]
     with atomic_path(path) as temporary:
         if text:
-            op4_text.write(ready, temporary, layout, single)
+            _write_text(ready, temporary, layout, single)
         else:
-            op4_binary.write(ready, temporary, layout, single, ">" if big_endian else "<")
+            _write_binary(ready, temporary, layout, single, ">" if big_endian else "<")
 
 
 def runs(rows: Any) -> list[tuple[int, int]]:
@@ -287,3 +291,339 @@ def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
     else:
         form = SYMMETRIC if (matrix != matrix.T).nnz == 0 else _SQUARE
     return OP4Matrix(name.upper(), matrix, form)
+
+
+_TEXT_FORMAT = re.compile(r"(\d+)\s*[EDed]\s*(\d+)\s*\.\s*(\d+)")
+_TEXT_FIELDS = {
+    False: (3, 26, 16),
+    True: (5, 16, 8),
+}  # values a line, width, digits behind the point
+
+
+def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
+    """Yield name, entries (sparse) and form of each matrix."""
+    with path.open(encoding="latin-1") as file:
+        lines = _Lines(path, file)
+        while (header := lines.next()) is not None:
+            if header.strip():
+                yield _text_matrix(lines, header)
+
+
+class _Lines:
+    def __init__(self, path: Path, file: Iterable[str]) -> None:
+        self.path, self._file, self.number = path, iter(file), 0
+
+    def next(self) -> str | None:
+        line = next(self._file, None)
+        self.number += line is not None
+        return None if line is None else line.rstrip("\r\n")
+
+    def wanted(self, what: str) -> str:
+        line = self.next()
+        if line is None:
+            raise FormatError(
+                f"the file ends where {what} was expected: it is cut short", self.path, self.number
+            )
+        return line
+
+    def error(self, what: str) -> FormatError:
+        return FormatError(what, self.path, self.number)
+
+    def integers(self, line: str, n: int, width: int, what: str) -> list[int]:
+        try:
+            found = [int(line[i * width : (i + 1) * width]) for i in range(n)]
+        except ValueError as error:
+            raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
+        return found
+
+
+def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
+    letter = re.search(r"[A-Za-z]", header)
+    if letter is None or letter.start() not in (32, 40, 64):
+        raise lines.error(
+            f"{header.strip()[:60]!r}; expected the header of an OUTPUT4 matrix: columns, rows,"
+            " form, type, name"
+        )
+    width = letter.start() // 4
+    columns, rows, form, kind = lines.integers(header, 4, width, "columns, rows, form and type")
+    name = header[4 * width : 4 * width + 8].strip().upper()
+    check_header(lines.path, lines.number, name, columns, rows, kind)
+    told = _TEXT_FORMAT.search(header, 4 * width + 8)
+    if told is None:
+        raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' behind the name")
+    a_line, field = int(told[1]), int(told[2])
+    head = 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
+    out = Collector(lines.path, name, abs(rows), columns)
+    while True:
+        line = lines.wanted(f"a column of matrix {name!r}")
+        column, row, n_words = lines.integers(
+            line, 3, width, f"column, row and number of words in matrix {name!r}"
+        )
+        if column > columns:
+            _text_values(lines, n_words, a_line, field)
+            return name, out.matrix(), form
+        if row:  # dense: here, and only here, what is counted is numbers, not words
+            out.add(row, column, _text_values(lines, n_words, a_line, field), lines.number)
+            continue
+        while n_words > 0:
+            row, length = _text_string_head(lines, head, column)
+            if length < 1 or length + head > n_words:
+                raise lines.error(
+                    f"column {column}: a string of {length} words; {n_words} are left in the column"
+                )
+            out.add(row, column, _text_values(lines, length // kind, a_line, field), lines.number)
+            n_words -= length + head
+
+
+def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
+    """Return row and number of words of a string."""
+    line = lines.wanted(f"a string of column {column}")
+    try:
+        found = [int(word) for word in line.split()]
+    except ValueError:
+        found = []
+    if len(found) != head:
+        raise lines.error(
+            f"{line.strip()[:60]!r}; expected the head of a string of column {column}: {head}"
+            " integer(s)"
+        )
+    return (found[1], found[0] - 1) if head == 2 else (found[0] & 0xFFFF, (found[0] >> 16) - 1)
+
+
+def _text_values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
+    out = np.empty(n)
+    for first in range(0, n, a_line):
+        line = lines.wanted("values")
+        if line[min(a_line, n - first) * width :].strip():
+            raise lines.error(
+                f"more than {min(a_line, n - first)} value(s) of {width} characters on the line"
+            )
+        for k in range(min(a_line, n - first)):
+            cell = line[k * width : (k + 1) * width].strip()
+            try:
+                out[first + k] = real(cell)
+            except ValueError as error:
+                raise lines.error(
+                    f"{cell!r} is not a number; expected {n} values of {width} characters"
+                ) from error
+    return out
+
+
+def _write_text(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool) -> None:
+    """Write checked matrices."""
+    a_line, width, digits = _TEXT_FIELDS[single]
+    kind = 1 if single else 2
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        for m in matrices:
+            rows, columns = m.matrix.shape
+            sign = -1 if layout == "bigmat" else 1
+            file.write(
+                f"{columns:8}{sign * rows:8}{m.form:8}{kind:8}{m.name:<8}1P,{a_line}E{width}.{digits}\n"
+            )
+            for j in range(columns):
+                some = slice(m.matrix.indptr[j], m.matrix.indptr[j + 1])
+                if len(m.matrix.indices[some]):
+                    _write_text_column(
+                        file, j + 1, m.matrix.indices[some], m.matrix.data[some], layout, single
+                    )
+            file.write(f"{columns + 1:8}{1:8}{1:8}\n" + _cells([1.0], single))
+
+
+def _write_text_column(
+    file: Any, column: int, rows: Any, values: Any, layout: Layout, single: bool
+) -> None:
+    kind = 1 if single else 2
+    if layout == "dense":
+        full = np.zeros(rows[-1] - rows[0] + 1)
+        full[rows - rows[0]] = values
+        file.write(f"{column:8}{rows[0] + 1:8}{len(full):8}\n" + _cells(full, single))
+        return
+    strings = runs(rows)
+    head = 2 if layout == "bigmat" else 1
+    file.write(f"{column:8}{0:8}{head * len(strings) + kind * len(rows):8}\n")
+    for start, end in strings:
+        words, row = kind * (end - start) + 1, int(rows[start]) + 1
+        file.write(f"{words:8}{row:8}\n" if head == 2 else f"{row + (words << 16):12}\n")
+        file.write(_cells(values[start:end], single))
+
+
+def _cells(values: Any, single: bool) -> str:
+    a_line, width, digits = _TEXT_FIELDS[single]
+    cells = [f"{x:{width}.{digits}E}" for x in values]
+    return "".join("".join(cells[i : i + a_line]) + "\n" for i in range(0, len(cells), a_line))
+
+
+_HEADER_WORDS = {24: 4, 48: 8}  # bytes of a header record: bytes of its words
+
+
+def _byte_order(start: bytes) -> tuple[str, int] | None:
+    """Return byte order and bytes a word of a binary file by its first bytes; None: not a binary file."""
+    if len(start) < 4:
+        return None
+    for order in "<>":
+        if (length := struct.unpack(order + "i", start[:4])[0]) in _HEADER_WORDS:
+            return order, _HEADER_WORDS[length]
+    return None
+
+
+def _read_binary(path: Path, order: str, word: int) -> Iterator[tuple[str, Any, int]]:
+    """Yield name, entries (sparse) and form of each matrix."""
+    with path.open("rb") as file:
+        records = _Records(file, path, order)
+        while (header := records.next()) is not None:
+            yield _binary_matrix(records, header, word)
+
+
+class _Records:
+    """The records of a Fortran unformatted file: each between two copies of its length."""
+
+    def __init__(self, file: BinaryIO, path: Path, order: str) -> None:
+        self._file, self.path, self.order = file, path, order
+        self.number = 0
+        self._left = path.stat().st_size
+
+    def next(self) -> bytes | None:
+        """Return the next record, None at the end of the file."""
+        marker = self._file.read(4)
+        if not marker:
+            return None
+        self.number += 1
+        length = struct.unpack(self.order + "i", marker)[0] if len(marker) == 4 else -1
+        self._left -= 8 + length
+        if length < 0 or self._left < 0:
+            raise self.error("the file is cut short or damaged")
+        body = self._file.read(length)
+        if self._file.read(4) != marker:
+            raise self.error("its length before and after it differ: the file is damaged")
+        return body
+
+    def error(self, what: str) -> FormatError:
+        return FormatError(f"record {self.number}: {what}", self.path)
+
+
+def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]:
+    order, integer = records.order, "i" if word == 4 else "q"
+    if _HEADER_WORDS.get(len(header)) != word:
+        raise records.error(
+            f"{len(header)} bytes; expected the header of a matrix, {6 * word} bytes"
+        )
+    columns, rows, form, kind = struct.unpack(f"{order}4{integer}", header[: 4 * word])
+    name = header[4 * word :].decode("ascii", "replace").replace("\x00", " ").strip().upper()
+    check_header(records.path, None, name, columns, rows, kind)
+    # Words of 8 bytes hold a number of either precision.
+    number = np.dtype(f"{order}f{4 if kind == 1 and word == 4 else 8}")
+    head = 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
+    out = Collector(records.path, name, abs(rows), columns)
+    while True:
+        body = records.next()
+        if body is None:
+            raise records.error(f"the file ends within matrix {name!r}: it is cut short")
+        if len(body) < 3 * word:
+            raise records.error(f"{len(body)} bytes; expected a column of matrix {name!r}")
+        column, row, n_words = struct.unpack(f"{order}3{integer}", body[: 3 * word])
+        if column > columns:
+            return name, out.matrix(), form
+        data = body[3 * word : (3 + n_words) * word]
+        if n_words < 0 or len(data) != n_words * word:
+            raise records.error(
+                f"column {column} of matrix {name!r} says {n_words} words, {len(body) // word - 3}"
+                " there"
+            )
+        if row:
+            out.add(row, column, _binary_numbers(records, data, number))
+            continue
+        at = 0
+        while at < len(data):
+            at = _binary_string(records, data, at, column, out, head, word, number)
+
+
+def _binary_string(
+    records: _Records,
+    data: bytes,
+    at: int,
+    column: int,
+    out: Collector,
+    head: int,
+    word: int,
+    number: Any,
+) -> int:
+    """Read one string that starts at byte `at`; return where it ends."""
+    start = at + head * word
+    if start > len(data):
+        raise records.error(f"column {column}: a string without its head")
+    found = struct.unpack(f"{records.order}{head}{'i' if word == 4 else 'q'}", data[at:start])
+    length, row = (
+        (found[0] - 1, found[1]) if head == 2 else ((found[0] >> 16) - 1, found[0] & 0xFFFF)
+    )
+    end = int(start + length * word)
+    if length < 1 or end > len(data):
+        raise records.error(
+            f"column {column}: a string of {length} words at row {row}; the column has not so many"
+        )
+    out.add(row, column, _binary_numbers(records, data[start:end], number))
+    return end
+
+
+def _binary_numbers(records: _Records, data: bytes, number: Any) -> Any:
+    if len(data) % number.itemsize:
+        raise records.error(
+            f"{len(data)} bytes are not a whole number of values of {number.itemsize}"
+        )
+    return np.frombuffer(data, number)
+
+
+def _write_binary(
+    matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool, order: str
+) -> None:
+    """Write checked matrices with words of 4 bytes."""
+    number = np.dtype(f"{order}f{4 if single else 8}")
+    with path.open("wb") as file:
+        for m in matrices:
+            rows, columns = m.matrix.shape
+            sign = -1 if layout == "bigmat" else 1
+            header = struct.pack(
+                f"{order}4i8s",
+                columns,
+                sign * rows,
+                m.form,
+                1 if single else 2,
+                m.name.encode().ljust(8),
+            )
+            _write_record(file, order, header)
+            pointer, indices, data = m.matrix.indptr, m.matrix.indices, m.matrix.data
+            for j in range(columns):
+                some = slice(pointer[j], pointer[j + 1])
+                if len(indices[some]):
+                    _write_record(
+                        file,
+                        order,
+                        _binary_column(j + 1, indices[some], data[some], layout, order, number),
+                    )
+            one = np.ones(1, number).tobytes()
+            _write_record(
+                file, order, struct.pack(f"{order}3i", columns + 1, 1, len(one) // 4) + one
+            )
+
+
+def _binary_column(
+    column: int, rows: Any, values: Any, layout: Layout, order: str, number: Any
+) -> bytes:
+    if layout == "dense":
+        full = np.zeros(rows[-1] - rows[0] + 1, number)
+        full[rows - rows[0]] = values
+        return struct.pack(f"{order}3i", column, rows[0] + 1, full.nbytes // 4) + full.tobytes()
+    parts = []
+    for start, end in runs(rows):
+        words = (end - start) * number.itemsize // 4
+        row = int(rows[start]) + 1
+        head = (words + 1, row) if layout == "bigmat" else (row + ((words + 1) << 16),)
+        parts.append(
+            struct.pack(f"{order}{len(head)}i", *head) + values[start:end].astype(number).tobytes()
+        )
+    body = b"".join(parts)
+    return struct.pack(f"{order}3i", column, 0, len(body) // 4) + body
+
+
+def _write_record(file: BinaryIO, order: str, body: bytes) -> None:
+    marker = struct.pack(f"{order}i", len(body))
+    file.write(marker + body + marker)

@@ -153,5 +153,5 @@ const updynOverlay = (() => {
   }
   return { start };
 })();
-updynReport.start();
+
 updynOverlay.start();

@@ -1,0 +1,270 @@
+"""Checks of what the user states of an element: numbers, names, node numbers and tables of a job file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dofs import whole_numbers
+from updyn.errors import ModelError, suggest
+
+__all__ = [
+    "check_keys",
+    "check_name",
+    "connectivity",
+    "floats",
+    "from_row",
+    "make_parts",
+    "material",
+    "node_number",
+    "not_negative",
+    "number",
+    "pair",
+    "positive",
+    "rows_of",
+    "six",
+    "store",
+    "vector",
+    "whole",
+]
+
+_T = TypeVar("_T")
+LARGEST_NODE = 10**17  # as of a DOF
+
+
+# -- numbers
+def number(what: str, name: str, value: Any) -> float:
+    """Return a finite number.
+
+    Raises
+    ------
+    ModelError
+        If it is not one.
+    """
+    real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
+    if not (real and abs(value) <= sys.float_info.max):  # a whole number may be of any size
+        raise ModelError(f"{what}: {name} {value!r}; expected a finite number")
+    return float(value)
+
+
+def positive(what: str, name: str, value: Any) -> float:
+    """Return a number above 0.
+
+    Raises
+    ------
+    ModelError
+        If it is not one.
+    """
+    if not number(what, name, value) > 0:
+        raise ModelError(f"{what}: {name} {value!r}; expected a number above 0")
+    return float(value)
+
+
+def not_negative(what: str, name: str, value: Any) -> float:
+    """Return a number of at least 0.
+
+    Raises
+    ------
+    ModelError
+        If it is not one.
+    """
+    if not number(what, name, value) >= 0:
+        raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0")
+    return float(value)
+
+
+def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
+    """Return a whole number, such as that of a node.
+
+    Raises
+    ------
+    ModelError
+        If it is not one, or below `least`.
+    """
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | np.integer)
+        or (least is not None and value < least)
+    ):
+        wanted = "a whole number" if least is None else f"a whole number of at least {least}"
+        raise ModelError(f"{what}: {name} {value!r}; expected {wanted}")
+    return int(value)
+
+
+def pair(what: str, name: str, value: Any) -> tuple[float, float]:
+    """Return two numbers above 0.
+
+    Raises
+    ------
+    ModelError
+        If they are not.
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ModelError(f"{what}: {name} {value!r}; expected two numbers")
+    first, second = (positive(what, name, v) for v in value)
+    return first, second
+
+
+# -- structures
+
+
+def store(part: Any, **values: Any) -> None:
+    """Set fields of a frozen part; arrays become read-only."""
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(part, name, value)
+
+
+def material(what: str, part: Any) -> dict[str, float]:
+    """Return the checked numbers that all elements of a material have."""
+    check_name(what, part.name)
+    out = {"E": positive(what, "E", part.E), "rho": not_negative(what, "rho", part.rho)}
+    if getattr(part, "G", None) is not None:
+        out["G"] = positive(what, "G", part.G)
+    if hasattr(part, "nu"):
+        out["nu"] = number(what, "nu", part.nu)
+        if not -1.0 < out["nu"] <= 0.5:
+            raise ModelError(f"{what}: nu {part.nu!r}; expected above -1 and at most 0.5")
+    return out | {"loss_factor": not_negative(what, "loss_factor", part.loss_factor)}
+
+
+def check_name(what: str, name: Any) -> None:
+    """Refuse a name that is no text."""
+    if not isinstance(name, str):
+        raise ModelError(f"{what}: expected a text as its name")
+
+
+def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
+    """Return node numbers, shape (m, k), with k of the widths."""
+    nodes = np.atleast_2d(whole_numbers(given, f"{what}: connectivity", ModelError))
+    if nodes.ndim != 2 or nodes.shape[1] not in widths or not len(nodes):
+        expected = " or ".join(f"(m, {k})" for k in widths)
+        raise ModelError(
+            f"{what}: connectivity of shape {nodes.shape}; expected {expected} node numbers"
+        )
+    ordered = np.sort(nodes, axis=1)
+    twice = (np.diff(ordered, axis=1) == 0).any(axis=1)
+    if twice.any():
+        at = int(np.flatnonzero(twice)[0])
+        raise ModelError(f"{what}: element {at + 1} names a node twice: {nodes[at].tolist()}")
+    return nodes
+
+
+def node_number(what: str, name: str, given: Any) -> int:
+    """Return a node number."""
+    whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
+    if not whole or not -LARGEST_NODE <= int(given) <= LARGEST_NODE:
+        raise ModelError(f"{what}: {name} {given!r}; expected a node number")
+    return int(given)
+
+
+def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
+    """Return an array of finite numbers."""
+    try:
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"{what}: {name} {given!r}; expected numbers") from error
+    if not np.isfinite(array).all():
+        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers")
+    return array
+
+
+def vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
+    """Return three numbers that are not all 0."""
+    vector = floats(what, name, given)
+    if vector.shape != (3,) or not vector.any():
+        raise ModelError(f"{what}: {name} {given!r}; expected three numbers that are not all 0")
+    return vector
+
+
+def six(what: str, name: str, given: Any) -> NDArray[np.float64]:
+    """Return six numbers of at least 0."""
+    six = floats(what, name, given)
+    if six.shape != (6,) or (six < 0).any():
+        raise ModelError(f"{what}: {name} {given!r}; expected six numbers of at least 0")
+    return six
+
+
+# -- tables
+def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
+    """Return `given` as objects of `kind`; a tuple stands for its fields in order.
+
+    Raises
+    ------
+    ModelError
+        If one is neither, or has too few or too many fields.
+    """
+    out = []
+    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    for item in given:
+        if isinstance(item, kind):
+            out.append(item)
+            continue
+        if not isinstance(item, tuple | list):
+            raise ModelError(
+                f"{kind.__name__} {item!r}: expected a {kind.__name__} or ({', '.join(names)})"
+            )
+        try:
+            out.append(kind(*item))
+        except TypeError as error:
+            raise ModelError(f"{kind.__name__} {item!r}: expected ({', '.join(names)})") from error
+    return out
+
+
+def from_row(kind: type[_T], key: str, row_number: int, row: Any) -> _T:
+    """Return the object of `kind` that a row of an array of tables describes.
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown.
+    """
+    where = f"model.{key}, number {row_number}"
+    if not isinstance(row, Mapping):
+        raise ModelError(f"{where}: expected a table, found {row!r}")
+    every = fields(kind)  # type: ignore[arg-type]
+    needed = [f.name for f in every if f.default is f.default_factory]  # both MISSING
+    check_keys(where, row, needed, [f.name for f in every])
+    return kind(**row)
+
+
+def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
+    """Return the rows of an array of tables of ``[model]``; none where the key is missing.
+
+    Raises
+    ------
+    ModelError
+        If it is not an array.
+    """
+    rows = table.get(key, [])
+    if not isinstance(rows, list | tuple):
+        raise ModelError(
+            f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
+            f" [[model.{key}]]"
+        )
+    return list(rows)
+
+
+def check_keys(
+    where: str, row: Mapping[str, Any], required: Iterable[str], optional: Iterable[str]
+) -> None:
+    """Check the keys of a table.
+
+    Raises
+    ------
+    ModelError
+        If one is unknown (the nearest is named) or missing.
+    """
+    known = list(dict.fromkeys([*required, *optional]))
+    for key in row:
+        if key not in known:
+            raise ModelError(f"{where}: no key {key!r}; {suggest(str(key), known)}")
+    for key in required:
+        if key not in row:
+            raise ModelError(f"{where}: {key!r} is missing")

@@ -1,0 +1,346 @@
+"""Beams with their sections, and trusses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.elements.checks import (
+    check_keys,
+    connectivity,
+    material,
+    number,
+    positive,
+    store,
+    vector,
+)
+from updyn.elements.structure import pyfe
+from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
+from updyn.errors import ModelError, suggest
+
+__all__ = ["Beam", "Section", "Truss", "rectangle", "section_from_table", "tube"]
+
+_PARALLEL = 1e-6  # sine of the angle between a beam and its orientation
+
+
+# -- sections
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Cross-section of a beam about its centroid, which is its shear centre too.
+
+    Parameters
+    ----------
+    A : float
+        Area in m2.
+    Iyy, Izz : float
+        Second moments of area about the local y and z axes, in m4: the integrals of z^2 and of y^2.
+        Izz bends the beam in its local xy plane (the plane of the orientation vector), Iyy in its
+        xz plane. The mass turns about x with rho (Iyy + Izz) per length.
+    J : float
+        Torsion constant in m4: the torsional stiffness is G J. Only for round sections it is Iyy +
+        Izz.
+    shear_y, shear_z : float, optional
+        Effective over true shear area along local y and z. None: no shear deformation
+        (Euler-Bernoulli).
+
+    Raises
+    ------
+    ModelError
+        If a number is not above 0.
+    """
+
+    A: float
+    Iyy: float
+    Izz: float
+    J: float
+    shear_y: float | None = None
+    shear_z: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None and field.default is None:
+                continue
+            store(self, **{field.name: positive("section", field.name, value)})
+
+    @property
+    def is_round(self) -> bool:
+        """Whether both bending planes are alike, so that no orientation is needed."""
+        return math.isclose(self.Iyy, self.Izz, rel_tol=1e-9) and self.shear_y == self.shear_z
+
+
+def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
+    """Return a solid rectangle.
+
+    Parameters
+    ----------
+    height : float
+        Along local y, in m.
+    width : float
+        Along local z, in m.
+    nu : float
+        Poisson's ratio, for the shear coefficient.
+
+    Returns
+    -------
+    Section
+        J by the series of Timoshenko & Goodier (Theory of Elasticity, 3rd ed. 1970, section 109),
+        shear coefficient 10 (1 + nu) / (12 + 11 nu) (Cowper, J. Applied Mechanics 33 (1966) 335).
+
+    Raises
+    ------
+    ModelError
+        If a length is not above 0, or nu is not above -1 and at most 0.5.
+    """
+    h = positive("rectangle", "height", height)
+    w = positive("rectangle", "width", width)
+    a = max(h, w)
+    b = min(h, w)
+    series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 40, 2))
+    J = a * b * b * b / 3 * (1 - 192 / math.pi**5 * b / a * series)
+    kappa = 10 * (1 + _poisson("rectangle", nu)) / (12 + 11 * nu)
+    return Section(h * w, h * w * w * w / 12, w * h * h * h / 12, J, kappa, kappa)
+
+
+def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
+    """Return a round tube, or a round bar.
+
+    Parameters
+    ----------
+    outer, inner : float
+        Diameters in m; inner 0: a solid bar.
+    nu : float
+        Poisson's ratio, for the shear coefficient.
+
+    Returns
+    -------
+    Section
+        Shear coefficient of Cowper, J. Applied Mechanics 33 (1966) 335, table 1, hollow circle.
+
+    Raises
+    ------
+    ModelError
+        If the outer diameter is not above the inner one, or nu is not above -1 and at most 0.5.
+    """
+    D = positive("tube", "outer", outer)
+    d = number("tube", "inner", inner)
+    if not 0 <= d < D:
+        raise ModelError(
+            f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one,"
+            f" {outer!r} m"
+        )
+    v = _poisson("tube", nu)
+    m = (d / D) ** 2
+    kappa = 6 * (1 + v) * (1 + m) ** 2 / ((7 + 6 * v) * (1 + m) ** 2 + (20 + 12 * v) * m)
+    second = math.pi * (D * D + d * d) * (D * D - d * d) / 64
+    return Section(math.pi * (D * D - d * d) / 4, second, second, 2 * second, kappa, kappa)
+
+
+def _poisson(what: str, nu: float) -> float:
+    if not -1.0 < number(what, "nu", nu) <= 0.5:
+        raise ModelError(f"{what}: nu {nu!r}; expected above -1 and at most 0.5")
+    return float(nu)
+
+
+_SHAPES: dict[str, tuple[Callable[..., Section], tuple[str, ...], tuple[str, ...]]] = {
+    "rectangle": (rectangle, ("height", "width"), ("nu",)),
+    "tube": (tube, ("outer",), ("inner", "nu")),
+}
+
+
+def section_from_table(where: str, given: Any) -> Section:
+    """Build the section of a beam from a table of a job file.
+
+    Parameters
+    ----------
+    where : str
+        Place of the table, for messages.
+    given : mapping
+        The fields of `Section`, or ``shape`` (``"rectangle"``, ``"tube"``) and its dimensions in m.
+
+    Returns
+    -------
+    Section
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown; the message begins with `where`.
+    """
+    if not isinstance(given, Mapping):
+        raise ModelError(f"{where}: section {given!r}; expected a table")
+    if "shape" not in given:
+        own = [f.name for f in fields(Section)]
+        check_keys(f"{where}: section", given, own[:4], own)
+        return Section(**given)
+    shape = given["shape"]
+    if not isinstance(shape, str) or shape not in _SHAPES:
+        raise ModelError(f"{where}: section.shape {shape!r}: {suggest(str(shape), _SHAPES)}")
+    make, required, optional = _SHAPES[shape]
+    sizes = {k: v for k, v in given.items() if k != "shape"}
+    check_keys(f"{where}: section, a {shape}", sizes, required, optional)
+    return make(**sizes)
+
+
+# -- elements
+@dataclass(frozen=True, slots=True, eq=False)
+class Beam(Element):
+    """Straight two-node beams of one section and material, one group: bending in two planes, axial, torsion.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    connectivity : array_like of int, shape (m, 2)
+        Node numbers of each element; local x runs from the first to the second.
+    E, rho : float
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
+    section : Section
+        Area, second moments, torsion constant, shear coefficients.
+    nu : float
+        Poisson's ratio, for G = E / (2 (1 + nu)).
+    G : float, optional
+        Shear modulus in Pa, instead of that of `nu`.
+    orientation : array_like of float, shape (3,), optional
+        A vector in the local xy plane, in global components; not parallel to an element. May be
+        left out where both bending planes are alike.
+    loss_factor : float
+        Structural loss factor.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range, or the orientation is missing although the bending planes
+        differ.
+    """
+
+    name: str
+    connectivity: Any
+    E: float
+    rho: float
+    section: Section
+    nu: float = 0.3
+    G: float | None = None
+    orientation: Any = None
+    loss_factor: float = 0.0
+
+    def __post_init__(self) -> None:
+        what = self.label
+        nodes = connectivity(what, self.connectivity, (2,))
+        store(self, connectivity=nodes, **material(what, self))
+        if not isinstance(self.section, Section):
+            raise ModelError(
+                f"{what}: section {self.section!r}; expected a Section, rectangle(...) or tube(...)"
+            )
+        if self.orientation is not None:
+            store(self, orientation=vector(what, "orientation", self.orientation))
+        elif not self.section.is_round:
+            raise ModelError(
+                f"{what}: an orientation (a vector in its local xy plane) is needed,"
+                " as Iyy and Izz differ"
+            )
+
+    @property
+    def shear_modulus(self) -> float:
+        """G in Pa."""
+        return self.E / (2 * (1 + self.nu)) if self.G is None else self.G
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute stiffness and consistent mass of some of the beams."""
+        _check_length(self.label, numbers, xyz)
+        vectors = self._vectors_in_plane(numbers, xyz)
+        K, M = pyfe.beam_matrices(self.section, self.E, self.shear_modulus, self.rho, vectors, xyz)
+        return ElementMatrices(K, M if self.rho else None)
+
+    def _vectors_in_plane(
+        self, numbers: NDArray[np.int64], ends: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return a vector in the local xy plane of each beam, shape (m, 3).
+
+        Without an orientation both bending planes are alike, and any vector across the beam will do.
+        """
+        along = ends[:, 1] - ends[:, 0]
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        if self.orientation is None:
+            return np.asarray(np.eye(3)[np.argmin(np.abs(along), axis=1)])
+        v = self.orientation / np.linalg.norm(self.orientation)
+        parallel = np.linalg.norm(np.cross(along, v), axis=1) < _PARALLEL
+        if parallel.any():
+            nodes = numbers[int(np.argmax(parallel))].tolist()
+            raise ModelError(
+                f"{self.label}: the orientation {self.orientation.tolist()} is parallel to the"
+                f" element of nodes {nodes}; expected a vector across it"
+            )
+        return np.tile(v, (len(ends), 1))
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return the axes of the beams."""
+        return np.asarray(self.connectivity)
+
+    @classmethod
+    def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Convert the table ``section`` to a `Section`."""
+        if "section" not in row:
+            return row
+        return {**row, "section": section_from_table(where, row["section"])}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truss(Element):
+    """Straight two-node bars that only stretch, one group. Their nodes turn freely.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    connectivity : array_like of int, shape (m, 2)
+        Node numbers of each bar.
+    E, rho : float
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
+    A : float
+        Area in m2.
+    loss_factor : float
+        Structural loss factor.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range.
+    """
+
+    name: str
+    connectivity: Any
+    E: float
+    rho: float
+    A: float
+    loss_factor: float = 0.0
+
+    directions: ClassVar[tuple[int, ...]] = TRANSLATIONS
+
+    def __post_init__(self) -> None:
+        what = self.label
+        nodes = connectivity(what, self.connectivity, (2,))
+        store(self, connectivity=nodes, **material(what, self))
+        store(self, A=positive(what, "A", self.A))
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute stiffness and consistent mass of some of the bars."""
+        _check_length(self.label, numbers, xyz)
+        K, M = pyfe.truss_matrices(self.A, self.E, self.rho, xyz)
+        return ElementMatrices(K, M if self.rho else None)
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return the axes of the bars."""
+        return np.asarray(self.connectivity)
+
+
+def _check_length(what: str, numbers: NDArray[np.int64], ends: NDArray[np.float64]) -> None:
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    if not length.all():
+        nodes = numbers[int(np.argmin(length))].tolist()
+        raise ModelError(f"{what}: the element of nodes {nodes} has no length: its nodes coincide")

@@ -1,0 +1,137 @@
+"""`Element`: like finite elements of one group of a structure, and `ELEMENTS`, the kinds that there are.
+
+A further kind, in this package or outside, is a dataclass derived from `Element` and a line
+``ELEMENTS.register("kind", Kind)`` (or an entry point of the group ``updyn.elements``):
+`updyn.elements.structure.structure` takes its objects, and a job file its rows ``[[model.kind]]``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.registry import Registry
+
+__all__ = ["ALL_DIRECTIONS", "ELEMENTS", "TRANSLATIONS", "Element", "ElementMatrices"]
+
+#: Directions of a DOF, by position in `updyn.dofs.DIRECTIONS`.
+TRANSLATIONS = (0, 1, 2)
+ALL_DIRECTIONS = (0, 1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementMatrices:
+    """Matrices of m elements of k nodes with d DOFs each, in global axes, node by node.
+
+    Attributes
+    ----------
+    K, M, C : ndarray of float, shape (m, k d, k d), or None
+        Stiffness (N/m, N, N m), mass (kg, kg m, kg m2) and viscous damping (N s/m, N s, N m s),
+        symmetric; None: the elements have none.
+    """
+
+    K: NDArray[np.float64] | None = None
+    M: NDArray[np.float64] | None = None
+    C: NDArray[np.float64] | None = None
+
+    @property
+    def nonzero(self) -> NDArray[np.bool_]:
+        """DOFs with a diagonal entry other than 0 in any of the matrices, shape (m, k d)."""
+        present = [A for A in (self.K, self.M, self.C) if A is not None]
+        return np.asarray(np.logical_or.reduce([np.einsum("mii->mi", A) != 0 for A in present]))
+
+
+class Element(ABC):
+    """Like elements of one group: base of `Beam`, `Truss`, `Shell`, `Solid`, `Spring` and `PointMass`.
+
+    A derived class is a dataclass. Its fields are the keys of a row of its table in a job file; they
+    include ``name``, the group name, and ``loss_factor``, the structural loss factor, where the
+    elements have stiffness. Elements that differ by their nodes only hold them in a field
+    ``connectivity``; others define `node_numbers`.
+    """
+
+    __slots__ = ()
+
+    #: Directions of the DOFs of each node, d of the positions 0 to 5 in `updyn.dofs.DIRECTIONS`.
+    directions: ClassVar[tuple[int, ...]] = ALL_DIRECTIONS
+
+    name: str
+    connectivity: Any
+
+    @property
+    def label(self) -> str:
+        """Kind and name, for messages."""
+        return f"{type(self).__name__.lower()} {self.name!r}"
+
+    @property
+    def node_numbers(self) -> NDArray[np.int64]:
+        """Node numbers of the m elements, shape (m, k)."""
+        return np.asarray(self.connectivity, dtype=np.int64)
+
+    @abstractmethod
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute the matrices of some of the elements.
+
+        Parameters
+        ----------
+        numbers : ndarray of int, shape (m, k)
+            Their rows of `node_numbers`, for messages.
+        xyz : ndarray of float, shape (m, k, 3)
+            Positions of their nodes in m.
+
+        Returns
+        -------
+        ElementMatrices
+
+        Raises
+        ------
+        ModelError
+            If an element has no size, or a library is missing.
+        """
+
+    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which DOFs of the nodes the elements use, shape (m, k, d); by default all of them.
+
+        Parameters
+        ----------
+        xyz : ndarray of float, shape (m, k, 3)
+            Positions of all nodes in m.
+        """
+        return np.ones((*xyz.shape[:2], len(self.directions)), dtype=np.bool_)
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return node numbers of the lines to draw, shape (n, 2); by default none."""
+        return np.empty((0, 2), dtype=np.int64)
+
+    @classmethod
+    def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Convert the values of a row of a job file to those of the fields; by default unchanged.
+
+        Parameters
+        ----------
+        where : str
+            Row, for messages.
+        row : mapping
+            Values by key.
+        """
+        return row
+
+
+#: Kinds of elements by the name of their array of tables in a job file.
+ELEMENTS: Registry[type[Element]] = Registry(
+    "element",
+    "updyn.elements",
+    {
+        "beam": "updyn.elements.structure.beams:Beam",
+        "truss": "updyn.elements.structure.beams:Truss",
+        "shell": "updyn.elements.structure.shells:Shell",
+        "solid": "updyn.elements.structure.solids:Solid",
+        "spring": "updyn.elements.structure.springs:Spring",
+        "mass": "updyn.elements.structure.springs:PointMass",
+    },
+)

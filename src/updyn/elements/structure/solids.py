@@ -1,0 +1,272 @@
+"""Solid elements: hexahedra of 8 and 20 nodes, tetrahedra of 4 and 10, all elements of a batch at once.
+
+Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor &
+Zhu, The Finite Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the
+incompatible modes of Taylor, Beresford & Wilson, Int. J. Numer. Methods Eng. 10 (1976) 1211-1219,
+so that they bend; four-node tetrahedra are stiff and are best kept for filling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.elements.checks import connectivity, material, store
+from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
+from updyn.errors import ModelError
+
+__all__ = ["Solid", "inside_out", "solid_matrices"]
+
+_CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+_CUBE_EDGES = [
+    (0, 1),
+    (1, 2),
+    (2, 3),
+    (3, 0),
+    (4, 5),
+    (5, 6),
+    (6, 7),
+    (7, 4),
+    (0, 4),
+    (1, 5),
+    (2, 6),
+    (3, 7),
+]
+_SIMPLEX = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+_SIMPLEX_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+
+#: Number of corners by number of nodes.
+_CORNERS = {4: 4, 8: 8, 10: 4, 20: 8}
+#: Faces by number of corners, as positions in an element, outwards.
+_FACES: dict[int, list[tuple[int, ...]]] = {
+    4: [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
+    8: [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+}
+_ELEMENTS = {4: "ElementTetP1", 8: "ElementHex1", 10: "ElementTetP2", 20: "ElementHexS2"}
+#: Orders of the quadrature of stiffness and of mass, by number of nodes.
+_ORDERS = {4: (1, 2), 8: (2, 2), 10: (2, 4), 20: (4, 4)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid(Element):
+    """Solid elements of one material, one group. Their nodes have X, Y, Z only.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    connectivity : array_like of int, shape (m, 4), (m, 8), (m, 10) or (m, 20)
+        Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio:
+        corners, then the middles of the edges (of hexahedra those of the first face, of the second,
+        and between them).
+    E, rho : float
+        Young's modulus in Pa and density in kg/m3 (0: without mass).
+    nu : float
+        Poisson's ratio, below 0.5.
+    loss_factor : float
+        Structural loss factor.
+    lumped : bool
+        A diagonal mass instead of the consistent one.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range.
+    """
+
+    name: str
+    connectivity: Any
+    E: float
+    rho: float
+    nu: float = 0.3
+    loss_factor: float = 0.0
+    lumped: bool = False
+
+    directions: ClassVar[tuple[int, ...]] = TRANSLATIONS
+
+    def __post_init__(self) -> None:
+        what = self.label
+        nodes = connectivity(what, self.connectivity, (4, 8, 10, 20))
+        store(self, connectivity=nodes, **material(what, self))
+        if not self.nu < 0.5:
+            raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
+        if not isinstance(self.lumped, bool):
+            raise ModelError(f"{what}: lumped {self.lumped!r}; expected True or False")
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute stiffness and mass of some of the elements."""
+        bad = inside_out(xyz)
+        if bad is not None:
+            raise ModelError(
+                f"{self.label}: the element of nodes {numbers[bad].tolist()} is turned inside out"
+                " or has no volume: its nodes are not in order, or it is too distorted"
+            )
+        K, M = solid_matrices(xyz, self.E, self.nu, self.rho, self.lumped)
+        return ElementMatrices(K, M if self.rho else None)
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return the edges, corner to corner, of the faces that belong to one element only."""
+        corners = np.array(_FACES[_CORNERS[self.connectivity.shape[1]]])
+        faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
+        _, first, count = np.unique(
+            np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        outer = faces[first[count == 1]]
+        return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """Shape functions at q points: weights w, shape (q,), values N, shape (q, k), slopes, shape (q, 3, k)."""
+
+    w: NDArray[np.float64]
+    N: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+
+def solid_matrices(
+    xyz: NDArray[np.float64], E: float, nu: float, rho: float, lumped: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stiffness and mass of solid elements, each shape (m, 3 k, 3 k), in N/m and kg.
+
+    Parameters
+    ----------
+    xyz : ndarray of float, shape (m, k, 3)
+        Positions in m of the k = 4, 8, 10 or 20 nodes of m elements, none of them inside out
+        (`inside_out`), in the order of VTK: corners, then the middles of the edges (of hexahedra
+        those of the first face, of the second, and between them).
+    E, nu, rho : float
+        Young's modulus in Pa, Poisson's ratio (below 0.5), density in kg/m3.
+    lumped : bool
+        A diagonal mass, scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz,
+        Earthquake Eng. Struct. Dyn. 4 (1976) 245-249).
+
+    Raises
+    ------
+    ModelError
+        If scikit-fem is missing.
+    """
+    k = xyz.shape[1]
+    at_stiffness = _shape(k, mass=False)
+    at_mass = _shape(k, mass=True)
+    G, volume = _gradients(at_stiffness, xyz)
+    K = _elastic(G, volume, E, nu)
+    if k == 8:
+        K = _with_bending(K, G, volume, xyz, at_stiffness, E, nu)
+    _, volume = _gradients(at_mass, xyz)
+    m = rho * np.einsum("mq,qa,qb->mab", volume, at_mass.N, at_mass.N, optimize=True)
+    if lumped:
+        diagonal = np.einsum("maa->ma", m)
+        scale = m.sum(axis=(1, 2)) / diagonal.sum(axis=1)
+        m = np.eye(k) * (diagonal * scale[:, None])[:, None, :]
+    M = np.zeros((len(m), k, 3, k, 3))
+    for i in range(3):
+        M[:, :, i, :, i] = m
+    return 0.5 * (K + K.transpose(0, 2, 1)), M.reshape(len(m), 3 * k, 3 * k)
+
+
+def inside_out(xyz: NDArray[np.float64]) -> int | None:
+    """Return the index of the first element without positive volume at some point, or None.
+
+    `xyz` holds the positions of the nodes in m, shape (m, k, 3).
+    """
+    k = xyz.shape[1]
+    good = np.ones(len(xyz), dtype=np.bool_)
+    for mass in (False, True):
+        good &= (np.linalg.det(_shape(k, mass).slopes @ xyz[:, None]) > 0).all(axis=1)
+    return None if good.all() else int(np.argmin(good))
+
+
+def _gradients(
+    shape: _Shape, xyz: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the slopes along x, y, z and the volumes of the quadrature points.
+
+    Their shapes are (m, q, 3, k), in 1/m, and (m, q), in m3.
+    """
+    J = shape.slopes @ xyz[:, None]
+    dN = np.broadcast_to(shape.slopes, (len(xyz), *shape.slopes.shape))
+    return np.asarray(np.linalg.solve(J, dN), dtype=np.float64), np.linalg.det(J) * shape.w
+
+
+def _elastic(
+    G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float
+) -> NDArray[np.float64]:
+    """Return the stiffness of isotropic solids in the DOFs (node, direction), shape (m, 3 k, 3 k)."""
+    lame = E * nu / ((1 + nu) * (1 - 2 * nu))
+    shear = E / (2 * (1 + nu))
+    m, q, _, k = G.shape
+    rows = G.transpose(0, 3, 2, 1).reshape(m, 3 * k, q)  # (node, direction) by point
+    P = ((rows * volume[:, None]) @ rows.transpose(0, 2, 1)).reshape(m, k, 3, k, 3)
+    K = lame * P + shear * P.transpose(0, 1, 4, 3, 2)
+    trace = shear * np.einsum("maibi->mab", P)
+    for i in range(3):
+        K[:, :, i, :, i] += trace
+    return np.asarray(K.reshape(m, 3 * k, 3 * k))
+
+
+def _with_bending(
+    K: NDArray[np.float64],
+    G: NDArray[np.float64],
+    volume: NDArray[np.float64],
+    xyz: NDArray[np.float64],
+    shape: _Shape,
+    E: float,
+    nu: float,
+) -> NDArray[np.float64]:
+    """Add the three incompatible modes 1 - r^2 of each direction and condense them."""
+    centre = _shape_at(8, np.array([[0.5], [0.5], [0.5]]))
+    # The Jacobian of the centre, shape (m, 1, 3, 3), for all points: so the patch test holds.
+    J = centre.slopes @ xyz[:, None]
+    r = 2 * shape.points - 1  # (3, q)
+    slopes = np.zeros((shape.w.size, 3, 3))
+    for i in range(3):
+        slopes[:, i, i] = -4 * r[i]  # d(1 - r^2)/dx of x = (r + 1) / 2
+    own = np.linalg.solve(
+        np.broadcast_to(J, (len(xyz), len(slopes), 3, 3)),
+        np.broadcast_to(slopes, (len(xyz), *slopes.shape)),
+    )
+    own = own * (np.linalg.det(J) / (volume / shape.w))[:, :, None, None]
+    full = _elastic(np.concatenate([G, own], axis=3), volume, E, nu)
+    return K - full[:, :24, 24:] @ np.linalg.solve(full[:, 24:, 24:], full[:, 24:, :24])
+
+
+@lru_cache
+def _shape(k: int, mass: bool) -> _Shape:
+    fem = _library()
+    domain = fem.refdom.RefHex if _CORNERS[k] == 8 else fem.refdom.RefTet
+    order = _ORDERS[k][mass]
+    points, weights = fem.quadrature.get_quadrature(domain, order)
+    found = _shape_at(k, points)
+    return _Shape(weights, found.N, found.slopes, points)
+
+
+def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
+    """Return the shape functions at points, shape (3, q), in the order of VTK."""
+    element = getattr(_library(), _ELEMENTS[k])()
+    corners, edges = (_CUBE, _CUBE_EDGES) if _CORNERS[k] == 8 else (_SIMPLEX, _SIMPLEX_EDGES)
+    nodes = np.array(corners, dtype=float)
+    if k > len(corners):
+        first, second = np.array(edges).T
+        nodes = np.concatenate([nodes, (nodes[first] + nodes[second]) / 2])
+    q = points.shape[1]
+    N = np.empty((k, q))
+    slopes = np.empty((k, 3, q))
+    for i, node in enumerate(nodes):
+        # scikit-fem has its own order of nodes: the function is found by its place.
+        own = int(np.argmin(np.abs(element.doflocs - node).sum(axis=1)))
+        N[i], slopes[i] = element.lbasis(points, own)
+    return _Shape(np.ones(q), N.T, slopes.transpose(2, 1, 0), points)
+
+
+def _library() -> Any:
+    try:
+        import skfem
+    except ImportError as error:
+        raise ModelError('solids need scikit-fem: pip install "updyn[structures]"') from error
+    return skfem

@@ -1,0 +1,250 @@
+"""Springs and rigid masses at nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.elements.checks import check_name, floats, node_number, not_negative, six, store
+from updyn.elements.structure.element import Element, ElementMatrices
+from updyn.errors import ModelError
+
+__all__ = ["PointMass", "Spring"]
+
+_ROUNDING = 1e-9  # relative
+_ROTATION_ROUNDING = 1e-12  # of the largest entry: zeros after a rotation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spring(Element):
+    """A spring (and damper) between two nodes, or from a node to ground.
+
+    Between nodes apart from each other it acts half-way, on rigid arms, so that a rigid rotation
+    does not strain it.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    first : int
+        Node number.
+    second : int, optional
+        Node number; None: ground, at the place of `first`.
+    stiffness : array_like of float, shape (6,)
+        Along and about the axes: three in N/m, three in N m/rad.
+    viscous : array_like of float, shape (6,)
+        Dampers likewise: three in N s/m, three in N m s/rad.
+    axes : array_like of float, shape (2, 3), or "line", optional
+        Local x, and a vector in the local xy plane, in global components. None: the global axes.
+        ``"line"``: x from the first to the second node; then only the first and fourth of the six
+        may differ from 0.
+    loss_factor : float
+        Structural loss factor.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range, or all of them are 0.
+    """
+
+    name: str
+    first: int
+    second: int | None = None
+    stiffness: Any = (0.0,) * 6
+    viscous: Any = (0.0,) * 6
+    axes: Any = None
+    loss_factor: float = 0.0
+
+    def __post_init__(self) -> None:
+        what = self.label
+        check_name(what, self.name)
+        store(self, first=node_number(what, "first", self.first))
+        if self.second is not None:
+            store(self, second=node_number(what, "second", self.second))
+            if self.second == self.first:
+                raise ModelError(
+                    f"{what}: both ends are node {self.first}; leave second out for a spring to"
+                    " ground"
+                )
+        store(self, stiffness=six(what, "stiffness", self.stiffness))
+        store(self, viscous=six(what, "viscous", self.viscous))
+        if not self.stiffness.any() and not self.viscous.any():
+            raise ModelError(
+                f"{what} has neither stiffness nor viscous damping; give one above 0 or leave it"
+                " out"
+            )
+        store(self, loss_factor=not_negative(what, "loss_factor", self.loss_factor))
+        self._check_axes(what)
+
+    def _check_axes(self, what: str) -> None:
+        if self.axes is None:
+            return
+        if isinstance(self.axes, str):
+            self._check_line(what)
+            return
+        pair = floats(what, "axes", self.axes)
+        if pair.shape != (2, 3):
+            raise ModelError(f"{what}: axes of shape {pair.shape}; expected two vectors, (2, 3)")
+        x, v = pair
+        if np.linalg.norm(np.cross(x, v)) <= _ROUNDING * np.linalg.norm(x) * np.linalg.norm(v):
+            raise ModelError(
+                f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane"
+            )
+        store(self, axes=pair)
+
+    def _check_line(self, what: str) -> None:
+        if self.axes != "line":
+            raise ModelError(
+                f"{what}: axes {self.axes!r}; expected 'line', two vectors, or nothing (global"
+                " axes)"
+            )
+        if self.second is None:
+            raise ModelError(f"{what}: axes 'line' needs a second node")
+        across = np.array([1, 2, 4, 5])
+        if self.stiffness[across].any() or self.viscous[across].any():
+            raise ModelError(
+                f"{what}: axes 'line' leaves y and z open; give two vectors for stiffness across it"
+            )
+
+    @property
+    def node_numbers(self) -> NDArray[np.int64]:
+        """Node numbers of the ends, shape (1, 1) or (1, 2)."""
+        ends = [self.first]
+        if self.second is not None:
+            ends.append(self.second)
+        return np.array([ends])
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute stiffness and viscous damping of the spring."""
+        ends = xyz[0]
+        R = np.kron(np.eye(2), self._local_axes(ends))
+        middle = ends.mean(axis=0)
+        # Elongation and rotation at the middle, along local axes, from the DOFs of the ends.
+        if self.second is None:
+            G = R @ _rigid_arm(middle - ends[0])
+        else:
+            G = np.hstack([-R @ _rigid_arm(middle - ends[0]), R @ _rigid_arm(middle - ends[1])])
+        G[np.abs(G) < _ROTATION_ROUNDING * np.abs(G).max()] = 0.0
+        return ElementMatrices(_quadratic(self.stiffness, G), C=_quadratic(self.viscous, G))
+
+    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which DOFs of the ends have stiffness or damping, shape (1, k, 6)."""
+        return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, -1, 6)
+
+    def edges(self) -> NDArray[np.int64]:
+        """Return the line between the ends; of a spring to ground none."""
+        if self.second is None:
+            return np.empty((0, 2), dtype=np.int64)
+        return self.node_numbers
+
+    def _local_axes(self, ends: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the local axes as rows, shape (3, 3)."""
+        if self.axes is None:
+            return np.eye(3)
+        if isinstance(self.axes, str):
+            x = ends[1] - ends[0]
+            if not x.any():
+                raise ModelError(f"{self.label}: axes 'line', but its nodes coincide")
+            v = np.eye(3)[int(np.argmin(np.abs(x)))]
+        else:
+            x, v = self.axes
+        x = x / np.linalg.norm(x)
+        z = np.cross(x, v)
+        z = z / np.linalg.norm(z)
+        return np.array([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointMass(Element):
+    """A rigid mass at a node.
+
+    Parameters
+    ----------
+    name : str
+        Group name; parts of the same name form one group.
+    node : int
+        Node number.
+    mass : float
+        In kg.
+    inertia : array_like of float, shape (3,) or (3, 3)
+        About the centre of the mass, along global axes, in kg m2: the three moments, or the tensor
+        (its off-diagonal entries are minus the products of inertia).
+    offset : array_like of float, shape (3,)
+        From the node to the centre of the mass, in global components, in m.
+
+    Raises
+    ------
+    ModelError
+        If a number is out of range, or the inertia is not symmetric and positive semidefinite.
+    """
+
+    name: str
+    node: int
+    mass: float
+    inertia: Any = (0.0, 0.0, 0.0)
+    offset: Any = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        what = self.label
+        check_name(what, self.name)
+        store(self, node=node_number(what, "node", self.node))
+        store(self, mass=not_negative(what, "mass", self.mass))
+        tensor = floats(what, "inertia", self.inertia)
+        if tensor.shape == (3,):
+            tensor = np.diag(tensor)
+        if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=_ROUNDING, atol=0):
+            raise ModelError(
+                f"{what}: inertia {self.inertia!r}; expected three moments or a symmetric (3, 3)"
+                " tensor"
+            )
+        if np.linalg.eigvalsh(tensor)[0] < -_ROUNDING * np.abs(tensor).max():
+            raise ModelError(f"{what}: inertia {self.inertia!r} is negative about some axis")
+        offset = floats(what, "offset", self.offset)
+        if offset.shape != (3,):
+            raise ModelError(f"{what}: offset {self.offset!r}; expected three numbers")
+        if not self.mass and not tensor.any():
+            raise ModelError(f"{what} has neither mass nor inertia")
+        store(self, inertia=tensor, offset=offset)
+
+    @property
+    def label(self) -> str:
+        """Kind and name, for messages."""
+        return f"mass {self.name!r}"
+
+    @property
+    def node_numbers(self) -> NDArray[np.int64]:
+        """Number of the node, shape (1, 1)."""
+        return np.array([[self.node]])
+
+    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+        """Compute the mass at the node from that at the centre of the mass."""
+        centre = np.zeros((6, 6))
+        centre[:3, :3] = self.mass * np.eye(3)
+        centre[3:, 3:] = self.inertia
+        T = _rigid_arm(self.offset)
+        return ElementMatrices(M=(T.T @ centre @ T)[None])
+
+    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which DOFs of the node have mass or inertia, shape (1, 1, 6)."""
+        return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, 1, 6)
+
+
+def _quadratic(diagonal: NDArray[np.float64], G: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return G^T diag G with a leading axis of 1; None where the diagonal is 0."""
+    if not diagonal.any():
+        return None
+    return np.asarray((G.T @ (diagonal[:, None] * G))[None])
+
+
+def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the motion of the end of a rigid arm from that of its start, shape (6, 6).
+
+    The end moves by u + theta x arm and turns by theta.
+    """
+    x, y, z = arm
+    out = np.eye(6)
+    out[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return out

@@ -1,0 +1,605 @@
+"""Matrix files of Abaqus (``*MATRIX OUTPUT``): rows of labels with one entry each.
+
+========================  ===================================================================
+columns                   written by
+========================  ===================================================================
+node, dof, node, dof, a   ``FORMAT=MATRIX INPUT`` (the default) and rows of ``FORMAT=LABELS``
+element, then as above    ``*MATRIX GENERATE, ELEMENT BY ELEMENT``
+row, column, a            ``FORMAT=COORDINATE``: positions counted from 1; no labels
+========================  ===================================================================
+
+Columns stand between commas or blanks; ``*`` starts a comment. A symmetric matrix is written as one
+triangle or whole. Nodes below 0 are internal ones of Abaqus (Lagrange multipliers, generalised
+displacements); a diagonal entry of 1e36 stands for a degree of freedom that is held. Sources:
+Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus Analysis User's Guide, "Generating matrices"; 1e36
+and the whole matrix under COORDINATE: files as users describe them.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DIRECTIONS, DofSet
+from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
+from updyn.geometry import Geometry
+from updyn.io.consistent_units import System
+from updyn.io.items import placed
+from updyn.model import Group, Matrix, Model
+
+__all__ = [
+    "HELD",
+    "MATRICES",
+    "NAME",
+    "Entries",
+    "Labels",
+    "Part",
+    "assemble",
+    "coordinate_matrix",
+    "entries_of",
+    "is_abaqus",
+    "read_entries",
+]
+
+#: The diagonal entry of a degree of freedom that is held is 1e36.
+HELD = 1e35
+#: How Abaqus calls a matrix file: job, what it holds, step.
+NAME = re.compile(r"(.+)_(STIF|MASS|DMPV|DMPS)(\d+)", re.IGNORECASE)
+_SHAPES = {
+    3: "row, column, entry",
+    5: "node, dof, node, dof, entry",
+    6: "element, node, dof, node, dof, entry",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """The rows of a matrix file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    labels : ndarray of int, shape (n, 4) or (n, 2)
+        Node and dof (1 to 6) of row and of column; or row and column, counted from 1.
+    values : ndarray of float, shape (n,)
+        The entries.
+    elements : ndarray of int, shape (n,), optional
+        Which element each is of; None: of the whole.
+    """
+
+    path: Path
+    labels: NDArray[np.int64]
+    values: NDArray[np.float64]
+    elements: NDArray[np.int64] | None = None
+
+    @property
+    def labelled(self) -> bool:
+        """Whether the rows name nodes."""
+        return int(self.labels.shape[1]) == 4
+
+    def of(self, elements: NDArray[np.int64]) -> Entries:
+        """Return the rows of some elements."""
+        assert self.elements is not None
+        own = np.isin(self.elements, elements)
+        return Entries(self.path, self.labels[own], self.values[own], self.elements[own])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labels:
+    """The degrees of freedom of several matrix files together: by node and direction, internal nodes last.
+
+    Parameters
+    ----------
+    keys : ndarray of int, shape (N, 2)
+        Node as Abaqus numbers it, and dof 1 to 6.
+    """
+
+    keys: NDArray[np.int64]
+
+    @classmethod
+    def union(cls, files: Sequence[Entries]) -> Labels:
+        """Return those that the rows of labelled files name."""
+        pairs = np.unique(np.concatenate([f.labels.reshape(-1, 2) for f in files]), axis=0)
+        internal = pairs[:, 0] < 0
+        return cls(np.concatenate([pairs[~internal], pairs[internal][::-1]]))
+
+    @property
+    def internal(self) -> NDArray[np.bool_]:
+        """Which of them are at internal nodes, shape (N,)."""
+        return np.asarray(self.keys[:, 0] < 0)
+
+    @property
+    def dofs(self) -> DofSet:
+        """The N degrees of freedom; internal node -n is node (largest of the others) + n."""
+        nodes = self.keys[:, 0]
+        largest = int(nodes.max(initial=0))
+        return DofSet.from_arrays(np.where(nodes < 0, largest - nodes, nodes), self.keys[:, 1] - 1)
+
+    def matrix(self, file: Entries) -> Matrix:
+        """Return a file as a symmetric matrix.
+
+        Parameters
+        ----------
+        file : Entries
+            Labelled rows, all of which are among the labels.
+
+        Returns
+        -------
+        sparse, shape (N, N)
+            In the order of the labels.
+
+        Raises
+        ------
+        FormatError
+            If an entry stands twice, or the two triangles differ.
+        """
+        codes = self.keys @ _CODE
+        order = np.argsort(codes)
+        at = order[np.searchsorted(codes[order], file.labels.reshape(-1, 2) @ _CODE)].reshape(-1, 2)
+        return _symmetric(at[:, 0], at[:, 1], file, len(self.keys), self.dofs)
+
+
+_CODE = np.array([8, 1])  # node and dof as one number
+
+
+def is_abaqus(path: Path) -> bool:
+    """Say whether a file is one of Abaqus: by its first row, where that says no nodes by its name too."""
+    try:
+        with path.open(encoding="ascii", errors="replace") as file:
+            row = next(
+                (line for line in file if line.strip() and not line.lstrip().startswith("*")), ""
+            )
+    except OSError:
+        return False
+    fields = _fields(row)
+    shape = len(fields) in _SHAPES and _is_number(fields[-1])
+    return shape and (len(fields) > 3 or NAME.fullmatch(path.stem) is not None)
+
+
+def _fields(line: str) -> list[str]:
+    return line.replace(",", " ").split()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.upper().replace("D", "E"))
+    except ValueError:
+        return False
+    return True
+
+
+def read_entries(path: Path) -> Entries:
+    """Read a matrix file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Entries
+
+    Raises
+    ------
+    FormatError
+        If a row is not as described, a label is no whole number, a degree of freedom is not 1 to 6
+        or an entry is not finite; the message says the line.
+    """
+    try:
+        text = path.read_text(encoding="ascii")
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"not a matrix file of Abaqus: no text ({error.reason} at byte {error.start})", path
+        ) from error
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+    return entries_of(text, path)
+
+
+def entries_of(text: str, path: Path, first_line: int = 1) -> Entries:
+    """Read the rows of a matrix; `first_line` is the line of the file on which the text begins.
+
+    Raises
+    ------
+    FormatError
+        As `read_entries`.
+    """
+    plain = text.replace(",", " ").replace("D", "E").replace("d", "e")
+    try:
+        table = np.loadtxt(StringIO(plain), comments="*", ndmin=2)
+    except ValueError as error:
+        raise _bad_row(text, path, first_line) from error
+    if table.shape[1] not in _SHAPES or not table.size:
+        raise _bad_row(text, path, first_line)
+    labels = table[:, :-1].astype(np.int64)
+    wrong = (labels != table[:, :-1]).any(axis=1) | ~np.isfinite(table[:, -1])
+    own = labels[:, -4:]
+    if table.shape[1] > 3:
+        nodes, directions = own[:, [0, 2]], own[:, [1, 3]]
+        wrong |= ((directions < 1) | (directions > 6)).any(axis=1) | (nodes == 0).any(axis=1)
+    else:
+        wrong |= (own < 1).any(axis=1)
+    if wrong.any():
+        raise _bad_label(text, int(np.flatnonzero(wrong)[0]), path, first_line)
+    return Entries(path, own, table[:, -1], labels[:, 0] if table.shape[1] == 6 else None)
+
+
+def _rows(text: str, first_line: int) -> list[tuple[int, str]]:
+    return [
+        (n, s)
+        for n, s in enumerate(text.splitlines(), first_line)
+        if s.strip() and not s.lstrip().startswith("*")
+    ]
+
+
+def _bad_row(text: str, path: Path, first_line: int) -> FormatError:
+    """Return what is wrong with the first row that is not like the others."""
+    rows = _rows(text, first_line)
+    if not rows:
+        return FormatError("the matrix file has no entry", path)
+    wanted = Counter(len(_fields(row)) for _, row in rows).most_common(1)[0][0]
+    for line, row in rows:
+        fields = _fields(row)
+        if wanted not in _SHAPES or len(fields) != wanted or not all(_is_number(f) for f in fields):
+            expected = _SHAPES.get(wanted) or "; or ".join(_SHAPES.values())
+            return FormatError(f"found {row.strip()[:60]!r}; expected {expected}", path, line)
+    return FormatError("not a matrix file of Abaqus", path)
+
+
+def _bad_label(text: str, at: int, path: Path, first_line: int) -> FormatError:
+    line, row = _rows(text, first_line)[at]
+    fields = _fields(row)
+    if len(fields) > 3 and all(_is_number(f) for f in fields) and float(fields[-2]) > 6:
+        what = {"7": "warping", "8": "pressure", "9": "electric potential"}.get(
+            fields[-2], "not of a structure"
+        )
+        more = (
+            f": degree of freedom {fields[-2]} ({what}); expected 1 to 6 for"
+            f" {', '.join(DIRECTIONS)}"
+        )
+        return FormatError(f"found {row.strip()!r}{more}", path, line)
+    return FormatError(
+        f"found {row.strip()!r}; expected {_SHAPES[len(fields)]}, finite and counted from 1",
+        path,
+        line,
+    )
+
+
+def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
+    """Return a file of rows and columns as a symmetric matrix.
+
+    Parameters
+    ----------
+    file : Entries
+        Rows without labels.
+    dofs : DofSet
+        The N degrees of freedom, in the order of the file.
+
+    Returns
+    -------
+    sparse, shape (N, N)
+
+    Raises
+    ------
+    FormatError
+        If a row lies beyond N, an entry stands twice or the two triangles differ.
+    """
+    largest = int(file.labels.max())
+    if largest > len(dofs):
+        raise FormatError(
+            f"an entry is in row or column {largest}; there are {len(dofs)} labels", file.path
+        )
+    return _symmetric(file.labels[:, 0] - 1, file.labels[:, 1] - 1, file, len(dofs), dofs)
+
+
+def _symmetric(
+    row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet
+) -> Matrix:
+    """Put a matrix together from one triangle, either of them entry by entry, or from both."""
+    low, high = np.minimum(row, column), np.maximum(row, column)
+    part = 0 if file.elements is None else np.unique(file.elements, return_inverse=True)[1]
+    if (same := _first_twice((part * n + row) * n + column)) is not None:
+        where = f"({dofs[int(row[same])]}, {dofs[int(column[same])]})"
+        raise FormatError(f"entry {where} stands twice", file.path)
+    off = low != high
+    _, index, count = np.unique(
+        ((part * n + low) * n + high)[off], return_inverse=True, return_counts=True
+    )
+    if not off.any() or (count == 1).all():
+        value = file.values
+    elif (count == 2).all():
+        both = np.zeros((2, len(count)))
+        upper = (row < column)[off]
+        both[0, index[upper]], both[1, index[~upper]] = (
+            file.values[off][upper],
+            file.values[off][~upper],
+        )
+        gap = np.abs(both[0] - both[1])
+        scale = float(np.abs(file.values[np.abs(file.values) < HELD]).max(initial=0.0))
+        if gap.max() > 1e-10 * scale:
+            k = np.flatnonzero(off)[np.flatnonzero(index == int(gap.argmax()))[0]]
+            raise FormatError(
+                f"not symmetric: the entries of {dofs[int(row[k])]} and {dofs[int(column[k])]}"
+                f" differ by {gap.max():.3g}",
+                file.path,
+            )
+        value = np.where(off, file.values / 2, file.values)
+    else:
+        k = np.flatnonzero(off)[np.flatnonzero(count[index] == 1)[0]]
+        raise FormatError(
+            f"entry ({dofs[int(row[k])]}, {dofs[int(column[k])]}) stands in one triangle, others in"
+            " both; expected one triangle or the whole matrix",
+            file.path,
+        )
+    at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+    return sp.csr_array(sp.coo_array((np.concatenate([value, value[off]]), at), shape=(n, n)))
+
+
+def _first_twice(codes: NDArray[np.int64]) -> int | None:
+    order = np.argsort(codes, kind="stable")
+    same = np.flatnonzero(np.diff(codes[order]) == 0)
+    return int(order[same[0]]) if same.size else None
+
+
+#: What a matrix file can hold, and how Abaqus calls it in file names.
+MATRICES = {"stiffness": "STIF", "mass": "MASS", "viscous": "DMPV", "structural": "DMPS"}
+_PROPORTIONAL = 1e-8  # how far structural damping may be from a multiple of the stiffness
+_INTERNAL = ("keep", "condense")
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A group and the files of its matrices.
+
+    Parameters
+    ----------
+    name : str
+        Group name.
+    files : mapping of str to Entries
+        Of "stiffness", "mass", "viscous" and "structural", the imaginary part of the stiffness.
+    loss_factor : float, optional
+        Structural loss factor; None: as the structural matrix says.
+    """
+
+    name: str
+    files: Mapping[str, Entries]
+    loss_factor: float | None = None
+
+
+def assemble(
+    parts: Sequence[Part],
+    units: System,
+    path: Path,
+    *,
+    dofs: DofSet | None = None,
+    geometry: Geometry | None = None,
+    title: str = "",
+    internal: str = "keep",
+    held: Sequence[tuple[int, int]] = (),
+) -> Model:
+    """Build a model.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        The groups.
+    units : System
+        Those of the files.
+    path : Path
+        The file that named them, for messages.
+    dofs : DofSet, optional
+        The degrees of freedom in the order of the rows; of files without labels, and of no others.
+    geometry : Geometry, optional
+        Where the nodes stand.
+    title : str
+        For the record.
+    internal : {"keep", "condense"}
+        What becomes of internal nodes; see `updyn.io.abaqus.model.read_model`.
+    held : sequence of (int, int)
+        Node and dof (1 to 6) of supports that are not in the matrices.
+
+    Returns
+    -------
+    Model
+        In SI units, without the degrees of freedom that are held.
+
+    Raises
+    ------
+    FormatError
+        If files do not fit each other, structural damping is no multiple of the stiffness, or an
+        internal degree of freedom cannot be condensed.
+    OptionError
+        If `internal` is neither.
+    """
+    if internal not in _INTERNAL:
+        raise OptionError(f"internal {internal!r}; {suggest(str(internal), _INTERNAL)}")
+    labels, known = _labels(parts, dofs, path)
+    matrices = [
+        {
+            what: coordinate_matrix(f, known) if labels is None else labels.matrix(f)
+            for what, f in part.files.items()
+        }
+        for part in parts
+    ]
+    inner = np.zeros(len(known), dtype=np.bool_) if labels is None else labels.internal
+    keep = _free(matrices, known, held, path)
+    if internal == "condense" and (inner & keep).any():
+        matrices = [{what: A[keep][:, keep] for what, A in own.items()} for own in matrices]
+        known, inner = known[np.flatnonzero(keep)], inner[keep]
+        _condense(matrices, parts, known, inner, path)
+        keep = ~inner
+    known = known[np.flatnonzero(keep)]
+    groups = {}
+    for part, own in zip(parts, matrices, strict=True):
+        if part.name in groups:
+            raise FormatError(f"group name {part.name!r} stands twice", path)
+        si = {what: units.to_si(A[keep][:, keep], known) for what, A in own.items()}
+        groups[part.name] = _group(part, si, path)
+    with placed(path):
+        return Model.from_groups(groups, known, geometry=geometry, title=title)
+
+
+def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Labels | None, DofSet]:
+    files = [f for part in parts for f in part.files.values()]
+    bare = [f for f in files if not f.labelled]
+    if bare and dofs is None:
+        raise FormatError(
+            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT, or"
+            ' name the degrees of freedom in a small TOML file: dofs = "dofs.csv"',
+            bare[0].path,
+        )
+    if bare and len(bare) < len(files):
+        named = next(f for f in files if f.labelled)
+        raise FormatError(
+            f"the rows say no nodes, those of {named.path.name} do; write all in one format",
+            bare[0].path,
+        )
+    if not bare and dofs is not None:
+        raise FormatError(
+            "'dofs' is for files without labels; those of these files say their nodes", path
+        )
+    if dofs is not None:
+        return None, dofs
+    labels = Labels.union(files)
+    return labels, labels.dofs
+
+
+def _free(
+    matrices: Sequence[Mapping[str, Matrix]],
+    dofs: DofSet,
+    supports: Sequence[tuple[int, int]],
+    path: Path,
+) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are neither held nor empty."""
+    used = np.zeros(len(dofs), dtype=np.bool_)
+    pairs = set(supports)
+    held = np.array(
+        [(n, a + 1) in pairs for n, a in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)]
+    )
+    for own in matrices:
+        for what, A in own.items():
+            if what == "stiffness":
+                held |= A.diagonal() >= HELD
+            used[A.indices[A.data != 0.0]] = True
+    empty = ~used & ~held
+    if empty.any():
+        first = dofs[int(np.flatnonzero(empty)[0])]
+        warnings.warn(
+            f"{path}: {first} has neither stiffness, mass nor damping ({int(empty.sum())} such):"
+            " left out",
+            UpdynWarning,
+            stacklevel=4,
+        )
+    free: NDArray[np.bool_] = used & ~held
+    if not free.any():
+        raise FormatError("no degree of freedom is free: everything is held", path)
+    return free
+
+
+def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
+    K, D = matrices.get("stiffness"), matrices.get("structural")
+    gamma = part.loss_factor or 0.0
+    if D is not None:
+        if part.loss_factor is not None:
+            raise FormatError(
+                f"group {part.name!r}: a loss factor and a structural matrix; give one of them",
+                path,
+            )
+        gamma = _ratio(D, K, part, path)
+    with placed(path, f"group {part.name!r}"):
+        return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
+
+
+def _ratio(D: Matrix, K: Matrix | None, part: Part, path: Path) -> float:
+    if K is None or not abs(K).max() > 0.0:
+        raise FormatError(f"group {part.name!r}: structural damping without stiffness", path)
+    gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
+    if abs(D - gamma * K).max() > _PROPORTIONAL * abs(K).max() * max(abs(gamma), 1e-6):
+        raise FormatError(
+            f"group {part.name!r}: structural damping is no multiple of its stiffness; give each"
+            " material a group of its own",
+            path,
+        )
+    return gamma
+
+
+def _condense(
+    matrices: list[dict[str, Any]],
+    parts: Sequence[Part],
+    dofs: DofSet,
+    inner: NDArray[np.bool_],
+    path: Path,
+) -> None:
+    """Take massless internal degrees of freedom out of the stiffness that they belong to, in place.
+
+    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact where they have no mass, and stays a multiple of
+    the group's unknown where they belong to that group alone.
+    """
+    owners = np.zeros(len(dofs), dtype=np.int64)
+    for own, part in zip(matrices, parts, strict=True):
+        for what, A in own.items():
+            touched = np.zeros(len(dofs), dtype=np.bool_)
+            touched[A.indices[A.data != 0.0]] = True
+            if what in ("mass", "viscous") and (touched & inner).any():
+                first = dofs[int(np.flatnonzero(touched & inner)[0])]
+                raise FormatError(
+                    f"group {part.name!r}: internal {first} has {what}; keep it: internal = 'keep'",
+                    path,
+                )
+            if what == "stiffness":
+                owners += touched
+    if (shared := np.flatnonzero(inner & (owners != 1))).size:
+        raise FormatError(
+            f"internal {dofs[int(shared[0])]} belongs to {owners[shared[0]]} groups; keep it:"
+            " internal = 'keep'",
+            path,
+        )
+    for own, part in zip(matrices, parts, strict=True):
+        K = own.get("stiffness")
+        if K is None:
+            continue
+        touched = np.zeros(len(dofs), dtype=np.bool_)
+        touched[K.indices[K.data != 0.0]] = True
+        i, r = np.flatnonzero(inner & touched), np.flatnonzero(~inner)
+        if i.size:
+            # The structural matrix is proportional to the stiffness and is checked before it
+            # shrinks with it.
+            gamma = _ratio(own["structural"], K, part, path) if "structural" in own else None
+            own["stiffness"] = _schur(sp.csc_array(K), r, i, part, dofs, path)
+            if gamma is not None:
+                own["structural"] = own["stiffness"] * gamma
+
+
+def _schur(
+    K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: Part, dofs: DofSet, path: Path
+) -> Any:
+    from scipy.sparse.linalg import splu
+
+    coupling = sp.csc_array(K[i][:, r])
+    columns = np.unique(coupling.nonzero()[1])
+    try:
+        small = splu(sp.csc_array(K[i][:, i])).solve(coupling[:, columns].toarray())
+    except RuntimeError as error:
+        raise FormatError(
+            f"group {part.name!r}: internal {dofs[int(i[0])]} and its like have a singular"
+            " stiffness (Lagrange multipliers); keep them: internal = 'keep'",
+            path,
+        ) from error
+    at = r[columns]
+    change = sp.coo_array(coupling[:, columns].T @ small)
+    full = sp.csr_array(
+        sp.coo_array((change.data, (at[change.row], at[change.col])), shape=K.shape)
+    )
+    return sp.csr_array(K) - (full + full.T) / 2

@@ -1,0 +1,499 @@
+"""Abaqus: the matrices that it writes (``.mtx``) as a model, by the deck, by file names or by a small TOML file.
+
+Abaqus itself is not run. A deck (``.inp``) says which files there are:
+
+- steps with ``*MATRIX GENERATE``: step n of ``job.inp`` wrote ``job_STIFn.mtx``, ``job_MASSn.mtx``,
+  ``job_DMPVn.mtx`` and ``job_DMPSn.mtx``. With ``ELSET=`` the set is a group; with ``ELEMENT BY
+  ELEMENT`` each material is one; a step of the whole besides is what the groups have to add up to.
+- ``*MATRIX INPUT`` and ``*MATRIX ASSEMBLE``: each assembly is a group, called as its stiffness.
+
+``job_STIF1.mtx`` alone stands for what step 1 wrote. A TOML file is as in `updyn.io.matrix_market`,
+without ``dofs``, with ``structural`` besides, and ``unit``, ``deck`` and ``internal`` at its top.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, UpdynWarning, suggest
+from updyn.geometry import Geometry
+from updyn.group import VALUES
+from updyn.io.abaqus.deck import DeckFacts, read_facts
+from updyn.io.abaqus.matrices import (
+    MATRICES,
+    NAME,
+    Entries,
+    Labels,
+    Part,
+    assemble,
+    entries_of,
+    read_entries,
+)
+from updyn.io.atomic import atomic_path
+from updyn.io.consistent_units import System, system
+from updyn.io.damping import refuse_damping
+from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, short_number
+from updyn.io.keyword_deck.changes import write_changes
+from updyn.model import Group, Matrix, Model
+
+__all__ = [
+    "assembled_parts",
+    "generated_parts",
+    "read_model",
+    "write_model",
+    "write_properties",
+]
+
+
+def read_model(
+    path: str | Path, *, unit: str = "m", internal: str = "keep", job: str | None = None
+) -> Model:
+    """Read the matrices that Abaqus wrote.
+
+    Parameters
+    ----------
+    path : path
+        A deck, or one of the matrix files ``job_STIF1.mtx``.
+    unit : {"m", "mm", "in"}
+        The consistent units of deck and files by their length: m, N, kg; mm, N, t; in, lbf, lbf
+        s2/in. The model is in SI.
+    internal : {"keep", "condense"}
+        What becomes of internal nodes of Abaqus, which have numbers below 0: "keep" makes node -n
+        the node (largest of the others) + n, exact in all cases, as what is not measured is
+        condensed line by line. "condense" takes them out (K_rr - K_ri K_ii^-1 K_ir), which is exact
+        where they have neither mass nor damping and belong to one group; else it is an error.
+    job : str, optional
+        Name of the job, of which the matrix files of a deck are called. None: as the deck.
+
+    Returns
+    -------
+    Model
+        Without degrees of freedom that are held (1e36 on the diagonal). Geometry: the nodes of the
+        deck, where it has no parts; of matrix files that of the deck of their name, if it is there.
+
+    Raises
+    ------
+    FormatError
+        If a file is missing or not valid, or groups do not add up; the message says file and line.
+    OptionError
+        If there is no such unit, or `internal` is neither.
+    """
+    path = Path(path)
+    units = system(unit)
+    if path.suffix.lower() != ".mtx":
+        facts = read_facts(path, read_cards(path))
+        # The matrices that a step wrote have its supports in them.
+        used = bool(facts.assemblies)
+        parts = assembled_parts(facts) if used else generated_parts(facts, job or path.stem)
+        held = facts.held() if used else []
+        drawn = facts.drawn(units)
+        return assemble(
+            parts, units, path, geometry=drawn, title=facts.title, internal=internal, held=held
+        )
+    found = NAME.fullmatch(path.stem)
+    if found is None:
+        raise FormatError(
+            "its name is not as Abaqus gives it (job_STIF1.mtx); name the files in a small TOML"
+            " file: [[group]] with "
+            f'name = "...", stiffness = "{path.name}", mass = "..."',
+            path,
+        )
+    name, step = found[1], found[3]
+    files = {
+        what: path.parent / f"{name}_{letters}{step}.mtx" for what, letters in MATRICES.items()
+    }
+    entries = {what: read_entries(file) for what, file in files.items() if file.is_file()}
+    if "stiffness" not in entries or "mass" not in entries:
+        lacks = files["mass" if "stiffness" in entries else "stiffness"].name
+        raise FormatError(
+            f"no {lacks} beside it; *MATRIX GENERATE, STIFFNESS, MASS writes both", path
+        )
+    geometry = _beside(path.parent / f"{name}.inp", units)
+    return assemble([Part(name, entries)], units, path, geometry=geometry, internal=internal)
+
+
+def _beside(deck: Path, units: System) -> Geometry | None:
+    return read_facts(deck, read_cards(deck)).drawn(units) if deck.is_file() else None
+
+
+def write_properties(
+    changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
+) -> None:
+    """Write the materials that changed as a file for ``*INCLUDE``, in the place of their old cards.
+
+    Parameters
+    ----------
+    changes : mapping of str to mapping of str to float
+        By group, called as a material, as the element set of a section, or as springs or masses:
+        "stiffness" and "mass" are factors on the deck's moduli and densities, "loss_factor" is the
+        new ``*DAMPING, STRUCTURAL=``, "viscous" a factor on the damping that ALPHA and BETA give.
+    deck : path
+        The deck; Abaqus's parts and instances may stand in it.
+    path : path
+        The file to write.
+
+    Raises
+    ------
+    FormatError
+        If the deck cannot be read, has no such group (the nearest is named), or a set shares its
+        material with others.
+    """
+    deck = Path(deck)
+    facts: DeckFacts = read_facts(deck, read_cards(deck))
+    write_changes(facts.by_material(changes), facts.properties, deck, Path(path), own_rayleigh=True)
+
+
+_PARAMETERS = {
+    "stiffness": "STIFFNESS",
+    "mass": "MASS",
+    "viscous": "VISCOUS DAMPING",
+    "structural": "STRUCTURAL DAMPING",
+}
+#: What a deck that is put together of matrices may hold.
+_USAGE = ("HEADING", "PREPRINT", "NODE", "NSET", "MATRIX INPUT", "MATRIX ASSEMBLE", "BOUNDARY")
+#: Abaqus writes 15 digits.
+_TOLERANCE = 1e-10
+
+
+# -- *MATRIX GENERATE --------------------------------------------------------------------------------------
+def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
+    """Return the groups whose matrices the steps of a deck wrote.
+
+    Parameters
+    ----------
+    facts : DeckFacts
+        The deck.
+    job : str
+        Name of the job; the files stand beside the deck.
+
+    Returns
+    -------
+    list of Part
+
+    Raises
+    ------
+    FormatError
+        If no step writes matrices, a file is missing, or the groups do not add up to the whole.
+    """
+    whole: dict[str, Entries] = {}
+    parts: list[Part] = []
+    for at, step in enumerate(facts.steps, 1):
+        card = next((c for c in step if c.name == "MATRIX GENERATE"), None)
+        if card is None:
+            continue
+        files = _written(facts, card, job, at)
+        if "ELEMENT BY ELEMENT" in card.parameters:
+            parts += _by_material(facts, card, files)
+        elif elset := card.get("ELSET"):
+            # A set of an instance is called "instance.set"; groups have no dots.
+            parts.append(Part(elset.rpartition(".")[2], files))
+        else:
+            whole = files
+    if not parts and not whole:
+        raise FormatError(
+            "no step of the deck writes matrices. Abaqus has to: add *STEP, *MATRIX GENERATE,"
+            " STIFFNESS, MASS, ELSET=... and *MATRIX OUTPUT, STIFFNESS, MASS for each set that is"
+            " to be a group, run the job and read the deck again",
+            facts.path,
+        )
+    if not parts:
+        return [Part(job, whole)]
+    for what, total in whole.items():
+        _check_sum(what, total, [p.files[what] for p in parts if what in p.files])
+    return parts
+
+
+def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Entries]:
+    files = {}
+    for what, letters in MATRICES.items():
+        if _PARAMETERS[what] in card.parameters:
+            file = facts.path.parent / f"{job}_{letters}{step}.mtx"
+            if not file.is_file():
+                near = suggest(file.name, sorted(p.name for p in file.parent.glob("*.mtx")))
+                raise card.error(
+                    f"*MATRIX GENERATE, {_PARAMETERS[what]} of step {step}: no file {file.name!r};"
+                    f" {near}"
+                )
+            files[what] = read_entries(file)
+            by_element = "ELEMENT BY ELEMENT" in card.parameters
+            if by_element != (files[what].elements is not None):
+                said, found = ("by element", "whole") if by_element else ("whole", "by element")
+                raise FormatError(
+                    f"the matrix is {found}, the deck says {said} (line {card.line})", file
+                )
+    if not files:
+        raise card.error("*MATRIX GENERATE says neither STIFFNESS nor MASS")
+    return files
+
+
+def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> list[Part]:
+    if not facts.flat:
+        raise card.error(
+            "ELEMENT BY ELEMENT in a deck with parts: Abaqus numbers its elements anew; write it"
+            " flat"
+        )
+    sets = facts.element_sets()
+    members: dict[str, list[NDArray[np.int64]]] = {}
+    for elset, material in facts.sections.items():
+        if elset in sets:
+            members.setdefault(material, []).append(sets[elset])
+    parts, seen = [], np.empty(0, dtype=np.int64)
+    for material, found in members.items():
+        own = np.unique(np.concatenate(found))
+        chosen = {
+            what: f.of(own)
+            for what, f in files.items()
+            if f.elements is not None and np.isin(f.elements, own).any()
+        }
+        seen = np.union1d(seen, own)
+        if chosen:
+            parts.append(Part(facts.properties[material].name, chosen))
+    for file in files.values():
+        assert file.elements is not None
+        lost = np.setdiff1d(file.elements, seen)
+        if lost.size:
+            raise FormatError(
+                f"element {lost[0]} is of no section of the deck ({lost.size} such)", file.path
+            )
+    return parts
+
+
+def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
+    """Compare the groups with the whole."""
+    if not total.labelled or not all(f.labelled for f in files):
+        raise FormatError(
+            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT",
+            total.path,
+        )
+    labels = Labels.union([total, *files])
+    left = labels.matrix(total)
+    free = np.flatnonzero(left.diagonal() < 1e35)
+    scale = abs(left[free][:, free])
+    for file in files:
+        left = left - labels.matrix(file)
+    rest = left[free][:, free].tocoo()
+    largest = scale.max(axis=1).toarray().ravel()
+    beyond = np.abs(rest.data) - _TOLERANCE * np.maximum(largest[rest.row], largest[rest.col])
+    if beyond.size and beyond.max() > 0:
+        at = int(np.argmax(beyond))
+        dofs = labels.dofs
+        raise FormatError(
+            f"the element sets do not add up to the {what} of the whole: at"
+            f" {dofs[int(free[rest.row[at]])]}, {dofs[int(free[rest.col[at]])]} {rest.data[at]:.3g}"
+            " is left; a part belongs to no set, or to two",
+            total.path,
+        )
+
+
+# -- *MATRIX INPUT and *MATRIX ASSEMBLE --------------------------------------------------------------------
+def assembled_parts(facts: DeckFacts) -> list[Part]:
+    """Return the groups that a deck puts together of matrices; each ``*MATRIX ASSEMBLE`` is one.
+
+    Raises
+    ------
+    FormatError
+        If a matrix is not there, or is not symmetric or not text, or the deck holds more than
+        matrices.
+    """
+    for card in facts.cards:
+        if card.name not in _USAGE:
+            raise card.error(
+                f"*{card.name} beside *MATRIX ASSEMBLE is not read; only"
+                f" {', '.join('*' + name for name in _USAGE)}: have Abaqus write all of the model"
+                " with *MATRIX GENERATE"
+            )
+    known = {card.need("NAME").upper(): card for card in facts.cards if card.name == "MATRIX INPUT"}
+    parts = []
+    for card in facts.assemblies:
+        card.only(*_PARAMETERS.values())
+        files = {}
+        for what, parameter in _PARAMETERS.items():
+            if name := card.get(parameter):
+                if name.upper() not in known:
+                    raise card.error(
+                        f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}"
+                    )
+                files[what] = _input(known[name.upper()], facts.path.parent)
+        if not files:
+            raise card.error("*MATRIX ASSEMBLE names no matrix")
+        parts.append(Part(_group_name(card), files))
+    return parts
+
+
+def _group_name(card: Card) -> str:
+    """Return the name of the assembly's stiffness (else of its other matrices), without the K or M at its end."""
+    name = next(n for p in _PARAMETERS.values() if (n := card.get(p)))
+    for ending in ("_STIF", "_MASS", "_DMPV", "_DMPS"):
+        if name.upper().endswith(ending) and len(name) > len(ending):
+            return name[: -len(ending)]
+    return name
+
+
+def _input(card: Card, folder: Path) -> Entries:
+    card.only("NAME", "INPUT", "SCALE FACTOR", "TYPE", "MATRIX")
+    if (card.get("TYPE") or "SYMMETRIC").upper() != "SYMMETRIC":
+        raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: matrices are symmetric here")
+    given = card.get("INPUT")
+    if "MATRIX" in card.parameters or (given or "").lower().endswith(".sim"):
+        raise card.error(
+            "*MATRIX INPUT of a .sim file, which only Abaqus reads; write text with *MATRIX OUTPUT"
+        )
+    if given is None:
+        if not card.rows:
+            raise card.error(
+                f"*MATRIX INPUT, NAME={card.get('NAME')} has neither INPUT= nor data lines"
+            )
+        entries = entries_of("\n".join(row.text for row in card.rows), card.path, card.rows[0].line)
+    else:
+        file = folder / given
+        if not file.is_file():
+            near = (
+                sorted(p.name for p in file.parent.iterdir() if p.is_file())
+                if file.parent.is_dir()
+                else []
+            )
+            raise card.error(f"*MATRIX INPUT: no such file {given!r}; {suggest(file.name, near)}")
+        entries = read_entries(file)
+    scale = card.get("SCALE FACTOR")
+    if scale is None:
+        return entries
+    factor = number(scale, card, Row(card.line, scale))
+    return Entries(entries.path, entries.labels, entries.values * factor, entries.elements)
+
+
+_LARGEST = 10**9 - 1  # node number of Abaqus
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model as a deck, and its matrices beside it, in SI units.
+
+    Damping in proportion to a group's mass or stiffness goes into its viscous matrix.
+
+    Abaqus reads numbers of up to twenty characters: an entry keeps 13 digits or more.
+
+    Parameters
+    ----------
+    model : Model
+        The model. Of its geometry positions are written, no lines.
+    path : path
+        The deck to write, for instance ``case.inp``; the matrices are called ``case_1_STIF.mtx``,
+        ``case_1_MASS.mtx``, ``case_1_DMPV.mtx`` and ``case_1_DMPS.mtx`` (loss factor times
+        stiffness), the number being that of the group, and are replaced where they exist. The deck
+        is written last.
+
+    Raises
+    ------
+    FormatError
+        If the node number of a degree of freedom is not from 1 to 999999999, two groups would have
+        one name, or a loss factor depends on frequency.
+
+    Warns
+    -----
+    UpdynWarning
+        If nodes have directions of their own, or Rayleigh coefficients have become matrices.
+    """
+    path = Path(path)
+    _check(model, path)
+    refuse_damping(model, path, *VALUES)
+    if folded := [
+        name for name, g in model.groups.items() if g.mass_damping or g.stiffness_damping
+    ]:
+        warnings.warn(
+            f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous"
+            " matrices, which no longer follow mass and stiffness",
+            UpdynWarning,
+            stacklevel=3,
+        )
+    lines = ["*HEADING", _one_line(model.title) or "written by updyn"]
+    lines += ["** SI units: m, N, kg, s.", *_nodes(model.geometry, path)]
+    assemblies = []
+    for position, (name, group) in enumerate(model.groups.items(), 1):
+        named = []
+        for what, matrix in _matrices(group).items():
+            if matrix is None:
+                continue
+            file = f"{path.stem}_{position}_{MATRICES[what]}.mtx"
+            with atomic_path(path.parent / file) as temporary:
+                _write_matrix(matrix, model.dofs, temporary)
+            label = f'"{name}_{MATRICES[what]}"'
+            lines.append(f"*MATRIX INPUT, NAME={label}, INPUT={file}")
+            named.append(f"{_PARAMETERS[what]}={label}")
+        assemblies.append(f"*MATRIX ASSEMBLE, {', '.join(named)}")
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([*lines, *assemblies]) + "\n", encoding="utf-8")
+
+
+def _check(model: Model, path: Path) -> None:
+    nodes = model.dofs.nodes
+    if nodes.min() < 1 or nodes.max() > _LARGEST:
+        bad = nodes[(nodes < 1) | (nodes > _LARGEST)][0]
+        raise FormatError(f"node {bad}: Abaqus numbers nodes from 1 to {_LARGEST}", path)
+    seen: dict[str, str] = {}
+    for name in model.groups:
+        if re.search(r'[",=]', name):
+            raise FormatError(
+                f"group {name!r}: a name in a deck has no quotes, commas and equals signs", path
+            )
+        if (other := seen.setdefault(name.upper(), name)) != name:
+            raise FormatError(
+                f"groups {other!r} and {name!r} are one name in a deck, where case does not matter",
+                path,
+            )
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split()).lstrip("*")
+
+
+def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
+    if geometry is None:
+        return []
+    if geometry.axes is not None:
+        warnings.warn(
+            f"{path}: a deck has no place for directions of nodes; left out",
+            UpdynWarning,
+            stacklevel=4,
+        )
+    places = zip(geometry.nodes.tolist(), geometry.xyz.tolist(), strict=True)
+    known = [(node, xyz) for node, xyz in places if 0 < node <= _LARGEST]
+    return (
+        ["*NODE", *(f"{node}, {', '.join(short_number(x) for x in xyz)}" for node, xyz in known)]
+        if known
+        else []
+    )
+
+
+def _matrices(group: Group) -> dict[str, Matrix | None]:
+    damped = (
+        None
+        if group.stiffness is None or not group.loss_factor
+        else group.stiffness * group.loss_factor
+    )
+    return {
+        "stiffness": group.stiffness,
+        "mass": group.mass,
+        "viscous": group.viscous_part(),
+        "structural": damped,
+    }
+
+
+def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:
+    """Write the lower triangle: node, dof, node, dof, entry."""
+    entry: Any = sp.coo_array(sp.tril(matrix))
+    node, direction = dofs.nodes.tolist(), (dofs.axes + 1).tolist()
+    with path.open("w", encoding="ascii") as file:
+        for i, j, value in zip(
+            entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True
+        ):
+            file.write(
+                f"{node[i]},{direction[i]}, {node[j]},{direction[j]}, {short_number(value)}\n"
+            )

@@ -1,0 +1,148 @@
+"""A TOML file whose groups name matrix files of Abaqus, as `updyn.io.matrix_market` describes it for its own.
+
+::
+
+    unit = "mm"                        # of all files; "m" where absent
+    deck = "wing.inp"                  # optional: where the nodes stand; element sets
+    internal = "keep"                  # or "condense", see updyn.io.abaqus.model
+
+    [[group]]
+    name = "spar"
+    stiffness = "spar_STIF2.mtx"       # stiffness, mass, viscous, structural: at least one
+    mass = "spar_MASS2.mtx"
+    loss_factor = 0.02                 # optional, instead of structural
+
+Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows. Of files written
+with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the deck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from updyn.errors import FormatError, suggest
+from updyn.io.abaqus.deck import DeckFacts, read_facts
+from updyn.io.abaqus.matrices import (
+    MATRICES,
+    Entries,
+    Part,
+    assemble,
+    is_abaqus,
+    read_entries,
+)
+from updyn.io.consistent_units import system
+from updyn.io.keyword_deck.cards import read_cards
+from updyn.io.model_table import GENERAL, ModelTable
+from updyn.model import Model
+
+__all__ = ["names_abaqus_files", "read_table"]
+
+_TOP = (*GENERAL, "unit", "deck", "internal")
+_GROUP = ("name", *MATRICES, "loss_factor", "elset")
+
+
+def names_abaqus_files(table: ModelTable) -> bool:
+    """Say whether the first matrix file that a group names and that exists is one of Abaqus."""
+    for group in table.content["group"]:
+        for what in MATRICES:
+            given = group.get(what)
+            if not isinstance(given, str):
+                continue
+            file = table.path.parent / given
+            if file.is_file():
+                return is_abaqus(file)
+    return False
+
+
+def read_table(table: ModelTable) -> Model:
+    """Build the model of a TOML file whose groups name matrix files of Abaqus.
+
+    Parameters
+    ----------
+    table : ModelTable
+        The file.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    FormatError
+        If a key is unknown, a file is missing or not valid, or files do not fit each other.
+    """
+    content = table.content
+    dofs, geometry = table.dofs(), table.geometry()
+    table.only_known(content, _TOP)
+    units = system(table.optional("unit", "m"))
+    facts = None
+    if "deck" in content:
+        deck = table.file(content, "deck")
+        facts = read_facts(deck, read_cards(deck))
+        geometry = facts.drawn(units) if geometry is None else geometry
+    parts = [_part(table, group, number, facts) for number, group in enumerate(content["group"])]
+    return assemble(
+        parts,
+        units,
+        table.path,
+        dofs=dofs,
+        geometry=geometry,
+        title=table.title,
+        internal=table.optional("internal", "keep"),
+    )
+
+
+def _part(
+    table: ModelTable, group: Mapping[str, Any], number: int, facts: DeckFacts | None
+) -> Part:
+    table.only_known(group, _GROUP, "group", number)
+    name = table.group_name(group, number)
+    files = {
+        what: read_entries(table.file(group, what, "group", number))
+        for what in MATRICES
+        if what in group
+    }
+    if "elset" in group:
+        elset = table.text(group, "elset", "group", number)
+        files = _of_set(files, elset, facts, table, number)
+    elif any(f.elements is not None for f in files.values()):
+        raise FormatError(
+            f"group {name!r}: its files are written element by element; say of which elements it"
+            " is: elset = '...', with deck = '...' above",
+            table.path,
+            table.line("name", "group", number),
+        )
+    return Part(name, files, group.get("loss_factor"))
+
+
+def _of_set(
+    files: Mapping[str, Entries],
+    elset: str,
+    facts: DeckFacts | None,
+    table: ModelTable,
+    number: int,
+) -> dict[str, Entries]:
+    line = table.line("elset", "group", number)
+    if facts is None:
+        raise FormatError("elset needs deck = '...', which says its elements", table.path, line)
+    sets = facts.element_sets()
+    if elset.upper() not in sets:
+        raise FormatError(
+            f"the deck has no element set {elset!r}; {suggest(elset.upper(), sets)}",
+            table.path,
+            line,
+        )
+    whole = next((f for f in files.values() if f.elements is None), None)
+    if whole is not None:
+        raise FormatError(
+            f"{whole.path.name} is not written element by element; leave elset out",
+            table.path,
+            line,
+        )
+    out = {what: f.of(np.asarray(sets[elset.upper()])) for what, f in files.items()}
+    if empty := next((f for f in out.values() if not f.values.size), None):
+        raise FormatError(f"{empty.path.name} has no element of set {elset!r}", table.path, line)
+    return out

@@ -1,0 +1,1 @@
+"""Ansys Mechanical APDL: models from ``.full`` and ``.emat`` files, and updated properties."""

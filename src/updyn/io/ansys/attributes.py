@@ -1,0 +1,277 @@
+"""Which element of an Ansys model is of which material, type, real constants, section and component; where nodes stand.
+
+Out of the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file of the model, through
+ansys-mapdl-reader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.geometry import Geometry
+from updyn.io.ansys.binary import mapdl_reader
+from updyn.io.items import library, placed
+
+__all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
+
+BY = ("material", "type", "real", "section", "component")
+
+#: Elements whose matrices come from real constants or a matrix of their own, not from a material:
+#: COMBIN14, MASS21, MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
+_NO_MATERIAL = (14, 21, 27, 37, 39, 40, 214, 250)
+_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
+_EDGES: tuple[tuple[tuple[int, ...], int, tuple[tuple[int, int], ...]], ...] = (
+    # element routines, corner nodes, edges between them
+    (
+        (45, 95, 185, 186, 190),
+        8,
+        (*_RING, *((a + 4, b + 4) for a, b in _RING), *((a, a + 4) for a in range(4))),
+    ),
+    ((92, 187, 285), 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))),
+    ((42, 63, 82, 93, 181, 182, 183, 281), 4, _RING),
+    ((3, 4, 8, 14, 16, 39, 40, 44, 180, 188, 189, 214, 288, 289), 2, ((0, 1),)),
+)
+_FIRST_NODE = 10  # in an element's row: ten attributes come before its nodes
+
+
+@dataclass(frozen=True, slots=True)
+class Attributes:
+    """Elements and nodes of a model.
+
+    Parameters
+    ----------
+    path : Path
+        The file that says so.
+    elements : ndarray of int, shape (n,)
+        Element numbers.
+    numbers : mapping of str to ndarray of int, shape (n,)
+        For "material", "type", "real" and "section" the number of each element.
+    routine : ndarray of int, shape (n,)
+        Element routine, 186 for SOLID186.
+    nodes_of : sequence of ndarray of int
+        Node numbers of each element.
+    components : mapping of str to ndarray of int
+        Element numbers of each component.
+    nodes : ndarray of int, shape (m,)
+        Node numbers.
+    xyz : ndarray of float, shape (m, 3)
+        Positions in units of the deck.
+    angles : ndarray of float, shape (m, 3)
+        Rotations THXY, THYZ, THZX of the nodal systems in degrees.
+    """
+
+    path: Path
+    elements: NDArray[np.int64]
+    numbers: Mapping[str, NDArray[np.int64]]
+    routine: NDArray[np.int64]
+    nodes_of: Sequence[NDArray[np.int64]]
+    components: Mapping[str, NDArray[np.int64]]
+    nodes: NDArray[np.int64]
+    xyz: NDArray[np.float64]
+    angles: NDArray[np.float64]
+
+    def geometry(self, length: float) -> Geometry:
+        """Return positions in m, edges of the elements, and nodal systems where a node has one of its own.
+
+        Parameters
+        ----------
+        length : float
+            Unit of length of the deck in m.
+        """
+        lines: set[tuple[int, int]] = set()
+        for routine, corner in zip(self.routine.tolist(), self.nodes_of, strict=True):
+            for routines, count, edges in _EDGES:
+                if routine in routines and len(corner) >= count:
+                    lines.update(
+                        (min(p), max(p))
+                        for p in ((int(corner[a]), int(corner[b])) for a, b in edges)
+                    )
+        known = set(self.nodes.tolist())
+        drawn = sorted((a, b) for a, b in lines if a != b and a in known and b in known)
+        axes = _axes(self.angles) if np.any(self.angles) else None
+        with placed(self.path):
+            return Geometry(
+                self.nodes, self.xyz * length, np.array(drawn, dtype=np.int64).reshape(-1, 2), axes
+            )
+
+
+def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the directions of nodal systems, shape (m, 3, 3), rows X, Y, Z in the global system.
+
+    Rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
+    """
+    (cz, cx, cy), (sz, sx, sy) = np.cos(np.radians(angles.T)), np.sin(np.radians(angles.T))
+    zero, one = np.zeros_like(cz), np.ones_like(cz)
+    about_z = np.array([[cz, -sz, zero], [sz, cz, zero], [zero, zero, one]])
+    about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
+    about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
+    columns = np.einsum("ijn,jkn,kln->nil", about_z, about_x, about_y)
+    return np.asarray(columns.transpose(0, 2, 1))
+
+
+def read_attributes(path: str | Path) -> Attributes:
+    """Read a ``.cdb`` archive or a ``.rst`` result file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read or holds no elements.
+    OptionError
+        If ansys-mapdl-reader is missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError("attributes: no such file", path)
+    reader = mapdl_reader()
+    with library(path, "file of Ansys"):
+        if path.suffix.lower() == ".rst":
+            mesh = reader.read_binary(str(path)).mesh
+        else:
+            mesh = reader.Archive(str(path), parse_vtk=False)
+        if not mesh.n_elem:
+            raise FormatError("holds no elements (EBLOCK)", path)
+        rows = [np.asarray(row, dtype=np.int64) for row in mesh.elem]
+        routines = {int(number): int(routine) for number, routine in np.asarray(mesh.ekey)[:, :2]}
+        angles = mesh.node_angles
+        return Attributes(
+            path,
+            np.asarray(mesh.enum, dtype=np.int64),
+            {
+                "material": np.array([row[0] for row in rows]),
+                "type": np.array([row[1] for row in rows]),
+                "real": np.array([row[2] for row in rows]),
+                "section": np.array([row[3] for row in rows]),
+            },
+            np.array([routines.get(int(row[1]), 0) for row in rows]),
+            [row[_FIRST_NODE:] for row in rows],
+            {
+                str(name): np.asarray(part, dtype=np.int64)
+                for name, part in mesh.element_components.items()
+            },
+            np.asarray(mesh.nnum, dtype=np.int64),
+            np.asarray(mesh.nodes, dtype=np.float64),
+            np.zeros((mesh.n_node, 3)) if angles is None else np.asarray(angles, dtype=np.float64),
+        )
+
+
+def groups_of(
+    elements: NDArray[np.int64],
+    attributes: Attributes | None,
+    by: str,
+    groups: Mapping[str, Iterable[int]] | None,
+    path: str | Path,
+) -> NDArray[np.object_]:
+    """Return the group name of each element.
+
+    Parameters
+    ----------
+    elements : ndarray of int, shape (n,)
+        Element numbers.
+    attributes : Attributes or None
+        What is known of them.
+    by : {"material", "type", "real", "section", "component"}
+        What makes a group. By material, springs, point masses and matrices (COMBIN14, MASS21,
+        MATRIX27 and the like) are grouped by their real constants, as no material is in them.
+    groups : mapping of str to iterable of int, optional
+        Element numbers by group name, instead of `by`.
+    path : path
+        The file of the elements, for messages.
+
+    Returns
+    -------
+    ndarray of str, shape (n,)
+        "material 1", "real 3", the name of a component; "remaining" for those in no component or
+        group.
+
+    Raises
+    ------
+    FormatError
+        If an element is not known, or stands in two groups.
+    OptionError
+        If `by` is none of those, or a group is empty or names an element that is not there.
+    """
+    if groups is not None:
+        parts = {str(name): np.array(list(part), dtype=np.int64) for name, part in groups.items()}
+        return _parted(elements, parts, "groups", path)
+    if by not in BY:
+        raise OptionError(f"by={by!r}: {suggest(str(by), BY)}")
+    if attributes is None:
+        raise FormatError(
+            f"the file does not say which element is of which {by}: give attributes= (the model's"
+            " .cdb, written with CDWRITE, or its .rst), or groups= with element numbers; a .cdb or"
+            " .rst of the same name beside it is found",
+            path,
+        )
+    if by == "component":
+        if not attributes.components:
+            raise FormatError("holds no component of elements (CM, ...,ELEM)", attributes.path)
+        there = {n: p[np.isin(p, elements)] for n, p in attributes.components.items()}
+        return _parted(elements, {n: p for n, p in there.items() if p.size}, "components", path)
+    at = {int(number): i for i, number in enumerate(attributes.elements)}
+    missing = [int(e) for e in elements if int(e) not in at]
+    if missing:
+        raise FormatError(
+            f"element {missing[0]} ({len(missing)} such) is not in {attributes.path.name}, which"
+            f" has {len(at)} elements; only its first EBLOCK is read: use the .rst file, or one"
+            " block (CDWRITE)",
+            path,
+        )
+    index = np.array([at[int(e)] for e in elements])
+    names = np.array([f"{by} {n}" for n in attributes.numbers[by][index]], dtype=object)
+    if by == "material":
+        springs = np.isin(attributes.routine[index], _NO_MATERIAL)
+        names[springs] = [f"real {n}" for n in attributes.numbers["real"][index][springs]]
+    return names
+
+
+def _parted(
+    elements: NDArray[np.int64], parts: Mapping[str, NDArray[np.int64]], what: str, path: str | Path
+) -> NDArray[np.object_]:
+    if not parts:
+        raise OptionError(f"{what}: there is none with an element in it")
+    for name, part in parts.items():
+        if not part.size:
+            raise OptionError(f"{what}: {name!r} is empty")
+        absent = part[~np.isin(part, elements)]
+        if absent.size:
+            raise OptionError(
+                f"{what}: {name!r} names element {absent[0]} ({absent.size} such), which is not in"
+                f" {path}"
+            )
+    numbers, counts = np.unique(
+        list(chain.from_iterable(set(p.tolist()) for p in parts.values())), return_counts=True
+    )
+    if (counts > 1).any():
+        twice = int(numbers[counts > 1][0])
+        names = [name for name, part in parts.items() if twice in part]
+        raise FormatError(
+            f"element {twice} ({int((counts > 1).sum())} such) is in"
+            f" {' and '.join(map(repr, names))}; an element belongs to one group: say which with"
+            " groups=",
+            path,
+        )
+    out = np.full(len(elements), "remaining", dtype=object)
+    for name, part in parts.items():
+        out[np.isin(elements, part)] = name
+    return out
+
+
+def beside(path: str | Path, *suffixes: str) -> Path | None:
+    """Return the file of the same name with the first of the suffixes that is there: one job, one name."""
+    for suffix in suffixes:
+        for found in (Path(path).with_suffix(suffix), Path(path).with_suffix(suffix.upper())):
+            if found.is_file():
+                return found
+    return None

@@ -1,0 +1,278 @@
+"""What the binary files of Ansys Mechanical APDL have in common: records, header, units, names of DOFs.
+
+A record is a word (4 bytes) with the number n of words that follow, a word of flags, n words, and
+the number again (Ansys Programmer's Reference, "Format of Binary Data Files"). They are read here,
+not by ansys-mapdl-reader: that one returns upper triangles and twice as many numbers as a record of
+doubles holds, and a damaged file ends the process.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, OptionError
+from updyn.io.consistent_units import UNITS, System, system
+from updyn.io.items import placed
+
+__all__ = ["DOF_NAMES", "BinaryFile", "labels_of", "mapdl_reader"]
+
+_WORD = 4
+_LOW = 0xFFFFFFFF
+_HEADER = 100  # words
+_PACKAGE = "ansys.mapdl.reader"
+#: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by
+#: leaving out zeros.
+_TYPE, _COMPRESSED = 0xC0, 0x3F
+_TYPES = {0x80: "<i4", 0xC0: "<i2", 0x00: "<f8", 0x40: "<f4"}
+
+#: DOF reference numbers of Ansys (fdemat.inc, fdfull.inc); the first six are the directions of a
+#: `Dof`, in its order.
+DOF_NAMES: Mapping[int, str] = {
+    **dict(
+        enumerate(("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ", "AX", "AY", "AZ", "VX", "VY", "VZ"), 1)
+    ),
+    **dict(enumerate(("PRES", "TEMP", "VOLT", "MAG", "ENKE", "ENDS", "EMF", "CURR"), 19)),
+}
+
+_FILES = {2: ".emat", 4: ".full", 8: ".sub", 9: ".mode", 12: ".rst"}
+#: What /UNITS writes into the header (Programmer's Reference, standard header, item 5), as far as
+#: it is one of ours.
+_UNITS = {1: "m", 4: "in", 5: "m", 6: "mm"}
+_UNIT_NAMES = {1: "SI", 2: "CGS", 3: "BFT", 4: "BIN", 5: "MKS", 6: "MPA", 7: "uMKS"}
+
+
+def mapdl_reader(module: str = "") -> Any:
+    """Import ansys-mapdl-reader, or one of its modules.
+
+    Parameters
+    ----------
+    module : str
+        Name of the module within the package; empty: the package.
+
+    Raises
+    ------
+    OptionError
+        If it is not installed or cannot be loaded; the message says what to install.
+    """
+    try:
+        return importlib.import_module(f"{_PACKAGE}.{module}" if module else _PACKAGE)
+    except (ImportError, OSError) as error:
+        raise OptionError(
+            ".cdb and .rst files are read through ansys-mapdl-reader, which cannot be loaded"
+            f" ({error}): pip install 'updyn[ansys]'"
+        ) from error
+
+
+class BinaryFile:
+    """A binary file of Ansys, record by record.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : int
+        Number of the file type that it has to be: 2 ``.emat``, 4 ``.full``.
+
+    Raises
+    ------
+    FormatError
+        If it is not a file of that type, is of the other byte order, or is cut short in its header.
+    """
+
+    def __init__(self, path: str | Path, kind: int) -> None:
+        self.path = Path(path)
+        size = self.path.stat().st_size // _WORD
+        self._words = (
+            np.memmap(self.path, dtype="<i4", mode="r", shape=(size,))
+            if size
+            else np.empty(0, dtype="<i4")
+        )
+        if size < _HEADER + 3 or self._words[0] != _HEADER:
+            swapped = size and self._words[:1].view(">i4")[0] == _HEADER
+            why = (
+                "it is big-endian, of a machine that is not read"
+                if swapped
+                else "no complete header of Ansys"
+            )
+            raise FormatError(f"not a binary file of Ansys: {why}", path)
+        kind_found, self._unit = int(self._words[2]), int(self._words[6])
+        if kind_found != kind:
+            found = _FILES.get(kind_found, f"type {kind_found}")
+            raise FormatError(
+                f"is a {found} file of Ansys by its header, expected {_FILES[kind]}", path
+            )
+
+    def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NDArray[Any], int]:
+        """Read one record.
+
+        Parameters
+        ----------
+        at : int
+            Where it starts, in words.
+        what : str
+            What is expected there, for the message.
+        kinds : str
+            NumPy kinds of numbers that it may hold.
+
+        Returns
+        -------
+        values : ndarray
+            What it holds.
+        after : int
+            Where the next one starts, in words.
+
+        Raises
+        ------
+        FormatError
+            If there is no whole record, or it holds numbers of another kind.
+        """
+        after = self.after(at, what)
+        flags = int(self._words[at + 1]) >> 24 & 0xFF
+        if flags & _COMPRESSED:
+            raise FormatError(
+                f"{what}: the record at word {at} is compressed; solve with /FCOMP,...,0", self.path
+            )
+        words = self._words[at + 2 : after - 1]
+        dtype = _TYPES[flags & _TYPE]
+        if words.nbytes % np.dtype(dtype).itemsize or np.dtype(dtype).kind not in kinds:
+            raise FormatError(
+                f"{what}: the record at word {at} holds {words.nbytes} bytes of {dtype}", self.path
+            )
+        return np.array(words).view(dtype), after
+
+    def after(self, at: int, what: str, count: int = 1) -> int:
+        """Check that whole records stand at a word, and return where the next one starts.
+
+        Parameters
+        ----------
+        at : int
+            Where the first one starts, in words.
+        what : str
+            What is expected there, for the message.
+        count : int
+            How many.
+
+        Raises
+        ------
+        FormatError
+            If there are not as many whole records.
+        """
+        for _ in range(count):
+            length = self._word(at, what)
+            end = at + 2 + length
+            if length < 0 or self._word(end, what) != length:
+                raise FormatError(
+                    f"{what}: no whole record at word {at} of {len(self._words)}: damaged",
+                    self.path,
+                )
+            at = end + 1
+        return at
+
+    def _word(self, at: int, what: str) -> int:
+        if not 0 <= at < len(self._words):
+            raise FormatError(
+                f"{what}: reaches to word {at} of {len(self._words)}: cut short or damaged",
+                self.path,
+            )
+        return int(self._words[at])
+
+    def header(self, items: Mapping[str, int | tuple[int, int]]) -> dict[str, int]:
+        """Return items of the header of the file, the record that follows the standard header.
+
+        Parameters
+        ----------
+        items : mapping of str to int or (int, int)
+            Place of each item, counted from 0, or of the low and the high half of a long one.
+
+        Raises
+        ------
+        FormatError
+            If it is damaged or too short.
+        """
+        values, _ = self.record(_HEADER + 3, "header", "i")
+        last = max(max(at) if isinstance(at, tuple) else at for at in items.values())
+        if len(values) <= last:
+            raise FormatError(
+                f"header: {len(values)} numbers, expected {last + 1}: a release before 14.5?",
+                self.path,
+            )
+        return {
+            name: (
+                int(values[at])
+                if isinstance(at, int)
+                else (int(values[at[1]]) << 32) + (int(values[at[0]]) & _LOW)
+            )
+            for name, at in items.items()
+        }
+
+    def units(self, unit: str | None) -> System:
+        """Return the units of the numbers: as stated, else as the header says, else SI.
+
+        Parameters
+        ----------
+        unit : str or None
+            What was stated.
+
+        Raises
+        ------
+        OptionError
+            If there is no such unit.
+        FormatError
+            If the header says another one, or one that has to be converted by hand.
+        """
+        said = _UNITS.get(self._unit)
+        name = _UNIT_NAMES.get(self._unit)
+        if name is not None and said is None:
+            raise FormatError(
+                f"the header says units {name}, which are not converted; solve in one of"
+                f" {', '.join(UNITS)}",
+                self.path,
+            )
+        if unit is None:
+            return system(said or "m")
+        if said is not None and system(unit).name != said:
+            raise FormatError(
+                f"unit {unit!r} contradicts the header, which says {name}"
+                f" ({UNITS[said].described})",
+                self.path,
+            )
+        return system(unit)
+
+
+def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
+    """Return DOFs from nodes and Ansys's DOF reference numbers.
+
+    Parameters
+    ----------
+    nodes : ndarray of int, shape (n,)
+        Node numbers.
+    numbers : ndarray of int, shape (n,)
+        DOF reference numbers, 1 to 6 for UX UY UZ ROTX ROTY ROTZ.
+    path : path
+        The file, for messages.
+
+    Raises
+    ------
+    FormatError
+        If one is not a displacement or a rotation, or stands twice.
+    """
+    other = np.flatnonzero((numbers < 1) | (numbers > 6))
+    if other.size:
+        at = int(other[0])
+        name = DOF_NAMES.get(int(numbers[at]), f"number {numbers[at]}")
+        more = f" ({other.size} such)" if other.size > 1 else ""
+        raise FormatError(
+            f"node {nodes[at]} has the degree of freedom {name}{more}; expected displacements and"
+            " rotations only (UX UY UZ ROTX ROTY ROTZ): a structure without fields, fluid and"
+            " multipliers",
+            path,
+        )
+    with placed(path, "degrees of freedom"):
+        return DofSet.from_arrays(nodes, numbers - 1)

@@ -1,0 +1,508 @@
+"""Ansys ``.emat`` files: a model whose groups are exact sums of its element matrices.
+
+The file has the matrices of each element, before supports. It does not say which element is of
+which material, nor what is constrained: that comes from the files of the same job beside it, its
+``.cdb`` or ``.rst`` and its ``.full``. With the ``.full`` file, the sum of the groups is compared
+with K and M as Ansys assembled them.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.io.ansys.attributes import Attributes, beside, groups_of, read_attributes
+from updyn.io.ansys.binary import BinaryFile, labels_of
+from updyn.io.ansys.full import FullSystem, read_system
+from updyn.io.ansys.properties import write_properties
+from updyn.io.items import chosen, placed
+from updyn.model import Group, Matrix, Model
+
+__all__ = [
+    "Element",
+    "ElementFile",
+    "read_model",
+    "write_properties",
+]
+
+_TOLERANCE = 1e-10  # of the largest entry of row and column, between the sum of the elements and the .full file
+_CHUNK = 4_000_000  # entries that are gathered before they are added up
+_STRESS = "stress stiffness"
+_KEYS = 64  # more than there are DOF reference numbers: node and number as one number
+
+
+def read_model(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    loss_factor: float = 0.0,
+    by: str = "material",
+    groups: Mapping[str, Iterable[int]] | None = None,
+    attributes: str | Path | None = None,
+    full: str | Path | bool | None = None,
+    supports: Iterable[str | Dof] | None = None,
+    stress_stiffness: bool | None = None,
+) -> Model:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : {"m", "mm", "in"}, optional
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        those of the header, else SI.
+    loss_factor : float
+        Structural loss factor of every group with stiffness; the file has none.
+    by : {"material", "type", "real", "section", "component"}
+        What makes a group, named "material 1" or as the component. By material, springs, point
+        masses and matrix elements are grouped by their real constants, "real 3". Elements in no
+        component are "remaining".
+    groups : mapping of str to iterable of int, optional
+        Element numbers by group name, instead of `by`.
+    attributes : path, optional
+        The model's ``.cdb`` or ``.rst``, relative to the file, with attributes and positions. Left
+        out: one of the same name beside the file.
+    full : path or False, optional
+        The ``.full`` file of the same model, relative to the file: supports, and a check of the
+        sums. Left out: one of the same name beside the file, unless `supports` are given. False:
+        none.
+    supports : iterable of str or Dof, optional
+        What is constrained, where there is no ``.full`` file; an empty list says that nothing is.
+    stress_stiffness : bool, optional
+        Whether the stress stiffness of the elements acts (a prestressed solution); it becomes a
+        group of its own, "stress stiffness". It has to be said for a file that has any.
+
+    Returns
+    -------
+    Model
+        In SI, with geometry where attributes are known. Damping matrices of elements are their
+        group's viscous matrix.
+
+    Raises
+    ------
+    FormatError
+        If a file is damaged or not of the same model, elements have degrees of freedom besides
+        displacements and rotations, an element belongs to no or to two groups, or the groups do not
+        add up to the ``.full`` file.
+    OptionError
+        If an option is not valid, or ansys-mapdl-reader, which reads ``.cdb`` and ``.rst``, is
+        missing.
+
+    Warns
+    -----
+    UpdynWarning
+        If nothing says what is constrained, or degrees of freedom without any matrix are left out.
+    """
+    if supports is not None and full not in (None, False):
+        raise OptionError("full= and supports= both say what is constrained; give one of them")
+    file = ElementFile(path)
+    units = file.binary.units(unit)
+    known = _attributes(path, attributes)
+    names = groups_of(file.elements, known, by, groups, path)
+    dofs = _all_dofs(file, known)
+    whole = {
+        name: {what: units.to_si(m, dofs) for what, m in parts.items()}
+        for name, parts in _sums(file, names, dofs).items()
+    }
+    _say_stress_stiffness(whole, stress_stiffness, path)
+    system = _system(path, full, unit) if supports is None else None
+    keep = _kept(dofs, whole, system, supports, path, said=full is False)
+    parts = {
+        name: {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()}
+        for name, matrices in whole.items()
+    }
+    kept = dofs[keep]
+    if system is not None:
+        _check_sum(parts, system, kept, path)
+    with placed(path):
+        return Model.from_groups(
+            {n: g for n, p in parts.items() if (g := _group(p, loss_factor)) is not None},
+            kept,
+            geometry=None if known is None else known.geometry(units.length),
+        )
+
+
+def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:
+    if given is not None:
+        return read_attributes(Path(path).parent / given)
+    found = beside(path, ".cdb", ".rst")
+    return None if found is None else read_attributes(found)
+
+
+def _system(
+    path: str | Path, full: str | Path | bool | None, unit: str | None
+) -> FullSystem | None:
+    if isinstance(full, bool):
+        if full:
+            raise OptionError("full=True: expected the path of a .full file, or False for none")
+        return None
+    found = beside(path, ".full") if full is None else Path(path).parent / full
+    if found is not None and not found.is_file():
+        raise FormatError("full: no such file", found)
+    return None if found is None else read_system(found, unit)
+
+
+# -- adding up ---------------------------------------------------------------------------------------------
+def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
+    """Return the degrees of freedom of all elements, sorted by node and direction."""
+    path = file.binary.path
+    nodes_of = (
+        {} if known is None else dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
+    )
+    found: list[NDArray[np.int64]] = []
+    for element in file:
+        own = nodes_of.get(element.number)
+        if known is not None and own is not None and not np.isin(element.nodes, own).all():
+            stray = element.nodes[~np.isin(element.nodes, own)][0]
+            raise FormatError(
+                f"element {element.number} acts on node {stray}, which it has not in"
+                f" {known.path.name}: not the files of one model",
+                path,
+            )
+        if element.matrices:
+            found.append(element.nodes * _KEYS + element.dofs)
+    if not found:
+        raise FormatError("no element has a matrix", path)
+    nodes, numbers = np.divmod(np.unique(np.concatenate(found)), _KEYS)
+    return labels_of(nodes, numbers, path)
+
+
+def _sums(
+    file: ElementFile, names: NDArray[np.object_], dofs: DofSet
+) -> dict[str, dict[str, Matrix]]:
+    """Return K, M, C and stress stiffness of each group, shape (N, N), in units of the deck."""
+    sums: dict[str, dict[str, _Sum]] = {}
+    keys = dofs.nodes * _KEYS + dofs.axes + 1  # ascending: sorted by node and direction
+    for name, element in zip(names, file, strict=True):
+        at = np.searchsorted(keys, element.nodes * _KEYS + element.dofs)
+        for what, matrix in element.matrices.items():
+            group, kind = (_STRESS, "stiffness") if what == _STRESS else (str(name), what)
+            if matrix.any():
+                sums.setdefault(group, {}).setdefault(kind, _Sum(len(dofs))).add(at, matrix)
+    # In the order of their names, numbers by value: "material 2" before "material 10".
+    order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_number(n)))
+    return {name: {what: total.matrix() for what, total in sums[name].items()} for name in order}
+
+
+def _by_number(name: str) -> tuple[str, int]:
+    word, _, number = name.rpartition(" ")
+    return (word, int(number)) if number.isdigit() else (name, 0)
+
+
+class _Sum:
+    """A sparse sum of small matrices, added up before the pieces take too much memory."""
+
+    def __init__(self, size: int) -> None:
+        self._total = sp.csr_array((size, size), dtype=np.float64)
+        self._pieces: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
+        self._count = 0
+
+    def add(self, at: NDArray[np.intp], matrix: NDArray[np.float64]) -> None:
+        row, column = np.nonzero(matrix)
+        self._pieces.append(
+            (at[row].astype(np.int32), at[column].astype(np.int32), matrix[row, column])
+        )
+        self._count += len(row)
+        if self._count > _CHUNK:
+            self.matrix()
+
+    def matrix(self) -> Matrix:
+        if self._pieces:
+            row, column, data = (np.concatenate(part) for part in zip(*self._pieces, strict=True))
+            self._total = self._total + sp.csr_array(
+                sp.coo_array((data, (row, column)), shape=self._total.shape)
+            )
+            self._pieces, self._count = [], 0
+        return self._total
+
+
+def _say_stress_stiffness(
+    parts: dict[str, dict[str, Matrix]], acts: bool | None, path: str | Path
+) -> None:
+    if _STRESS not in parts:
+        if acts:
+            raise FormatError("stress_stiffness=True, but no element has any", path)
+        return
+    if acts is None:
+        raise OptionError(
+            f"{path}: elements have stress stiffness; say whether it acts: stress_stiffness=True"
+            " (PSTRES,ON, a prestressed solution) or False"
+        )
+    if not acts:
+        del parts[_STRESS]
+
+
+def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group | None:
+    if not parts:
+        return None
+    stiffness = parts.get("stiffness")
+    return Group(
+        stiffness,
+        parts.get("mass"),
+        0.0 if stiffness is None else loss_factor,
+        parts.get("damping"),
+    )
+
+
+# -- supports, and the check -------------------------------------------------------------------------------
+def _kept(
+    dofs: DofSet,
+    parts: Mapping[str, Mapping[str, Matrix]],
+    system: FullSystem | None,
+    supports: Iterable[str | Dof] | None,
+    path: str | Path,
+    *,
+    said: bool,
+) -> NDArray[np.intp]:
+    """Return the positions of the DOFs of the model: those that are neither constrained nor without any matrix."""
+    used = np.zeros(len(dofs), dtype=np.bool_)
+    for matrix in (m for p in parts.values() for m in p.values()):
+        used[matrix.indices[matrix.data != 0.0]] = True
+    keep = np.ones(len(dofs), dtype=np.bool_)
+    if system is not None:
+        missing = [d for d in system.dofs if d not in dofs]
+        if missing:
+            raise FormatError(
+                f"the .full file has {missing[0]} ({len(missing)} such), on which no element acts:"
+                " not the files of one model",
+                path,
+            )
+        keep[:] = False
+        keep[dofs.match(system.dofs).index] = True
+        free = [d for d in dofs[np.flatnonzero(~keep & used)] if d not in system.supports]
+        if free:
+            raise FormatError(
+                f"{free[0]} ({len(free)} such) is neither free nor constrained in the .full file:"
+                " not the files of one model",
+                path,
+            )
+    elif supports is not None:
+        grounded = list(supports)
+        if grounded:
+            with placed(path, "supports"):
+                keep[dofs.match(chosen(grounded, "supports", path)).index] = False
+    elif not said:
+        warnings.warn(
+            f"{path}: nothing says what is constrained, the model is taken as free: give full= (the"
+            " .full file) or supports=, or full=False to say that it is free",
+            UpdynWarning,
+            stacklevel=3,
+        )
+    lone = np.flatnonzero(keep & ~used)
+    if lone.size:
+        warnings.warn(
+            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are left"
+            f" out, the first being {dofs[int(lone[0])]}",
+            UpdynWarning,
+            stacklevel=3,
+        )
+    return np.flatnonzero(keep & used)
+
+
+def _check_sum(
+    parts: Mapping[str, Mapping[str, Matrix]], system: FullSystem, dofs: DofSet, path: str | Path
+) -> None:
+    """Refuse groups that do not add up to what Ansys assembled."""
+    at = system.dofs.match(dofs).index
+    for what, total in (
+        ("stiffness", system.stiffness),
+        ("mass", system.mass),
+        ("damping", system.viscous),
+    ):
+        own = [p[what] for p in parts.values() if what in p]
+        if total is None:
+            continue  # a static solution has no M, an undamped one no C: there is nothing to compare with
+        expected = sp.csr_array(total)[at][:, at]
+        left = sp.coo_array(sum(own, -expected))
+        if not left.nnz:
+            continue
+        scale = np.asarray(abs(expected).max(axis=1).toarray()).ravel()
+        beyond = np.abs(left.data) - _TOLERANCE * np.maximum(scale[left.row], scale[left.col])
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 0.0:
+            i, j = int(left.row[worst]), int(left.col[worst])
+            raise FormatError(
+                f"the element matrices do not add up to the .full file: {what} at {dofs[i]},"
+                f" {dofs[j]} is {left.data[worst]:.3g} off (largest entry there"
+                f" {max(scale[i], scale[j]):.3g}); files of different solutions, or couplings (CE,"
+                " CP, contact) that no element shows",
+                path,
+            )
+
+
+_KIND = 2
+_MATRICES = ("stiffness", "mass", "damping", "stress stiffness")
+_HEADER: dict[str, int | tuple[int, int]] = {
+    "nume": 1,
+    "numdof": 2,
+    "lenbac": 4,
+    "numCE": 26,
+    "ptrDOF": 30,
+    "ptrBAC": 31,
+    "ptrElm": (32, 20),
+    "ptrIDX": (37, 25),
+}
+_SAMPLE = 200  # elements that tell how triangles are packed
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One element.
+
+    Parameters
+    ----------
+    number : int
+        Element number.
+    nodes : ndarray of int, shape (n,)
+        Node number of each row.
+    dofs : ndarray of int, shape (n,)
+        DOF reference number of each row.
+    matrices : dict of str to ndarray of float, shape (n, n)
+        Those that it has, of "stiffness", "mass", "damping", "stress stiffness", in units of the
+        deck.
+    """
+
+    number: int
+    nodes: NDArray[np.int64]
+    dofs: NDArray[np.int64]
+    matrices: dict[str, NDArray[np.float64]]
+
+
+class ElementFile:
+    """An ``.emat`` file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Attributes
+    ----------
+    binary : BinaryFile
+        Its records.
+    elements : ndarray of int, shape (n,)
+        Element numbers, in the order of the file.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or holds what the elements alone do not say (internal constraint
+        equations).
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.binary = BinaryFile(path, _KIND)
+        header = self.binary.header(_HEADER)
+        if header["numCE"]:
+            raise FormatError(
+                f"holds {header['numCE']} internal constraint equations (contact, joints), which no"
+                " element shows",
+                path,
+            )
+        self._used = self._table(header["ptrDOF"], "degrees of freedom per node", header["numdof"])
+        self._nodes = self._table(header["ptrBAC"], "nodal equivalence table", header["lenbac"])
+        self.elements = self._table(header["ptrElm"], "element equivalence table", header["nume"])
+        if not len(self.elements):
+            raise FormatError("holds no element", path)
+        index = self._table(header["ptrIDX"], "element index table", 2 * header["nume"])
+        low, high = np.split(index, 2)
+        self._at = (high << 32) + (low & 0xFFFFFFFF)
+        self._by_rows = True
+        self._by_rows = self._packed_by_rows()
+
+    def _table(self, at: int, what: str, length: int) -> NDArray[np.int64]:
+        values, _ = self.binary.record(at, what, "i")
+        if len(values) != length:
+            raise FormatError(
+                f"{what}: found {len(values)} numbers, the header says {length}", self.binary.path
+            )
+        return values.astype(np.int64)
+
+    def __iter__(self) -> Iterator[Element]:
+        for i in range(len(self.elements)):
+            yield self._read(i)
+
+    def _read(self, i: int) -> Element:
+        where = f"element {self.elements[i]}"
+        header, at = self.binary.record(int(self._at[i]), where, "i")
+        if len(header) < 10:
+            raise FormatError(
+                f"{where}: its header has {len(header)} numbers, expected 10", self.binary.path
+            )
+        size = abs(int(header[9]))
+        index, at = self.binary.record(at, f"{where}: DOF index table", "i")
+        if len(index) != size:
+            raise FormatError(
+                f"{where}: {size} rows and {len(index)} degrees of freedom; a substructure"
+                " (MATRIX50) is not read",
+                self.binary.path,
+            )
+        node, dof = np.divmod(index.astype(np.int64) - 1, len(self._used))
+        if size and (node.min() < 0 or node.max() >= len(self._nodes)):
+            raise FormatError(
+                f"{where}: DOF index {index[np.argmax((node < 0) | (node >= len(self._nodes)))]} is"
+                f" not one of {len(self._nodes)} nodes with {len(self._used)} degrees of freedom"
+                " each",
+                self.binary.path,
+            )
+        matrices = {}
+        for key, what in zip(header[:4], _MATRICES, strict=True):
+            if key:
+                values, at = self.binary.record(at, f"{where}: {what}", "f")
+                matrices[what] = self._square(values.astype(np.float64), size, f"{where}: {what}")
+        return Element(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
+
+    def _square(self, values: NDArray[np.float64], size: int, where: str) -> NDArray[np.float64]:
+        """Return a matrix from a record: its length says whether it is full, a triangle or a diagonal."""
+        if not np.isfinite(values).all():
+            raise FormatError(f"{where} holds numbers that are not finite", self.binary.path)
+        if len(values) == size * size:
+            full = values.reshape(size, size)
+            if size and np.abs(full - full.T).max() > 1e-10 * np.abs(full).max():
+                raise FormatError(
+                    f"{where} is unsymmetric; expected a symmetric structure", self.binary.path
+                )
+            return 0.5 * (full + full.T)
+        if len(values) == size:
+            return np.diag(values)
+        if len(values) == size * (size + 1) // 2:
+            out = np.zeros((size, size))
+            out[np.tril_indices(size) if self._by_rows else np.triu_indices(size)] = values
+            return out + out.T - np.diag(out.diagonal())
+        raise FormatError(
+            f"{where}: {len(values)} numbers fit no matrix of {size} rows, full, triangular or"
+            " diagonal",
+            self.binary.path,
+        )
+
+    def _packed_by_rows(self) -> bool:
+        """Return whether a lower triangle is stored row by row, rather than column by column.
+
+        The description does not say. A stiffness that is unpacked in the right order makes no force
+        on a structure that is moved as it is: its entries between one row and the same direction of
+        all nodes add up to nothing.
+        """
+        left = []
+        for by_rows in (True, False):
+            self._by_rows, rest = by_rows, 0.0
+            for i in range(min(len(self.elements), _SAMPLE)):
+                element = self._read(i)
+                K = element.matrices.get("stiffness")
+                if K is not None and np.any(K):
+                    moved = sum(
+                        np.abs(K[:, element.dofs == number].sum(axis=1)).max()
+                        for number in (1, 2, 3)
+                    )
+                    rest += float(moved) / float(np.abs(K).max())
+            left.append(rest)
+        return left[0] <= left[1]

@@ -1,0 +1,306 @@
+"""Ansys ``.full`` files: K, M and C of the whole structure, as Mechanical APDL solved it.
+
+A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of
+degrees of freedom come from the nodal extent vector and the DOF vector, in which supports are
+negative; supports are no degrees of freedom of the model. The file knows no groups: with
+``doubled``, runs of the deck with one group's stiffness and density doubled, they come out by
+difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, OptionError
+from updyn.io.ansys.binary import BinaryFile, labels_of
+from updyn.io.ansys.properties import write_properties
+from updyn.io.differences import groups_by_difference
+from updyn.io.items import placed
+from updyn.model import Group, Matrix, Model
+
+__all__ = ["FullSystem", "read_model", "read_system", "write_properties"]
+
+_KIND = 4
+_FILE_HEADER = 103  # words: it follows the standard header
+#: Places of items in the header of the file, of long ones the low and the high half (fdfull.inc).
+_ITEMS: dict[str, int | tuple[int, int]] = {
+    "fun04": 0,
+    "neqn": 1,
+    "ntermK": (8, 9),
+    "lumpm": 10,
+    "keyuns": 13,
+    "ptrSTF": (18, 19),
+    "ncefull": 20,
+    "ntermM": (33, 21),
+    "ptrEND": (22, 23),
+    "ptrMAS": (26, 27),
+    "ptrDMP": (28, 29),
+    "ntermD": (34, 39),
+    "ptrDOF": (35, 36),
+    "distKey": 62,
+    "nVirtBCs": 79,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FullSystem:
+    """What a ``.full`` file holds, in SI.
+
+    Parameters
+    ----------
+    stiffness, mass, viscous : sparse CSR, shape (N, N), or None
+        K (N/m), M (kg), C (N s/m), both triangles, without supports.
+    dofs : DofSet
+        The N degrees of freedom, by node and direction.
+    supports : DofSet
+        Those that are constrained.
+    """
+
+    stiffness: Matrix | None
+    mass: Matrix | None
+    viscous: Matrix | None
+    dofs: DofSet
+    supports: DofSet
+
+
+def read_model(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    loss_factor: float = 0.0,
+    doubled: Mapping[str, str | Path] | None = None,
+) -> Model:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : {"m", "mm", "in"}, optional
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        those of the header, else SI.
+    loss_factor : float
+        Structural loss factor of every group; the file has none.
+    doubled : mapping of str to path, optional
+        By group name, the ``.full`` file, relative to the file, of the same deck with stiffness and
+        density of that group doubled. The groups have to add up to the model (1e-10). Left out: one
+        group, "model".
+
+    Returns
+    -------
+    Model
+        In SI. Damping of the file (dashpots and the like) is the viscous matrix of "model", or the
+        group "damping".
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, has degrees of freedom besides displacements and rotations, or holds
+        what is not one symmetric structure: constraint equations, a complex or unsymmetric matrix,
+        one part of a distributed solution.
+    OptionError
+        If an option is not valid.
+    """
+    system = read_system(path, unit)
+    if doubled is None:
+        with placed(path):
+            groups = {"model": Group(system.stiffness, system.mass, loss_factor, system.viscous)}
+    else:
+        groups = _by_difference(system, doubled, path, unit, loss_factor)
+        if system.viscous is not None:
+            groups["damping"] = Group(viscous=system.viscous)
+    with placed(path):
+        return Model.from_groups(groups, system.dofs)
+
+
+def _by_difference(
+    system: FullSystem,
+    doubled: Mapping[str, str | Path],
+    path: str | Path,
+    unit: str | None,
+    loss_factor: float,
+) -> dict[str, Group]:
+
+    if not isinstance(doubled, Mapping) or not doubled:
+        raise OptionError(
+            f"doubled: expected a mapping of group name to .full file, found {doubled!r}"
+        )
+    if "damping" in doubled and system.viscous is not None:
+        raise OptionError(
+            "doubled: 'damping' is what the file's own viscous matrix is called; choose another"
+            " name"
+        )
+
+    def of(name: str) -> tuple[Matrix | None, Matrix | None]:
+        file = Path(path).parent / doubled[name]
+        if not file.is_file():
+            raise FormatError(f"doubled: no such file for group {name!r}", file)
+        other = read_system(file, unit)
+        if other.dofs != system.dofs:
+            raise FormatError(
+                f"group {name!r}: other degrees of freedom than {Path(path).name}", file
+            )
+        return other.stiffness, other.mass
+
+    parts = groups_by_difference(doubled, (system.stiffness, system.mass), of, system.dofs, path)
+    for name, (stiffness, mass) in parts.items():
+        if stiffness is None and mass is None:
+            raise FormatError(
+                f"group {name!r}: {doubled[name]} has the same matrices; nothing was doubled", path
+            )
+    return {
+        name: Group(stiffness, mass, 0.0 if stiffness is None else loss_factor)
+        for name, (stiffness, mass) in parts.items()
+    }
+
+
+def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
+    """Read K, M and C with their degrees of freedom.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : str, optional
+        As in `read_model`.
+
+    Returns
+    -------
+    FullSystem
+        Sorted by node and direction.
+
+    Raises
+    ------
+    FormatError, OptionError
+        As `read_model`.
+    """
+    binary = BinaryFile(path, _KIND)
+    units = binary.units(unit)
+    header = binary.header(_ITEMS)
+    _check_header(header, path)
+    nodes, numbers = _dof_vector(binary, header)
+    free = np.flatnonzero(numbers > 0)
+    dofs = labels_of(nodes, np.abs(numbers), path)
+    order = free[np.lexsort((dofs.axes[free], dofs.nodes[free]))]
+    kept = dofs[order]
+
+    def matrix(pointer: str, terms: str, what: str) -> Matrix | None:
+        if not header[terms]:
+            return None
+        found = _matrix(binary, header["neqn"], header[pointer], what, order, header[terms])
+        return units.to_si(found, kept)
+
+    return FullSystem(
+        stiffness=matrix("ptrSTF", "ntermK", "stiffness"),
+        mass=matrix("ptrMAS", "ntermM", "mass"),
+        viscous=matrix("ptrDMP", "ntermD", "damping"),
+        dofs=kept,
+        supports=dofs[np.flatnonzero(numbers < 0)],
+    )
+
+
+def _check_header(header: Mapping[str, int], path: str | Path) -> None:
+    """Refuse what the matrices alone would not show."""
+    if header["ptrEND"] * 4 > Path(path).stat().st_size:
+        raise FormatError(f"cut short: its end is said to be at word {header['ptrEND']}", path)
+    if header["lumpm"]:
+        raise FormatError(
+            "holds a lumped mass matrix; solve with LUMPM,OFF, or read the .emat file", path
+        )
+    if header["keyuns"]:
+        raise FormatError(
+            "holds unsymmetric matrices; fluid, gyroscopic and friction terms make them so:"
+            " expected a symmetric structure (MODOPT,LANB)",
+            path,
+        )
+    if header["fun04"] >= 0:
+        raise FormatError(
+            "assembled for the frontal solver; expected symbolic assembly (EQSLV,SPARSE)", path
+        )
+    if header["ncefull"]:
+        raise FormatError(
+            f"holds {header['ncefull']} constraint equations (CE, CP, RBE3, contact) that are not"
+            " in its K and M; give them to updyn.elements.constraints on a model read from the"
+            " .emat file",
+            path,
+        )
+    if header["nVirtBCs"]:
+        raise FormatError("holds virtual constraints; expected supports and elements only", path)
+    if header["distKey"]:
+        raise FormatError(
+            "is one part of a distributed solution; solve with -smp, or combine the parts"
+            " (COMBINE)",
+            path,
+        )
+
+
+def _dof_vector(
+    binary: BinaryFile, header: Mapping[str, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return node and DOF reference number of each equation, negative where it is constrained."""
+    at = binary.after(
+        _FILE_HEADER, "header", 2
+    )  # and the degrees of freedom in use, of all nodes together
+    nodes, _ = binary.record(at, "nodal equivalence table", "i")
+    extent, at = binary.record(header["ptrDOF"], "nodal extent vector", "i")
+    numbers, _ = binary.record(at, "DOF vector", "i")
+    if (
+        len(extent) != len(nodes)
+        or extent.sum() != header["neqn"]
+        or len(numbers) != header["neqn"]
+    ):
+        raise FormatError(
+            f"{header['neqn']} equations, but {len(nodes)} nodes with {extent.sum()} degrees of"
+            f" freedom and {len(numbers)} entries in the DOF vector: multipliers of contact or"
+            " joints, or a damaged file",
+            binary.path,
+        )
+    return np.repeat(nodes, extent).astype(np.int64), numbers.astype(np.int64)
+
+
+def _matrix(
+    binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int
+) -> Matrix:
+    """Return the matrix whose rows start at a word, both triangles, with the rows and columns asked for."""
+    columns: list[NDArray[Any]] = []
+    entries: list[NDArray[Any]] = []
+    for _ in range(size):
+        column, at = binary.record(at, what, "i")
+        entry, at = binary.record(at, what, "f")
+        if len(entry) != len(column):
+            raise FormatError(
+                f"{what}: row {len(columns) + 1} has {len(column)} columns and {len(entry)}"
+                " numbers; complex matrices of a harmonic solution are not read",
+                binary.path,
+            )
+        columns.append(column)
+        entries.append(entry)
+    row = np.repeat(np.arange(size), [len(c) for c in columns])
+    column, data = (
+        np.concatenate(columns).astype(np.int64) - 1,
+        np.concatenate(entries).astype(np.float64),
+    )
+    if len(column) != terms:
+        raise FormatError(
+            f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path
+        )
+    if column.min() < 0 or column.max() >= size:
+        raise FormatError(f"{what}: a column outside of 1 to {size}: damaged", binary.path)
+    if (column < row).any() and (column > row).any():
+        raise FormatError(
+            f"{what}: entries on both sides of the diagonal; expected one triangle", binary.path
+        )
+    if not np.isfinite(data).all():
+        raise FormatError(f"{what}: holds numbers that are not finite", binary.path)
+    triangle = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))[order][
+        :, order
+    ]
+    return sp.csr_array(triangle + triangle.T - sp.diags_array(triangle.diagonal()))

@@ -1,0 +1,576 @@
+"""Updated properties for an Ansys deck, as commands that it can include (APDL).
+
+Groups are those of `updyn.io.ansys.emat`, by material: "material 3" has its moduli (EX, EY, EZ,
+GXY, GYZ, GXZ), its density (DENS) and its damping (ALPD, BETD, and DMPS or DMPR); "real 4" has the
+constants of springs, dampers and point masses (COMBIN14, MASS21, COMBIN40, COMBI214).
+
+The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases that have no DMPS
+add 2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis
+as 2gK"): DMPR = gamma / 2 there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from updyn.errors import FormatError, suggest
+from updyn.io.ansys.attributes import beside
+from updyn.io.atomic import atomic_path
+
+__all__ = [
+    "Deck",
+    "Property",
+    "RealSet",
+    "read_deck",
+    "write_properties",
+]
+
+_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
+_MODULI = ("EX", "EY", "EZ", "GXY", "GYZ", "GXZ")
+#: Places of real constants, counted from 1, by element routine (Ansys Element Reference).
+_REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
+    14: {"stiffness": (1,), "viscous": (2, 3)},
+    21: {"mass": (1, 2, 3, 4, 5, 6)},
+    40: {"stiffness": (1, 6), "viscous": (2,), "mass": (3,)},
+    214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
+}
+_NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
+_NO_DMPS = (
+    2020  # releases before 2020 R1, counted by years or as 15.0 to 19.5, are known to have none
+)
+
+
+def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, path: Path) -> None:
+    """Write the commands for the groups that change.
+
+    Parameters
+    ----------
+    changes : mapping of str to mapping of str to float
+        By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
+    deck : Path
+        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands); for an
+        ``.emat`` or ``.full`` file, the ``.cdb`` of the same name beside it.
+    path : Path
+        The file to write.
+
+    Raises
+    ------
+    FormatError
+        If the deck has no such material or real constant set, or has no number there to change.
+    """
+    deck = _commands(deck)
+    found = read_deck(deck)
+    names = [f"material {n}" for n in sorted(found.materials)] + [
+        f"real {n}" for n in sorted(found.reals)
+    ]
+    blocks: list[str] = []
+    for name, change in changes.items():
+        kind = re.fullmatch(r"(material|real) (\d+)", name)
+        if kind is None or name not in names:
+            hint = (
+                ""
+                if kind
+                else " (by component, type or section there is no one property: group by material)"
+            )
+            raise FormatError(f"the deck has no {name!r}{hint}; {suggest(name, names)}", deck)
+        _check(name, change, deck)
+        number = int(kind[2])
+        said = ", ".join(
+            f"{q} {'=' if q == 'loss_factor' else 'x'} {v!r}" for q, v in change.items()
+        )
+        blocks += ["!", f"! {name}: {said or 'unchanged'}"]
+        blocks += (
+            _material(found, number, change)
+            if kind[1] == "material"
+            else _real(found, number, change)
+        )
+    heading = [
+        f"! New properties for {deck.name}: {', '.join(changes)}.",
+        f"! Read them in /PREP7 after the deck: /INPUT,{path.stem},{path.suffix.lstrip('.')}",
+    ]
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([*heading, *blocks]) + "\n", encoding="utf-8")
+
+
+def _commands(deck: Path) -> Path:
+    if deck.suffix.lower() not in (".emat", ".full"):
+        return deck
+    found = beside(deck, ".cdb")
+    if found is None:
+        raise FormatError(
+            f"properties are changed in the deck: no {deck.with_suffix('.cdb').name} beside it"
+            " (CDWRITE)",
+            deck,
+        )
+    return found
+
+
+def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
+    for quantity, value in change.items():
+        if quantity not in _QUANTITIES:
+            raise FormatError(
+                f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
+            )
+        least = quantity in ("viscous", "loss_factor")
+        if not (0 < value < float("inf") or (least and value == 0)):
+            wanted = "at least 0" if least else "above 0"
+            raise FormatError(
+                f"group {name!r}: {quantity} {value!r}; expected a finite number {wanted}", deck
+            )
+
+
+# -- materials ---------------------------------------------------------------------------------------------
+def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+    has = deck.materials[number]
+    stiffness, mass, viscous = (change.get(q, 1.0) for q in ("stiffness", "mass", "viscous"))
+    if number in deck.tables and (stiffness != 1.0 or viscous != 1.0 or "loss_factor" in change):
+        raise FormatError(
+            f"material {number} has a table (TB) of elasticity or damping, which is not changed;"
+            " expected MP or MPDATA",
+            deck.path,
+            deck.tables[number],
+        )
+    moduli = [label for label in _MODULI if label in has]
+    _needed(deck, number, has, stiffness != 1.0, moduli, "EX")
+    _needed(deck, number, has, mass != 1.0, "DENS" in has, "DENS")
+    _needed(deck, number, has, viscous != 1.0, "ALPD" in has or "BETD" in has, "ALPD or BETD")
+    factors = dict.fromkeys(moduli, stiffness)
+    # C = ALPD M + BETD K of the new M and K, and is to be `viscous` times the old C.
+    factors |= {"DENS": mass, "ALPD": viscous / mass, "BETD": viscous / stiffness}
+    out = []
+    for label, factor in factors.items():
+        if label in has and factor != 1.0:
+            out += _written(deck, number, label, has[label], factor)
+    if "loss_factor" in change:
+        out += _loss_factor(deck, number, has, change["loss_factor"])
+    return out
+
+
+def _needed(
+    deck: Deck, number: int, has: Mapping[str, Property], asked: bool, there: object, label: str
+) -> None:
+    if asked and not there:
+        line = next(iter(has.values())).line
+        raise FormatError(
+            f"material {number} has no {label} to change; it has {', '.join(sorted(has))}",
+            deck.path,
+            line,
+        )
+
+
+def _written(deck: Deck, number: int, label: str, old: Property, factor: float) -> list[str]:
+    what = f"{label} of material {number}"
+    before = [deck.number(v, old.line, what) for v in old.values]
+    values = [repr(v * factor) for v in before]
+    out = [f"! old {label} (line {old.line}): {', '.join(repr(v) for v in before)}"]
+    if len(set(old.temperatures)) < 2:
+        return [*out, f"MP,{label},{number},{','.join(values)}"]
+    temperatures = [repr(deck.number(t, old.line, "MPTEMP")) for t in old.temperatures]
+    out.append("MPTEMP")
+    for i in range(0, len(values), 6):
+        out.append(f"MPTEMP,{i + 1},{','.join(temperatures[i : i + 6])}")
+    for i in range(0, len(values), 6):
+        out.append(f"MPDATA,{label},{number},{i + 1},{','.join(values[i : i + 6])}")
+    return out
+
+
+def _loss_factor(deck: Deck, number: int, has: Mapping[str, Property], gamma: float) -> list[str]:
+    label, factor = _damping_label(deck)
+    other = "DMPR" if label == "DMPS" else "DMPS"
+    out = [
+        f"! old {name} (line {has[name].line}): {', '.join(has[name].values)}"
+        for name in ("DMPR", "DMPS")
+        if name in has
+    ]
+    if label == "DMPS":
+        out.append(f"! in a release without DMPS: MP,DMPR,{number},{gamma / 2!r}")
+        if other in has:  # a damping ratio, which would come on top of it
+            out.append(f"MP,DMPR,{number},0.0")
+    return [*out, f"MP,{label},{number},{gamma * factor!r}"]
+
+
+def _damping_label(deck: Deck) -> tuple[str, float]:
+    """Return the label of structural damping in the release of the deck, and its share of the loss factor."""
+    if any("DMPS" in has for has in deck.materials.values()):
+        return "DMPS", 1.0
+    year = deck.release if deck.release is not None and deck.release > 1000 else None
+    number = deck.release if deck.release is not None and deck.release < 1000 else None
+    old = (year is not None and year < _NO_DMPS) or (number is not None and number < 20)
+    return ("DMPR", 0.5) if old else ("DMPS", 1.0)
+
+
+# -- real constants ----------------------------------------------------------------------------------------
+def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+    old = deck.reals[number]
+    routine = _routine(deck, number, old)
+    places = _REALS[routine]
+    values = list(old.values)
+    for quantity, factor in change.items():
+        if quantity == "loss_factor":
+            if factor:
+                raise FormatError(
+                    f"real {number}: {_NAMES[routine]} has no place for a loss factor",
+                    deck.path,
+                    old.line,
+                )
+            continue
+        if quantity not in places:
+            if factor != 1.0:
+                raise FormatError(
+                    f"real {number}: {_NAMES[routine]} has no {quantity}", deck.path, old.line
+                )
+            continue
+        for place in places[quantity]:
+            if place <= len(values) and values[place - 1]:
+                before = deck.number(
+                    values[place - 1], old.line, f"constant {place} of real {number}"
+                )
+                values[place - 1] = repr(before * factor)
+        if factor != 1.0 and not any(
+            place <= len(values)
+            and values[place - 1]
+            and deck.number(values[place - 1], old.line, "constant")
+            for place in places[quantity]
+        ):
+            raise FormatError(
+                f"real {number}: {_NAMES[routine]} has no {quantity} to change", deck.path, old.line
+            )
+    out = [
+        f"! {_NAMES[routine]}, old constants (line {old.line}):"
+        f" {', '.join(v or '-' for v in old.values)}"
+    ]
+    out.append(f"R,{number},{','.join(values[:6])}")
+    out += [f"RMORE,{','.join(values[i : i + 6])}" for i in range(6, len(values), 6)]
+    return out
+
+
+def _routine(deck: Deck, number: int, old: RealSet) -> int:
+    """Return the element routine whose constants a set holds: that of its elements, or the only one of the deck."""
+    types = deck.users.get(number) or set(deck.types)
+    routines = {deck.types.get(t, 0) for t in types}
+    if not deck.users.get(number):
+        routines &= set(_REALS)
+    if len(routines) == 1 and routines <= set(_REALS):
+        return routines.pop()
+    found = ", ".join(_NAMES.get(r, str(r)) for r in sorted(routines)) or "none"
+    raise FormatError(
+        f"real {number}: its constants belong to elements {found}; expected one of"
+        f" {', '.join(_NAMES.values())}, whose constants are known",
+        deck.path,
+        old.line,
+    )
+
+
+_TABLES = ("ELAS", "ANEL", "HYPE", "SDAM", "PRON", "AHYP")
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """One property of one material.
+
+    Parameters
+    ----------
+    values : tuple of str
+        Coefficients of temperature (command MP), or values at the temperatures (MPDATA), as
+        written.
+    temperatures : tuple of str
+        Those of MPTEMP; empty for MP.
+    line : int
+        Where it stands in the deck, counted from 1.
+    """
+
+    values: tuple[str, ...]
+    temperatures: tuple[str, ...]
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class RealSet:
+    """One set of real constants.
+
+    Parameters
+    ----------
+    values : tuple of str
+        The constants in order, as written; "" where blank.
+    line : int
+        Where it stands in the deck.
+    """
+
+    values: tuple[str, ...]
+    line: int
+
+
+@dataclass(slots=True)
+class Deck:
+    """What a deck says.
+
+    Parameters
+    ----------
+    path : Path
+        The deck.
+    materials : dict of int to dict of str to Property
+        By material number and label (EX, DENS, BETD).
+    reals : dict of int to RealSet
+        By number.
+    tables : dict of int to int
+        Line of a TB command of elasticity or damping, by material number.
+    types : dict of int to int
+        Element routine by type number.
+    users : dict of int to set of int
+        Type numbers of the elements (EBLOCK) of each real constant set.
+    keys : dict of (int, int) to int
+        KEYOPT by type number and key.
+    release : float or None
+        Release of the program that wrote the deck, 19.4 or 2019.2; None where it does not say.
+    """
+
+    path: Path
+    materials: dict[int, dict[str, Property]] = field(default_factory=dict)
+    reals: dict[int, RealSet] = field(default_factory=dict)
+    tables: dict[int, int] = field(default_factory=dict)
+    types: dict[int, int] = field(default_factory=dict)
+    users: dict[int, set[int]] = field(default_factory=dict)
+    keys: dict[tuple[int, int], int] = field(default_factory=dict)
+    release: float | None = None
+
+    def number(self, text: str, line: int, what: str) -> float:
+        """Return a number that is written out.
+
+        Raises
+        ------
+        FormatError
+            If it is a parameter or an expression.
+        """
+        try:
+            value = float(re.sub(r"[dD]", "e", text))
+        except ValueError as error:
+            raise FormatError(
+                f"{what} is {text!r}; expected a number: parameters and expressions are not"
+                " evaluated, write the deck with CDWRITE",
+                self.path,
+                line,
+            ) from error
+        if value - value != 0.0:
+            raise FormatError(f"{what} is {text!r}; expected a finite number", self.path, line)
+        return value
+
+
+def read_deck(path: str | Path) -> Deck:
+    """Read the properties of a deck.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If it is not text or a block is not complete.
+    """
+    path = Path(path)
+    deck = Deck(path)
+    state = _Reading(deck)
+    with path.open(encoding="latin-1") as file:
+        lines = file.read().splitlines()
+    if any("\0" in line for line in lines[:50]):
+        raise FormatError("is a binary file, expected a deck (.cdb, or commands)", path)
+    at = 0
+    while at < len(lines):
+        at += state.take(lines, at)
+    return deck
+
+
+class _Reading:
+    def __init__(self, deck: Deck) -> None:
+        self.deck = deck
+        self.temperatures: dict[int, str] = {}
+        self.last_real: int | None = None
+
+    def take(self, lines: Sequence[str], at: int) -> int:
+        """Take the command at a line; return how many lines it has."""
+        line = lines[at]
+        found = re.match(
+            r"\s*/COM\s*,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE\s+([\d.]+)(?:\s*R(\d))?",
+            line,
+            re.I,
+        )
+        if found:
+            self.deck.release = _release(found[1], found[2])
+        if line.lstrip().upper().startswith(("/COM", "/TITLE", "C***")):
+            return 1
+        for command in line.split("!")[0].split("$"):
+            fields = [f.strip() for f in command.split(",")]
+            name = fields[0].upper()
+            if name in ("NBLOCK", "EBLOCK", "CMBLOCK", "RLBLOCK"):
+                return self._block(name, fields, lines, at)
+            self._command(name, fields[1:], at + 1)
+        return 1
+
+    def _command(self, name: str, fields: list[str], line: int) -> None:
+        short = name[:4]
+        if name == "MP":
+            self._material(
+                _at(fields, 0).upper()[:4],
+                _at(fields, 1) or "1",
+                [v for v in fields[2:] if v],
+                (),
+                line,
+            )
+        elif short == "MPTE" and name.startswith("MPTEMP"):
+            self._temperatures(fields)
+        elif short == "MPDA":
+            self._data(fields, line)
+        elif (
+            name == "TB"
+            and fields
+            and fields[0].upper()[:4] in _TABLES
+            and _whole(_at(fields, 1) or "1") is not None
+        ):
+            self.deck.tables[_whole(_at(fields, 1) or "1") or 1] = line
+        elif name == "ET" and (number := _whole(_at(fields, 0))) is not None:
+            routine = re.search(r"(\d+)$", _at(fields, 1))
+            self.deck.types[number] = int(routine[1]) if routine else 0
+        elif short == "KEYO" and None not in (
+            numbers := [_whole(_at(fields, i)) for i in range(3)]
+        ):
+            self.deck.keys[numbers[0] or 0, numbers[1] or 0] = numbers[2] or 0
+        elif name == "R" and (number := _whole(_at(fields, 0))) is not None:
+            self.deck.reals[number] = RealSet(tuple(fields[1:7]), line)
+            self.last_real = number
+        elif short == "RMOR" and self.last_real is not None:
+            old = self.deck.reals[self.last_real]
+            filled = old.values + ("",) * (-len(old.values) % 6)
+            self.deck.reals[self.last_real] = RealSet(filled + tuple(fields[:6]), old.line)
+
+    def _temperatures(self, fields: list[str]) -> None:
+        if _at(fields, 0).upper().startswith("R5"):
+            fields = fields[2:]
+        start = _whole(_at(fields, 0))
+        if start is None:
+            self.temperatures = {}  # MPTEMP alone erases the table
+            return
+        if start == 1:
+            self.temperatures = {}
+        self.temperatures.update({start + i: t for i, t in enumerate(fields[1:]) if t})
+
+    def _data(self, fields: list[str], line: int) -> None:
+        if _at(fields, 0).upper().startswith("R5"):
+            fields = fields[2:]
+        label, number, start = (
+            _at(fields, 0).upper()[:4],
+            _at(fields, 1) or "1",
+            _whole(_at(fields, 2)) or 1,
+        )
+        values = [v for v in fields[3:] if v]
+        old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
+        if start > 1 and old is not None and len(old.values) == start - 1:
+            values = [*old.values, *values]
+        temperatures = tuple(self.temperatures.get(i + 1, "0.0") for i in range(len(values)))
+        self._material(label, number, values, temperatures, line)
+
+    def _material(
+        self, label: str, number: str, values: list[str], temperatures: tuple[str, ...], line: int
+    ) -> None:
+        material = _whole(number)
+        if material is not None:  # of one that a parameter names, nothing can be said
+            self.deck.materials.setdefault(material, {})[label] = Property(
+                tuple(values), temperatures, line
+            )
+
+    def _block(self, name: str, fields: list[str], lines: Sequence[str], at: int) -> int:
+        if name == "RLBLOCK":
+            return self._real_block(fields, lines, at)
+        if name == "CMBLOCK":
+            count = abs(_whole(_at(fields, 3).split("!")[0].strip()) or 0)
+            each = _width(lines, at + 1, self.deck.path)[0]
+            return 2 + -(-count // each)
+        length = 2
+        solid = name == "EBLOCK" and len(fields) > 2 and fields[2].upper().startswith("SOL")
+        width = _width(lines, at + 1, self.deck.path)[1]
+        held = 0  # numbers of the element that its first line left for the next ones
+        while at + length < len(lines):
+            line = lines[at + length]
+            if re.match(r"\s*(-1\b|N,)", line):
+                return length + 1
+            if not re.match(r"\s*[-\d]", line):
+                return length
+            if solid:
+                held = self._element(line, width, held, at + length + 1)
+            length += 1
+        return length
+
+    def _element(self, line: str, width: int, held: int, at: int) -> int:
+        fields = [line[i : i + width] for i in range(0, len(line.rstrip()), width)]
+        try:
+            numbers = [int(f) for f in fields if f.strip()]
+        except ValueError as error:
+            raise FormatError(
+                f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters",
+                self.deck.path,
+                at,
+            ) from error
+        if held > 0:
+            return held - len(numbers)
+        if len(numbers) < 11:
+            return 0
+        self.deck.users.setdefault(numbers[2], set()).add(numbers[1])
+        return numbers[8] - (len(numbers) - 11)
+
+    def _real_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
+        """Read RLBLOCK: two lines of format, then each set with its number, how many constants, and these."""
+        sets = _whole(_at(fields, 1)) or 0
+        path = self.deck.path
+        _, width = _width(lines, at + 1, path)
+        row = at + 3
+        for _ in range(sets):
+            if row >= len(lines):
+                raise FormatError("RLBLOCK: ends before its last set", path, row)
+            text = lines[row]
+            number, count = _whole(text[:width].strip()), _whole(text[width : 2 * width].strip())
+            if number is None or count is None:
+                raise FormatError(
+                    f"RLBLOCK: expected the number of a set and of its constants, found {text!r}",
+                    path,
+                    row + 1,
+                )
+            values, start = _numbers(text[2 * width :]), row + 1
+            while len(values) < count and row + 1 < len(lines):
+                row += 1
+                values += _numbers(lines[row])
+            self.deck.reals[number] = RealSet(tuple(values[:count]), start)
+            row += 1
+        return row - at
+
+
+def _release(number: str, half: str | None) -> float:
+    """Return 19.4 for "19.4", 2019.2 for "2019 R2"."""
+    parts = [p for p in number.split(".") if p] or ["0"]
+    return float(f"{parts[0]}.{half or (parts[1] if len(parts) > 1 else 0)}")
+
+
+def _numbers(text: str) -> list[str]:
+    return re.findall(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?", text)
+
+
+def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
+    """Return how many whole numbers a line of a block has and how wide each is, from its format, ``(19i10)``."""
+    found = re.match(r"\s*\(\s*([1-9]\d*)i([1-9]\d*)", lines[at] if at < len(lines) else "", re.I)
+    if found is None:
+        raise FormatError("a block without its format, such as (19i10)", path, at + 1)
+    return int(found[1]), int(found[2])
+
+
+def _at(fields: Sequence[str], i: int) -> str:
+    return fields[i] if i < len(fields) else ""
+
+
+def _whole(text: str) -> int | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return int(value) if value.is_integer() else None

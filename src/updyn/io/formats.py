@@ -1,0 +1,160 @@
+"""File formats by name, with the module that reads and writes each: a lazy registry.
+
+A format of another package is one `Format` and one registration::
+
+    FORMATS.register("toy", Format("toy", "toy_package.files", (".toy",), (), ("read_frf",)))
+
+or an entry point of the group ``updyn.readers`` that names such an object. The handler is imported
+when a file of that format is met. It offers, as far as it can,
+``read_frf(path, *, quantity, duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``,
+``write_model(model, path)``, ``read_geometry(path)``, ``read_modes(path)``,
+``write_modes(modes, path)`` and ``write_properties(changes, deck, path)``. A ``read_frf`` with
+``responses`` and ``references`` selects while it reads; with the others `updyn.io.read_frf` selects
+afterwards.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from updyn.errors import FormatError, suggest
+from updyn.registry import Registry, load_object
+
+__all__ = ["FORMATS", "Format", "find_format", "load"]
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One file format.
+
+    Parameters
+    ----------
+    name : str
+        What users call it, in ``format=`` and in job files.
+    handler : str
+        Module that handles it, or ``"module:object"`` where the verbs are methods of an object.
+    suffixes : tuple of str
+        File suffixes, lower case, with the dot.
+    magic : tuple of bytes
+        What files of this format may start with; empty if the content does not identify them.
+    can : tuple of str
+        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
+        ``read_modes``, ``write_modes``, ``write_properties``.
+    """
+
+    name: str
+    handler: str
+    suffixes: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    can: tuple[str, ...]
+
+
+_FRF = ("read_frf", "write_frf")
+_MODEL = ("read_model", "write_model")
+_MODES = ("read_modes", "write_modes")
+_NASTRAN = ("read_model", "read_geometry", "write_properties")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+#: The first releases of MATLAB that wrote version 7.3 called it 7.0.
+_MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
+_DECK = ("read_model", "write_properties")
+#: A header of 100 words (flags: whole numbers), of file type 4 or 2.
+_ANSYS = b"d\0\0\0\0\0\0\x80"
+
+_BUILT_IN = (
+    Format(
+        "uff",
+        "updyn.io.uff",
+        (".uff", ".unv", ".uf", ".bunv"),
+        (b"    -1",),
+        (*_FRF, "read_geometry", *_MODES),
+    ),
+    Format("netcdf", "updyn.io.netcdf", (".nc", ".h5", ".hdf5"), (_HDF5, b"CDF"), _FRF),
+    Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
+    Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
+    Format("mat", "updyn.io.matlab", (".mat",), _MATLAB, (*_FRF, *_MODEL)),
+    Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry")),
+    Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
+    Format("ansys", "updyn.io.ansys.properties", (".cdb", ".mac"), (), ("write_properties",)),
+    Format("ansys_full", "updyn.io.ansys.full", (".full",), (_ANSYS + b"\x04\0\0\0",), _DECK),
+    Format("ansys_emat", "updyn.io.ansys.emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), _DECK),
+    Format("nastran", "updyn.io.nastran.bdf", (".bdf", ".nas", ".dat"), (), _NASTRAN),
+    Format("op4", "updyn.io.nastran.matrices:OP4", (".op4",), (), _MODEL),
+    Format("dmig", "updyn.io.nastran.matrices:DMIG", (".pch", ".dmig"), (), _MODEL),
+    Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
+    Format("abaqus", "updyn.io.abaqus.model", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
+    Format("mesh", "updyn.io.mesh", (".msh", ".vtu", ".vtk", ".med"), (), ("read_model",)),
+)
+#: All formats in order of preference where several share a suffix.
+FORMATS: Registry[Format] = Registry("format", "updyn.readers", {f.name: f for f in _BUILT_IN})
+
+
+def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
+    """Choose the format of a file, by name if given, else by content, else by suffix.
+
+    Parameters
+    ----------
+    path : path
+        The file; it need not exist for a verb that writes.
+    verb : str
+        What is to be done, as in `Format.can`.
+    name : str, optional
+        Format name, to force it.
+
+    Raises
+    ------
+    FormatError
+        If the file is not there, or no format fits.
+    """
+    path = Path(path)
+    able = [f for f in FORMATS.values() if verb in f.can]
+    if name is not None:
+        for candidate in able:
+            if candidate.name == name:
+                return candidate
+        raise FormatError(
+            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+        )
+    if verb.startswith("read") or verb == "write_properties":  # of which the file is the deck
+        if not path.is_file():
+            raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
+        try:
+            with path.open("rb") as file:
+                start = file.read(64)
+        except OSError as error:
+            raise FormatError(f"cannot be read: {error.strerror}", path) from error
+        if not start:
+            raise FormatError("the file is empty", path)
+        told = [f for f in able if any(start.startswith(m) for m in f.magic)]
+        fits = [f for f in told if path.suffix.lower() in f.suffixes] or told
+        if fits:
+            return fits[0]
+        # A binary format that is not told by its first bytes is not that format, whatever the
+        # suffix says.
+        able = [f for f in able if not f.magic or f.name == "uff"]
+    for candidate in able:
+        if path.suffix.lower() in candidate.suffixes:
+            return candidate
+    known = sorted({s for f in FORMATS.values() if verb in f.can for s in f.suffixes})
+    raise FormatError(
+        f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known"
+        " suffixes: " + ", ".join(known),
+        path,
+    )
+
+
+def load(chosen: Format) -> Any:
+    """Import the handler of a format: a module, or an object of one."""
+    if ":" in chosen.handler:
+        return load_object(chosen.handler)
+    return importlib.import_module(chosen.handler)
+
+
+def _absent(path: Path) -> str:
+    siblings = (
+        [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+    )
+    close = suggest(path.name, siblings) if siblings else "its folder does not exist or is empty"
+    return f"no such file; {close}"

@@ -1,0 +1,1 @@
+"""Input decks of the keyword family, which CalculiX and Abaqus share."""

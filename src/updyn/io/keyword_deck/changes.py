@@ -1,0 +1,130 @@
+"""Changes of groups as cards of an input deck, for CalculiX and Abaqus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from updyn.errors import FormatError, suggest
+from updyn.io.atomic import atomic_path
+from updyn.io.keyword_deck.cards import Card, short_number
+from updyn.io.keyword_deck.structure import Property
+
+__all__ = ["write_changes"]
+
+_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
+
+
+def write_changes(
+    changes: Mapping[str, Mapping[str, float]],
+    parts: Mapping[str, Property],
+    deck: Path,
+    path: Path,
+    *,
+    own_rayleigh: bool,
+    remarks: Sequence[str] = (),
+) -> None:
+    """Write the cards of the parts that change, with their old values as comments.
+
+    Parameters
+    ----------
+    changes : mapping of str to mapping of str to float
+        By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
+    parts : mapping of str to Property
+        What the deck has, by name in capitals.
+    deck : Path
+        The deck, for messages and for the heading.
+    path : Path
+        The file to write.
+    own_rayleigh : bool
+        Whether a material has its own ALPHA and BETA; else a factor on viscous damping is refused.
+    remarks : sequence of str
+        What the heading says besides.
+
+    Raises
+    ------
+    FormatError
+        If a group or a quantity is not there, or a number is not usable.
+    """
+    blocks = []
+    for name, change in changes.items():
+        part = parts.get(name.upper())
+        if part is None:
+            near = suggest(name, [p.name for p in parts.values()])
+            raise FormatError(f"the deck has no material, spring or mass {name!r}; {near}", deck)
+        _check(part, change, deck, own_rayleigh)
+        blocks.append(_block(part, change, _changed(part, change, own_rayleigh)))
+    names = ", ".join(parts[name.upper()].name for name in changes)
+    heading = [
+        f"** New properties for {deck.name}: {names}.",
+        (
+            "** They take the place of the cards of the same names there: delete those, and where"
+            " the first stood write"
+        ),
+        f"** *INCLUDE, INPUT={path.name}",
+        *(f"** {remark}" for remark in remarks),
+    ]
+    with atomic_path(path) as temporary:
+        temporary.write_text(
+            "\n".join([*heading, *(line for b in blocks for line in b)]) + "\n", encoding="utf-8"
+        )
+
+
+def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh: bool) -> None:
+    where = f"group {part.name!r}"
+    for quantity, value in change.items():
+        if quantity not in _QUANTITIES:
+            raise FormatError(
+                f"{where}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
+            )
+        lowest_is_zero = quantity in ("loss_factor", "viscous")
+        if not (0 < value < float("inf") or (lowest_is_zero and value == 0)):
+            wanted = "at least 0" if lowest_is_zero else "above 0"
+            raise FormatError(
+                f"{where}: {quantity} {value!r}; expected a finite number {wanted}", deck
+            )
+        if quantity in ("stiffness", "mass") and value != 1.0 and not part.values(quantity):
+            has = "*ELASTIC" if quantity == "stiffness" else "*DENSITY"
+            lacks = has if part.kind == "material" else quantity
+            raise part.cards[0].error(f"{where} has no {lacks} to change")
+    if change.get("loss_factor") and part.kind != "material":
+        raise part.cards[0].error(f"{where}: *{part.cards[0].name} has no place for a loss factor")
+    if change.get("viscous", 1.0) != 1.0:
+        if part.kind != "material" or not own_rayleigh:
+            raise part.cards[0].error(
+                f"{where}: ALPHA and BETA hold for the whole deck, so that the viscous damping of"
+                " one group cannot be changed in it"
+            )
+        if not (part.damping("ALPHA") or part.damping("BETA")):
+            raise part.cards[0].error(f"{where} has no *DAMPING with ALPHA or BETA to change")
+
+
+def _changed(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
+    stiffness, mass, viscous = (change.get(k, 1.0) for k in ("stiffness", "mass", "viscous"))
+    cards = part.scaled(stiffness, mass)
+    values = {}
+    # A material without damping needs no card that says so.
+    gamma = change.get("loss_factor")
+    if part.kind == "material" and gamma is not None and (gamma or part.damping("STRUCTURAL")):
+        values["STRUCTURAL"] = float(gamma)
+    # C = ALPHA M + BETA K of the new M and K, and is to be the factor times the old C.
+    for name, factor in (("ALPHA", viscous / mass), ("BETA", viscous / stiffness)):
+        if own_rayleigh and part.damping(name) and factor != 1.0:
+            values[name] = part.damping(name) * factor
+    return part.damped(cards, values) if part.kind == "material" else cards
+
+
+def _block(part: Property, change: Mapping[str, float], cards: tuple[Card, ...]) -> list[str]:
+    said = ", ".join(
+        f"{q} {'=' if q == 'loss_factor' else 'x'} {short_number(v)}" for q, v in change.items()
+    )
+    out = ["**", f"** {part.kind} {part.name}: {said or 'unchanged'}"]
+    for what, label in (("stiffness", "modulus"), ("mass", "density")):
+        if old := part.values(what):
+            word = label if part.kind == "material" else what
+            out.append(f"** old {word}: {', '.join(short_number(v) for v in old[:9])}")
+    if (damping := part.card("DAMPING")) is not None:
+        out.append(
+            "** old damping: " + ", ".join(f"{k}={v}" for k, v in damping.parameters.items())
+        )
+    return [*out, *(line for card in cards for line in card.text())]

@@ -1,0 +1,654 @@
+"""What an input deck of CalculiX or Abaqus says of a structure: nodes, elements, sets, and who is made of what.
+
+Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only
+what stands before the first ``*STEP`` is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError, suggest
+from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
+
+__all__ = [
+    "Deck",
+    "Elements",
+    "Property",
+    "Section",
+    "edges",
+    "read_deck",
+    "read_members",
+    "read_nodes",
+    "read_properties",
+    "split_steps",
+]
+
+#: Nodes of the solids, and which of them are corners of which shape.
+SOLIDS = {
+    "C3D4": (4, "tetrahedron"),
+    "C3D4H": (4, "tetrahedron"),
+    "C3D5": (5, "pyramid"),
+    "C3D6": (6, "wedge"),
+    "C3D8": (8, "brick"),
+    "C3D8R": (8, "brick"),
+    "C3D8I": (8, "brick"),
+    "C3D10": (10, "tetrahedron"),
+    "C3D10T": (10, "tetrahedron"),
+    "C3D10M": (10, "tetrahedron"),
+    "C3D15": (15, "wedge"),
+    "C3D20": (20, "brick"),
+    "C3D20R": (20, "brick"),
+}
+#: Springs to ground or between nodes, and point masses.
+POINTS = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2, "MASS": 1}
+_EDGES = {
+    "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
+    "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    "brick": (
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elements:
+    """The elements of one ``*ELEMENT`` card.
+
+    Parameters
+    ----------
+    type : str
+        Element type in capitals.
+    numbers : ndarray of int, shape (n,)
+        Element numbers.
+    nodes : ndarray of int, shape (n, k)
+        Node numbers.
+    card : Card
+        Where they stand.
+    """
+
+    type: str
+    numbers: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    card: Card
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section: which elements are made of which material.
+
+    Parameters
+    ----------
+    elset : str
+        Element set, in capitals.
+    material : str
+        Material, in capitals.
+    card : Card
+        Where it stands.
+    """
+
+    elset: str
+    material: str
+    card: Card
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deck:
+    """A structure as a deck describes it. Names are in capitals; lengths are the deck's own.
+
+    Parameters
+    ----------
+    path : Path
+        The deck.
+    nodes : ndarray of int, shape (n,)
+        Node numbers.
+    xyz : ndarray of float, shape (n, 3)
+        Positions, in the deck's unit of length.
+    elements : tuple of Elements
+        By card.
+    nsets, elsets : mapping of str to ndarray of int
+        Members of each set, ascending.
+    sections : tuple of Section
+        The solid sections.
+    """
+
+    path: Path
+    nodes: NDArray[np.int64]
+    xyz: NDArray[np.float64]
+    elements: tuple[Elements, ...]
+    nsets: Mapping[str, NDArray[np.int64]]
+    elsets: Mapping[str, NDArray[np.int64]]
+    sections: tuple[Section, ...]
+
+    def elements_of(self, material: str) -> NDArray[np.int64]:
+        """Return the numbers of the elements that are made of a material, ascending."""
+        own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
+        return np.unique(np.concatenate(own)) if own else np.empty(0, dtype=np.int64)
+
+
+def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
+    """Return the cards of the model, and those of each step (``*STEP`` first, ``*END STEP`` left out)."""
+    starts = [i for i, card in enumerate(cards) if card.name == "STEP"]
+    bounds = [*starts, len(cards)]
+    steps = [[c for c in cards[a:b] if c.name != "END STEP"] for a, b in pairwise(bounds)]
+    return list(cards[: bounds[0]]), steps
+
+
+def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
+    """Read nodes, elements, sets and solid sections.
+
+    Parameters
+    ----------
+    path : path
+        The deck, for messages.
+    model : sequence of Card
+        The cards before the first step; those that say nothing of these are passed over.
+
+    Returns
+    -------
+    Deck
+        What they say.
+
+    Raises
+    ------
+    FormatError
+        If a number cannot be read, a node, element or set is named and not there, an element is of
+        a type that is not read, or an element has no section or two.
+    """
+    path = Path(path)
+    nsets: dict[str, list[NDArray[np.int64]]] = {}
+    elsets: dict[str, list[NDArray[np.int64]]] = {}
+    numbers, places, blocks, sections = [], [], [], []
+    for card in model:
+        if card.name == "NODE":
+            own, xyz = read_nodes(card)
+            numbers.append(own)
+            places.append(xyz)
+            _add(nsets, card.get("NSET"), own)
+        elif card.name == "ELEMENT":
+            block = _elements(card)
+            blocks.append(block)
+            _add(elsets, card.get("ELSET"), block.numbers)
+        elif card.name in ("NSET", "ELSET"):
+            sets = nsets if card.name == "NSET" else elsets
+            _add(sets, card.need(card.name), read_members(card, sets))
+        elif card.name == "SOLID SECTION":
+            sections.append(
+                Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card)
+            )
+    if not numbers:
+        raise FormatError("the deck has no *NODE", path)
+    deck = Deck(
+        path,
+        np.concatenate(numbers),
+        np.concatenate(places),
+        tuple(blocks),
+        {name: np.unique(np.concatenate(parts)) for name, parts in nsets.items()},
+        {name: np.unique(np.concatenate(parts)) for name, parts in elsets.items()},
+        tuple(sections),
+    )
+    _check_nodes(deck)
+    _check_sections(deck)
+    return deck
+
+
+def edges(deck: Deck) -> NDArray[np.int64]:
+    """Return the edges of the solids between their corners, each once.
+
+    Parameters
+    ----------
+    deck : Deck
+        The structure.
+
+    Returns
+    -------
+    ndarray of int, shape (m, 2)
+        Pairs of node numbers.
+    """
+    pairs = [
+        block.nodes[:, np.array(_EDGES[SOLIDS[block.type][1]])].reshape(-1, 2)
+        for block in deck.elements
+        if block.type in SOLIDS
+    ]
+    if not pairs:
+        return np.empty((0, 2), dtype=np.int64)
+    return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+
+
+# -- cards -------------------------------------------------------------------------------------------------
+def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the numbers and the positions of a ``*NODE`` card, in the deck's unit of length.
+
+    Raises
+    ------
+    FormatError
+        If a line is not as expected, or the positions are in a system of their own.
+    """
+    card.only("NSET")
+    numbers, places = [], []
+    for row in card.rows:
+        fields = row.fields
+        if not 2 <= len(fields) <= 4:
+            raise card.error(f"*NODE: found {row.text!r}; expected node, x, y, z", row)
+        numbers.append(whole(fields[0], card, row))
+        given = [number(f, card, row) if f else 0.0 for f in fields[1:]]
+        places.append(given + [0.0] * (3 - len(given)))
+    return np.array(numbers, dtype=np.int64), np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
+def _elements(card: Card) -> Elements:
+    card.only("TYPE", "ELSET")
+    kind = card.need("TYPE").upper()
+    known = {**{name: n for name, (n, _) in SOLIDS.items()}, **POINTS}
+    if kind not in known:
+        raise card.error(_why_not(kind))
+    wanted, rows, row = known[kind] + 1, [], None
+    pending: list[int] = []
+    for row in card.rows:
+        pending += [whole(f, card, row) for f in row.fields]
+        if len(pending) > wanted:
+            raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
+        if len(pending) == wanted:
+            rows.append(pending)
+            pending = []
+    if pending:
+        raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
+    table = np.array(rows, dtype=np.int64).reshape(-1, wanted)
+    return Elements(kind, table[:, 0], table[:, 1:], card)
+
+
+def _why_not(kind: str) -> str:
+    expanded = (
+        "is expanded into solids with hidden nodes and constraints, so that its matrices have no"
+        " DOFs of the deck"
+    )
+    if kind.startswith(("B3", "B2", "T2D", "T3D", "PIPE")):
+        return (
+            f"*ELEMENT: {kind} is a beam or truss: it {expanded}; model it with solids, or build it"
+            " with updyn.elements"
+        )
+    if kind.startswith(("S3", "S4", "S6", "S8", "STRI", "M3D", "CPS", "CPE", "CAX", "SC")):
+        return (
+            f"*ELEMENT: {kind} is a shell, membrane or plane element: it {expanded}; model it with"
+            " solids"
+        )
+    if kind.startswith("DASHPOT"):
+        return (
+            f"*ELEMENT: {kind}: dashpots stand in no matrix that is written; leave it out and add"
+            " its damping later"
+        )
+    return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
+
+
+def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
+    """Return the members of an ``*NSET`` or ``*ELSET`` card, which may name sets that stand above it.
+
+    Raises
+    ------
+    FormatError
+        If a line is not as expected, or names a set that is not there.
+    """
+    card.only(card.name, "GENERATE", "UNSORTED", "INTERNAL")
+    found: list[NDArray[np.int64]] = []
+    for row in card.rows:
+        fields = row.fields
+        if "GENERATE" in card.parameters:
+            if len(fields) not in (2, 3):
+                raise card.error(
+                    f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row
+                )
+            first, last, step = (*(whole(f, card, row) for f in fields), 1)[:3]
+            if step < 1 or last < first:
+                raise card.error(
+                    f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row
+                )
+            found.append(np.arange(first, last + 1, step, dtype=np.int64))
+            continue
+        for text in (f for f in fields if f):
+            if text.lstrip("-").isdecimal():
+                found.append(np.array([whole(text, card, row)], dtype=np.int64))
+            elif text.upper() in sets:
+                found += sets[text.upper()]
+            else:
+                raise card.error(
+                    f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row
+                )
+    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+
+
+def _add(
+    sets: dict[str, list[NDArray[np.int64]]], name: str | None, members: NDArray[np.int64]
+) -> None:
+    if name:
+        sets.setdefault(name.upper(), []).append(members)
+
+
+# -- checks ------------------------------------------------------------------------------------------------
+def _check_nodes(deck: Deck) -> None:
+    if (twice := _twice(deck.nodes)) is not None:
+        raise FormatError(f"*NODE: node {twice} stands twice", deck.path)
+    for block in deck.elements:
+        bad = ~np.isin(block.nodes, deck.nodes)
+        if bad.any():
+            at = int(np.flatnonzero(bad.any(axis=1))[0])
+            raise block.card.error(
+                f"*ELEMENT: element {block.numbers[at]} names node {block.nodes[at][bad[at]][0]}, "
+                "which is not in the deck",
+                _row_of(block.card, int(block.numbers[at])),
+            )
+    numbers = np.concatenate(
+        [np.empty(0, dtype=np.int64), *(block.numbers for block in deck.elements)]
+    )
+    if (twice := _twice(numbers)) is not None:
+        last = [block.card for block in deck.elements if twice in block.numbers][-1]
+        raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
+
+
+def _twice(numbers: NDArray[np.int64]) -> int | None:
+    values, counts = np.unique(numbers, return_counts=True)
+    return int(values[counts > 1][0]) if (counts > 1).any() else None
+
+
+def _row_of(card: Card, element: int) -> Row | None:
+    own = [row for row in card.rows if row.fields[0] == str(element)]
+    return own[-1] if own else None
+
+
+def _check_sections(deck: Deck) -> None:
+    members: list[NDArray[np.int64]] = []
+    for section in deck.sections:
+        if section.elset not in deck.elsets:
+            raise section.card.error(
+                f"*SOLID SECTION: no element set {section.elset!r};"
+                f" {suggest(section.elset, deck.elsets)}"
+            )
+        members.append(deck.elsets[section.elset])
+    taken = np.concatenate([np.empty(0, dtype=np.int64), *members])
+    if (twice := _twice(taken)) is not None:
+        *_, one, two = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
+        raise two.card.error(
+            f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of"
+            f" {two.elset!r}; an element has one section"
+        )
+    for block in deck.elements:
+        without = block.numbers[~np.isin(block.numbers, taken)]
+        if block.type in SOLIDS and without.size:
+            raise block.card.error(
+                f"*ELEMENT: element {without[0]} has no *SOLID SECTION ({without.size} such)",
+                _row_of(block.card, int(without[0])),
+            )
+
+
+#: What may stand below ``*MATERIAL`` and does not make it nonlinear.
+LINEAR = ("ELASTIC", "DENSITY", "DAMPING", "EXPANSION", "CONDUCTIVITY", "SPECIFIC HEAT")
+#: What may stand there besides.
+NONLINEAR = (
+    "PLASTIC",
+    "CYCLIC HARDENING",
+    "CREEP",
+    "DEFORMATION PLASTICITY",
+    "HYPERELASTIC",
+    "HYPERFOAM",
+    "VISCOELASTIC",
+    "VISCO",
+    "USER MATERIAL",
+    "DEPVAR",
+    "MOHR COULOMB",
+    "MOHR COULOMB HARDENING",
+    "MOHR COULOMB TENSION CUTOFF",
+    "RATE DEPENDENT",
+    "DAMAGE INITIATION",
+    "DAMAGE EVOLUTION",
+)
+_OTHER = (
+    "ELECTRICAL CONDUCTIVITY",
+    "MAGNETIC PERMEABILITY",
+    "FLUID CONSTANTS",
+    "SPECIFIC GAS CONSTANT",
+)
+#: Of each line of ``*ELASTIC`` (and of those that continue it) the fields that are moduli.
+_MODULI = {
+    "ISO": ((0,),),
+    "ISOTROPIC": ((0,),),
+    "ENGINEERING CONSTANTS": ((0, 1, 2, 6, 7), (0,)),
+    "ORTHO": (tuple(range(8)), (0,)),
+    "ORTHOTROPIC": (tuple(range(8)), (0,)),
+    "ANISO": (tuple(range(8)), tuple(range(8)), tuple(range(5))),
+    "ANISOTROPIC": (tuple(range(8)), tuple(range(8)), tuple(range(5))),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """A material, the springs or the masses of an element set.
+
+    Parameters
+    ----------
+    name : str
+        As it is written: of the material, else of the element set.
+    kind : {"material", "spring", "mass"}
+        What it is.
+    at : int
+        Position of its first card among those of the model.
+    cards : tuple of Card
+        Its cards, which follow each other.
+    start : int
+        Of a spring: the line, counted from 0, from which on spring constants stand; above it are
+        its directions.
+    """
+
+    name: str
+    kind: str
+    at: int
+    cards: tuple[Card, ...]
+    start: int = 0
+
+    def card(self, name: str) -> Card | None:
+        """Return the card of a name, or None."""
+        return next((card for card in self.cards if card.name == name), None)
+
+    def damping(self, parameter: str) -> float:
+        """Return STRUCTURAL, ALPHA or BETA of the material's ``*DAMPING``, 0 where it has none.
+
+        Raises
+        ------
+        FormatError
+            If it is not a number of at least 0.
+        """
+        card = self.card("DAMPING")
+        text = None if card is None else card.get(parameter)
+        if card is None or text is None:
+            return 0.0
+        value = number(text, card, Row(card.line, text))
+        if value < 0:
+            raise card.error(f"*DAMPING: {parameter}={text}; expected at least 0")
+        return value
+
+    def values(self, what: str) -> list[float]:
+        """Return the moduli ("stiffness") or densities ("mass") in order; empty where there are none.
+
+        Raises
+        ------
+        FormatError
+            If one is not a number.
+        """
+        return [
+            number(card.rows[i].fields[j], card, card.rows[i]) for card, i, j in self._places(what)
+        ]
+
+    def first(self, what: str) -> float | None:
+        """Return the first modulus or density, None where there is none."""
+        return next(iter(self.values(what)), None)
+
+    def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
+        """Return the cards with all moduli and all densities multiplied; numbers that stay are left as written.
+
+        Parameters
+        ----------
+        stiffness, mass : float
+            Factors.
+
+        Returns
+        -------
+        tuple of Card
+            In the same order.
+
+        Raises
+        ------
+        FormatError
+            If one is not a number.
+        """
+        out = {id(card): card for card in self.cards}
+        for what, factor in (("stiffness", stiffness), ("mass", mass)):
+            if factor == 1.0:
+                continue
+            for card, i, j in self._places(what):
+                now = out[id(card)]
+                rows = list(now.rows)
+                fields = rows[i].fields
+                fields[j] = short_number(factor * number(fields[j], card, card.rows[i]))
+                rows[i] = replace(rows[i], text=", ".join(fields))
+                out[id(card)] = replace(now, rows=tuple(rows))
+        return tuple(out[id(card)] for card in self.cards)
+
+    def damped(self, cards: Sequence[Card], values: Mapping[str, float]) -> tuple[Card, ...]:
+        """Return cards of this material with parameters of ``*DAMPING`` set, the card added where there is none."""
+        if not values:
+            return tuple(cards)
+        texts = {name: short_number(value) for name, value in values.items()}
+        own = self.card("DAMPING")
+        if own is None:
+            last = cards[-1]
+            return (*cards, Card("DAMPING", MappingProxyType(texts), (), last.path, last.line))
+        both = MappingProxyType({**own.parameters, **texts})
+        return tuple(
+            replace(card, parameters=both) if card.name == "DAMPING" else card for card in cards
+        )
+
+    def _places(self, what: str) -> list[tuple[Card, int, int]]:
+        """Return card, line and field of every number of a quantity."""
+        if self.kind == "mass":
+            return (
+                [(self.cards[0], i, 0) for i in range(len(self.cards[0].rows))]
+                if what == "mass"
+                else []
+            )
+        if self.kind == "spring":
+            own = self.cards[0]
+            return (
+                [(own, i, 0) for i in range(self.start, len(own.rows))]
+                if what == "stiffness"
+                else []
+            )
+        card = self.card("ELASTIC" if what == "stiffness" else "DENSITY")
+        if card is None:
+            return []
+        pattern = _pattern(card) if what == "stiffness" else ((0,),)
+        places = []
+        for i, row in enumerate(card.rows):
+            wanted = pattern[i % len(pattern)]
+            if len(row.fields) <= max(wanted):
+                raise card.error(
+                    f"*{card.name}: found {row.text!r}; expected {max(wanted) + 1} numbers or more",
+                    row,
+                )
+            places += [(card, i, j) for j in wanted]
+        if len(card.rows) % len(pattern):
+            raise card.error(
+                f"*{card.name}: the last of {len(pattern)} lines is missing", card.rows[-1]
+            )
+        return places
+
+
+def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
+    kind = (card.get("TYPE") or "ISO").upper()
+    if kind not in _MODULI:
+        raise card.error(f"*ELASTIC: TYPE={kind} is not read; {suggest(kind, _MODULI)}")
+    return _MODULI[kind]
+
+
+def read_properties(
+    model: Sequence[Card],
+    springs_between: Mapping[str, str] | None = None,
+    *,
+    own_rayleigh: bool = True,
+) -> dict[str, Property]:
+    """Find the materials, springs and point masses of a deck.
+
+    Parameters
+    ----------
+    model : sequence of Card
+        The cards before the first step.
+    springs_between : mapping of str to str, optional
+        Element type by element set in capitals. Springs of type SPRINGA have no line of directions;
+        where the type is not known a first line of whole numbers is one.
+    own_rayleigh : bool
+        Whether ALPHA and BETA of ``*DAMPING`` are of the material above (Abaqus), or of the deck
+        wherever they stand (CalculiX).
+
+    Returns
+    -------
+    dict of str to Property
+        By name in capitals, in the order of the deck.
+
+    Raises
+    ------
+    FormatError
+        If a name stands twice.
+    """
+    out: dict[str, Property] = {}
+    for at, card in enumerate(model):
+        if card.name == "MATERIAL":
+            stop = at + 1
+            while stop < len(model) and model[stop].name in (*LINEAR, *NONLINEAR, *_OTHER):
+                stop += 1
+            while (
+                not own_rayleigh
+                and model[stop - 1].name == "DAMPING"
+                and not model[stop - 1].get("STRUCTURAL")
+            ):
+                stop -= 1
+            found = Property(card.need("NAME"), "material", at, tuple(model[at:stop]))
+        elif card.name == "SPRING":
+            name = card.need("ELSET")
+            kind = (springs_between or {}).get(name.upper())
+            found = Property(name, "spring", at, (card,), _first_constant(card, kind))
+        elif card.name == "MASS":
+            found = Property(card.need("ELSET"), "mass", at, (card,))
+        else:
+            continue
+        key = found.name.upper()
+        if key in out:
+            raise card.error(
+                f"*{card.name}: {found.name!r} stands twice, also on line {out[key].cards[0].line}"
+            )
+        out[key] = found
+    return out
+
+
+def _first_constant(card: Card, kind: str | None) -> int:
+    if not card.rows:
+        raise card.error("*SPRING has no spring constant")
+    has_directions = (
+        all(f.isdecimal() for f in card.rows[0].fields if f) if kind is None else kind != "SPRINGA"
+    )
+    return 1 if has_directions and len(card.rows) > 1 else 0

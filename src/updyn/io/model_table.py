@@ -1,0 +1,233 @@
+"""The TOML file of a model whose matrices are files of their own, with its tables of DOFs and nodes.
+
+Readers of matrix files share what stands here: the keys ``title``, ``dofs``, ``geometry`` and
+``group``, checked, with the lines on which they stand. What a group may name is said in
+`updyn.io.matrix_market`, `updyn.io.nastran.matrices` and `updyn.io.abaqus.table`.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, suggest
+from updyn.geometry import Geometry
+from updyn.io.atomic import atomic_path
+from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
+from updyn.io.items import placed
+from updyn.model import Model
+
+__all__ = ["GENERAL", "ModelTable", "write_tables"]
+
+#: Keys of every such file.
+GENERAL = ("title", "dofs", "geometry", "group")
+_JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of TOML file
+_GEOMETRY = ("nodes", "lines")
+
+
+class ModelTable:
+    """A TOML file of a model: its content, and checks of its keys with the lines on which they stand.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : mapping of str to object
+        What it holds.
+    text : str
+        The file as it is written, to find lines.
+    """
+
+    def __init__(self, path: Path, content: Mapping[str, Any], text: str) -> None:
+        self.path = path
+        self.content = content
+        self._lines = text.splitlines()
+
+    @classmethod
+    def read(cls, path: Path) -> ModelTable:
+        """Read the file.
+
+        Raises
+        ------
+        FormatError
+            If it is not a TOML file in UTF-8, or is a job file.
+        """
+        try:
+            text = path.read_bytes().decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise FormatError(
+                f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
+            ) from error
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            line = re.search(r"at line (\d+)", str(error))
+            raise FormatError(
+                f"not a TOML file: {error}", path, int(line[1]) if line else None
+            ) from error
+        found = [name for name in _JOB if name in content]
+        if "group" not in content and found:
+            raise FormatError(
+                f"looks like a job file (it has {found[0]!r}), not a model:"
+                f" updyn check {path.name}",
+                path,
+            )
+        return cls(path, content, text)
+
+    @property
+    def has_groups(self) -> bool:
+        """Whether ``group`` is a list of tables."""
+        groups = self.content.get("group")
+        return isinstance(groups, list) and all(isinstance(g, dict) for g in groups)
+
+    @property
+    def title(self) -> str:
+        """The title; empty where there is none."""
+        return self.optional("title", "")
+
+    def optional(self, key: str, default: str) -> str:
+        """Return a text of the top level, or the default where the file does not have it."""
+        return self.text(self.content, key) if key in self.content else default
+
+    def dofs(self) -> DofSet | None:
+        """Return the DOFs, from labels or from a table; None where the file does not have them."""
+        given = self.content.get("dofs")
+        if given is None:
+            return None
+        if isinstance(given, list):
+            with placed(self.path, "dofs"):
+                return DofSet(given)
+        return read_dofs(self.file(self.content, "dofs"))
+
+    def geometry(self) -> Geometry | None:
+        """Return the geometry; None where the file does not have it."""
+        table = self.content.get("geometry")
+        if table is None:
+            return None
+        if not isinstance(table, dict) or "nodes" not in table:
+            raise FormatError(
+                "[geometry] needs nodes = 'nodes.csv', and may have lines",
+                self.path,
+                self.line("geometry"),
+            )
+        self.only_known(table, _GEOMETRY, "geometry")
+        lines = self.file(table, "lines", "geometry") if "lines" in table else None
+        return read_geometry(self.file(table, "nodes", "geometry"), lines)
+
+    def group_name(self, parts: Mapping[str, Any], number: int) -> str:
+        """Return the name of the `number`-th group, counted from 0.
+
+        Raises
+        ------
+        FormatError
+            If it has none.
+        """
+        if "name" not in parts:
+            raise FormatError(
+                f"[[group]] number {number + 1} has no name",
+                self.path,
+                self.line("name", "group", number),
+            )
+        return self.text(parts, "name", "group", number)
+
+    def line(self, key: str, table: str = "", number: int = 0) -> int | None:
+        """Return the line of a key: in the `number`-th table of that name, else of its header."""
+        count: dict[str, int] = {}
+        current, header = "", None
+        for at, line in enumerate(self._lines, 1):
+            if found := re.match(r"\s*\[\[?\s*([\w.-]+)\s*\]", line):
+                current = found[1]
+                count[current] = count.get(current, -1) + 1
+                if current in (table, key) and (current == key or count[current] == number):
+                    header = at
+            elif (
+                current == table
+                and count.get(table, 0) == number
+                and re.match(rf'\s*"?{re.escape(key)}"?\s*=', line)
+            ):
+                return at
+        return header
+
+    def only_known(
+        self, table: Mapping[str, Any], known: tuple[str, ...], name: str = "", number: int = 0
+    ) -> None:
+        """Refuse unknown keys of a table; the nearest known one is named."""
+        where = f" in [{name}]" if name else ""
+        for key in table:
+            if key not in known:
+                raise FormatError(
+                    f"unknown key {key!r}{where}; {suggest(key, known)}",
+                    self.path,
+                    self.line(key, name, number),
+                )
+
+    def text(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> str:
+        """Return the value of a key, which has to be a text."""
+        value = table[key]
+        if not isinstance(value, str):
+            raise FormatError(
+                f"{key} is {value!r}; expected a text", self.path, self.line(key, name, number)
+            )
+        return value
+
+    def file(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> Path:
+        """Return the path of a file that a key names, after checking that it is there."""
+        given = self.text(table, key, name, number)
+        found = self.path.parent / given
+        if found.is_file():
+            return found
+        near: list[str] = []
+        if found.parent.is_dir():
+            near = sorted(p.name for p in found.parent.iterdir() if p.is_file())
+        state = ": its folder does not exist or is empty"
+        if near:
+            state = f"; {suggest(found.name, near)}"
+        raise FormatError(
+            f"{key}: no such file {given!r}{state}", self.path, self.line(key, name, number)
+        )
+
+
+def write_tables(model: Model, path: Path) -> Any:
+    """Write the tables of DOFs, nodes and lines beside a TOML file, and begin that file.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : Path
+        The TOML file, or one of the same stem: the tables are called ``case_dofs.csv``,
+        ``case_nodes.csv`` and ``case_lines.csv``.
+
+    Returns
+    -------
+    tomlkit.TOMLDocument
+        With title, DOFs and geometry.
+    """
+    import tomlkit
+
+    entry = tomlkit.document()
+    if model.title:
+        entry["title"] = model.title
+    dofs = path.with_name(f"{path.stem}_dofs.csv")
+    entry["dofs"] = dofs.name
+    with atomic_path(dofs) as temporary:
+        write_dofs(model.dofs, temporary)
+    geometry = model.geometry
+    if geometry is None:
+        return entry
+    table = tomlkit.table()
+    nodes = path.with_name(f"{path.stem}_nodes.csv")
+    table["nodes"] = nodes.name
+    with atomic_path(nodes) as temporary:
+        write_geometry(geometry, temporary)
+    if len(geometry.lines):
+        lines = path.with_name(f"{path.stem}_lines.csv")
+        table["lines"] = lines.name
+        with atomic_path(lines) as temporary:
+            write_lines(geometry, temporary)
+    entry["geometry"] = table
+    return entry

@@ -1,0 +1,7 @@
+"""Universal files (UFF, UNV): FRFs, modes, geometry and units."""
+
+from updyn.io.uff.frf import read_frf, read_geometry
+from updyn.io.uff.modes import read_modes, write_modes
+from updyn.io.uff.writing import write_frf
+
+__all__ = ["read_frf", "read_geometry", "read_modes", "write_frf", "write_modes"]

@@ -1,0 +1,359 @@
+"""Nodes, coordinate systems, trace lines and units of universal files.
+
+Datasets 15 (nodes), 2411 (nodes, double precision), 18 and 2420 (coordinate systems), 82 (trace
+lines), 164 (units); layouts by SDRC. What they leave open is read as I-DEAS does:
+
+- Systems 0 and 1 are the global Cartesian one unless the file defines them.
+- Rows 1 to 3 of a 2420 matrix are the axes of the system in the global one, row 4 is its origin.
+- Angles are in degrees; cylindrical is (r, azimuth, z), spherical (r, angle from z, azimuth).
+- Positions of dataset 15 are in the definition system; those of 2411 in the global one, whatever
+  its field 2 says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+from updyn.geometry import Geometry
+from updyn.io.items import placed
+from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field
+
+__all__ = ["NUMBERS", "Collector", "Units"]
+
+#: Datasets that a `Collector` takes.
+NUMBERS = (15, 18, 82, 164, 2411, 2420)
+_GLOBAL = (0, 1)
+#: Length and force of one SI unit in the units of each code of dataset 164.
+_UNITS = {
+    1: (1.0, 1.0),
+    2: (3.28083989501, 0.224808943),
+    3: (1.0, 0.101971621),
+    4: (3.28083989501, 7.23301385),
+    5: (1000.0, 1000.0),
+    6: (100.0, 100.0),
+    7: (39.3700787402, 0.224808943),
+    8: (1000.0, 0.101971621),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Units:
+    """Factors of dataset 164: a number in the file divided by its factor is in SI.
+
+    Attributes
+    ----------
+    length, force : float
+        Of metres and newtons.
+    line : int
+        Line of the file; 0 where the file has no such dataset and SI is taken.
+    """
+
+    length: float = 1.0
+    force: float = 1.0
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """A coordinate system, in the unit of the file: its axes are rows, in the global system."""
+
+    kind: int
+    axes: NDArray[np.float64]
+    origin: NDArray[np.float64]
+
+    def position(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
+        a, b, c = (float(v) for v in local)
+        if self.kind == 1:
+            local = np.array([a * _cos(b), a * _sin(b), c])
+        elif self.kind == 2:
+            local = a * np.array([_sin(b) * _cos(c), _sin(b) * _sin(c), _cos(b)])
+        return self.origin + local @ self.axes
+
+    def directions(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the directions at a point of the global system, as rows; on the axis those of azimuth 0."""
+        if self.kind == 0:
+            return self.axes
+        x, y, z = self.axes @ (point - self.origin)
+        r = np.hypot(x, y)
+        ca, sa = (x / r, y / r) if r > 1e-12 * np.abs([x, y, z]).max() else (1.0, 0.0)
+        radial, around = np.array([ca, sa, 0.0]), np.array([-sa, ca, 0.0])
+        if self.kind == 1:
+            return np.array([radial, around, [0.0, 0.0, 1.0]]) @ self.axes
+        length = np.hypot(r, z)
+        cp, sp = (z / length, r / length) if length else (1.0, 0.0)
+        outward = sp * radial + np.array([0.0, 0.0, cp])
+        return np.array([outward, cp * radial - np.array([0.0, 0.0, sp]), around]) @ self.axes
+
+
+def _cos(degrees: float) -> float:
+    return _sin(degrees + 90.0)
+
+
+def _sin(degrees: float) -> float:
+    """Return the sine, exact at multiples of 90 degrees, so that such systems coincide with the global axes."""
+    quarter = degrees / 90.0
+    return (
+        float((0, 1, 0, -1)[int(quarter) % 4])
+        if quarter == int(quarter)
+        else float(np.sin(np.deg2rad(degrees)))
+    )
+
+
+@dataclass(slots=True)
+class _Node:
+    line: int
+    definition: int
+    displacement: int
+    xyz: NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class Collector:
+    """Takes the datasets that say where and how things are, then builds the geometry.
+
+    Systems may stand after the nodes that use them, so nothing is transformed before `geometry`.
+
+    Attributes
+    ----------
+    path : path
+        The file, for messages.
+    units : Units
+        What dataset 164 says.
+    nodes, systems : dict
+        As read, by number, in the unit of the file.
+    traces : list
+        Line of the file, and pairs of nodes, of each trace line.
+    """
+
+    path: str | Path
+    units: Units = field(default_factory=Units)
+    nodes: dict[int, _Node] = field(default_factory=dict)
+    systems: dict[int, _System] = field(default_factory=dict)
+    traces: list[tuple[int, list[tuple[int, int]]]] = field(default_factory=list)
+
+    def take(self, dataset: Dataset) -> None:
+        """Read one dataset whose number is in `NUMBERS`.
+
+        Raises
+        ------
+        FormatError
+            If a field cannot be read, a node or system stands twice, or units contradict each
+            other.
+        """
+        texts = [text_of(line).rstrip() for line in dataset.body.split(b"\n")]
+        lines = [(dataset.line + 1 + i, text) for i, text in enumerate(texts)]
+        while lines and not lines[-1][1]:
+            lines.pop()
+        if not lines:
+            raise FormatError(f"dataset {dataset.number} is empty", self.path, dataset.line)
+        readers = {
+            15: self._15,
+            18: self._18,
+            82: self._82,
+            164: self._164,
+            2411: self._2411,
+            2420: self._2420,
+        }
+        readers[dataset.number](lines)
+
+    def _fields(self, line: int, text: str, count: int, what: str) -> list[int]:
+        return [whole_field(text, 10 * i, 10, what, self.path, line) for i in range(count)]
+
+    def _reals(self, line: int, text: str, count: int, what: str) -> NDArray[np.float64]:
+        words = text.split()
+        if len(words) != count:
+            raise FormatError(
+                f"{what}: expected {count} numbers, found {len(words)}: {text!r}", self.path, line
+            )
+        out = np.array([real_field(word, what, self.path, line) for word in words])
+        if not np.isfinite(out).all():
+            raise FormatError(f"{what}: not finite: {text!r}", self.path, line)
+        return out
+
+    def _groups(
+        self, lines: Sequence[tuple[int, str]], size: int, what: str
+    ) -> Iterator[Sequence[tuple[int, str]]]:
+        if len(lines) % size:
+            raise FormatError(
+                f"{what}: expected {size} lines each, the last has {len(lines) % size}",
+                self.path,
+                lines[-1][0],
+            )
+        return (lines[i : i + size] for i in range(0, len(lines), size))
+
+    # -- nodes ---------------------------------------------------------------------------------------------
+    def _15(self, lines: Sequence[tuple[int, str]]) -> None:
+        for line, text in lines:
+            numbers = self._fields(line, text, 4, "dataset 15, node")
+            self._add_node(line, numbers, self._reals(line, text[40:], 3, "dataset 15, position"))
+
+    def _2411(self, lines: Sequence[tuple[int, str]]) -> None:
+        for (line, text), (below, position) in self._groups(lines, 2, "dataset 2411"):
+            number, _, displacement, _ = self._fields(line, text, 4, "dataset 2411, node")
+            xyz = self._reals(below, position, 3, "dataset 2411, position")
+            self._add_node(line, [number, 0, displacement], xyz)
+
+    def _add_node(self, line: int, numbers: Sequence[int], xyz: NDArray[np.float64]) -> None:
+        number, definition, displacement = numbers[:3]
+        before = self.nodes.get(number)
+        if before is not None:
+            same = (before.definition, before.displacement) == (definition, displacement)
+            if not (same and (before.xyz == xyz).all()):
+                raise FormatError(
+                    f"node {number} stands twice: also on line {before.line}", self.path, line
+                )
+            return
+        self.nodes[number] = _Node(line, definition, displacement, xyz)
+
+    # -- coordinate systems --------------------------------------------------------------------------------
+    def _18(self, lines: Sequence[tuple[int, str]]) -> None:
+        for (line, text), _, (third, a), (fourth, b) in self._groups(lines, 4, "dataset 18"):
+            number, kind, reference, _, method = self._fields(line, text, 5, "dataset 18, system")
+            if method != 1:
+                raise FormatError(
+                    f"dataset 18: method of definition {method}; expected 1", self.path, line
+                )
+            parent = self._system(reference, line, f"system {number}, reference")
+            six = self._reals(third, a, 6, "dataset 18, points")
+            points = (six[:3], six[3:], self._reals(fourth, b, 3, "dataset 18, points"))
+            origin, on_x, on_xz = (parent.position(p) for p in points)
+            x = on_x - origin
+            y = np.cross(on_xz - origin, x)  # z x X = Y: the third point lies on the side of +z
+            if not (
+                np.linalg.norm(x) > 0
+                and np.linalg.norm(y) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(on_xz - origin)
+            ):
+                raise FormatError(
+                    f"dataset 18: the three points of system {number} lie in a line",
+                    self.path,
+                    line,
+                )
+            x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+            self._add_system(line, number, kind, np.array([x, y, np.cross(x, y)]), origin)
+
+    def _2420(self, lines: Sequence[tuple[int, str]]) -> None:
+        for (line, text), _, *rows in self._groups(lines[2:], 6, "dataset 2420, system"):
+            number, kind = self._fields(line, text, 2, "dataset 2420, system")
+            matrix = np.array([self._reals(at, row, 3, "dataset 2420, matrix") for at, row in rows])
+            self._add_system(line, number, kind, matrix[:3], matrix[3])
+
+    def _add_system(
+        self,
+        line: int,
+        number: int,
+        kind: int,
+        axes: NDArray[np.float64],
+        origin: NDArray[np.float64],
+    ) -> None:
+        if kind not in (0, 1, 2):
+            raise FormatError(
+                f"system {number}: type {kind}; expected 0 (Cartesian), 1 (cylindrical) or 2"
+                " (spherical)",
+                self.path,
+                line,
+            )
+        if not np.allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-4):
+            raise FormatError(
+                f"system {number}: its axes are not three perpendicular directions of length 1",
+                self.path,
+                line,
+            )
+        if number in self.systems:
+            raise FormatError(f"system {number} stands twice", self.path, line)
+        self.systems[number] = _System(kind, axes, origin)
+
+    def _system(self, number: int, line: int, what: str) -> _System:
+        if number in self.systems:
+            return self.systems[number]
+        if number in _GLOBAL:
+            return _System(0, np.eye(3), np.zeros(3))
+        known = ", ".join(map(str, sorted(self.systems))) or "none"
+        raise FormatError(
+            f"{what}: coordinate system {number} is not defined in this file (defined: {known}; 0"
+            " and 1 are global)",
+            self.path,
+            line,
+        )
+
+    # -- lines and units -----------------------------------------------------------------------------------
+    def _82(self, lines: Sequence[tuple[int, str]]) -> None:
+        line, text = lines[0]
+        _, count = self._fields(line, text, 2, "dataset 82, trace line")
+        path: list[int] = []
+        for at, row in lines[2:]:
+            path += self._fields(at, row, -(-len(row) // 10), "dataset 82, node")
+        if len(path) < count or any(path[count:]):
+            raise FormatError(f"dataset 82: says {count} nodes, found {len(path)}", self.path, line)
+        pairs = [(a, b) for a, b in pairwise(path[:count]) if a and b]
+        self.traces.append((line, pairs))
+
+    def _164(self, lines: Sequence[tuple[int, str]]) -> None:
+        line, text = lines[0]
+        code = whole_field(text, 0, 10, "dataset 164, units code", self.path, line)
+        words = " ".join(row for _, row in lines[1:]).split()
+        if len(words) < 2:
+            raise FormatError("dataset 164: no factors of length and force", self.path, line)
+        length, force = (real_field(w, "dataset 164, factor", self.path, line) for w in words[:2])
+        if not (0 < length < np.inf and 0 < force < np.inf):
+            raise FormatError(
+                f"dataset 164: factors {length:g} and {force:g}; expected positive ones",
+                self.path,
+                line,
+            )
+        expected = _UNITS.get(code)
+        if expected is None and code != 9:
+            raise FormatError(f"dataset 164: units code {code}; expected 1 to 9", self.path, line)
+        if expected is not None and not np.allclose((length, force), expected, rtol=1e-3, atol=0):
+            raise FormatError(
+                f"dataset 164: units code {code} goes with factors {expected[0]:g} (length) and"
+                f" {expected[1]:g} (force), found {length:g} and {force:g}",
+                self.path,
+                line,
+            )
+        if self.units.line and (self.units.length, self.units.force) != (length, force):
+            raise FormatError(
+                f"dataset 164 contradicts the one on line {self.units.line}", self.path, line
+            )
+        self.units = Units(length, force, line)
+
+    # -- the whole -----------------------------------------------------------------------------------------
+    def geometry(self) -> Geometry | None:
+        """Return the geometry in m, or None where the file has no nodes.
+
+        Raises
+        ------
+        FormatError
+            If a system is not defined or a trace line names an unknown node.
+        """
+        if not self.nodes:
+            return None
+        xyz, axes = [], []
+        for number, node in self.nodes.items():
+            definition = self._system(node.definition, node.line, f"node {number}, definition")
+            displacement = self._system(
+                node.displacement, node.line, f"node {number}, displacement"
+            )
+            point = definition.position(node.xyz)
+            xyz.append(point)
+            axes.append(displacement.directions(point))
+        for line, pairs in self.traces:
+            for number in (n for pair in pairs for n in pair if n not in self.nodes):
+                raise FormatError(
+                    f"dataset 82: node {number} of the trace line has no position", self.path, line
+                )
+        # Everything so far is in the unit of the file; dataset 164 may stand anywhere in it.
+        turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
+        with placed(self.path):
+            return Geometry(
+                list(self.nodes),
+                np.array(xyz) / self.units.length,
+                [p for _, pairs in self.traces for p in pairs],
+                axes if turned else None,
+            )

@@ -1,0 +1,352 @@
+"""Modes in universal files: dataset 55, "data at nodes", of normal and of complex modes.
+
+Layout: SDRC, universal file format, dataset 55. What is read, and how:
+
+- Analysis types 2 (normal mode), 3 and 7 (complex eigenvalues). Others are left out with a warning
+  that counts them.
+- The vectors are global, of three translations or of these and three rotations. A direction of a
+  node that is zero in every mode was not measured (note 15 of the format) and is no DOF of the
+  modes.
+- Type 2: loss factor = twice the viscous ratio plus the hysteretic one; not known where both are 0.
+  A modal mass above 0 scales the shape to unit modal mass.
+- Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal
+  A other than 0 the shape is scaled by sqrt(2 i omega_d / A), as phi^T (2 s M + C) phi = A (Ewins,
+  Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
+- Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units,
+  else they are SI.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import FormatError, UpdynWarning
+from updyn.io.atomic import atomic_path
+from updyn.io.items import placed
+from updyn.io.uff.datasets import Dataset, datasets, real_field, text_of, whole_field
+from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.modal import ModeSet
+
+__all__ = ["read_modes", "write_modes"]
+
+_Complex = NDArray[np.complex128]
+
+_NORMAL, _FIRST_ORDER, _SECOND_ORDER = 2, 3, 7
+_ANALYSES = {0: "unknown", 1: "static", 4: "transient", 5: "frequency response", 6: "buckling"}
+_WIDTHS = {2: 3, 3: 6}  # data characteristic: values a node
+_REAL, _COMPLEX = (2, 4), (5, 6)
+_DISPLACEMENT = (0, 1, 8)
+_HEAD = 8  # lines before the nodes
+_QUALITY = re.compile(r"^quality ([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)$")
+_WIDEST = 10**10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mode:
+    """One dataset, in the unit of the file."""
+
+    line: int
+    frequency: float
+    loss: float
+    conjugate: bool
+    factor: complex  # turns the shape into one of unit modal mass, for SI units; 0: not known
+    nodes: list[int]
+    shape: _Complex  # shape (n_nodes, 6)
+    quality: float
+
+
+def read_modes(path: str | Path) -> ModeSet:
+    """Read the modes of a universal file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    ModeSet
+        At all nodes and directions that move in one of the modes, in the order of the file.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or holds no modes.
+
+    Warns
+    -----
+    UpdynWarning
+        If it holds data at nodes of another analysis; they are left out.
+    """
+    collector, found, others, left = Collector(path), list[_Mode](), Counter[int](), Counter[str]()
+    for dataset in datasets(path):
+        if dataset.number == 55:
+            mode = _read(dataset, path)
+            if isinstance(mode, _Mode):
+                found.append(mode)
+            else:
+                left[mode] += 1
+        elif dataset.number in NUMBERS:
+            collector.take(dataset)
+        else:
+            others[dataset.number] += 1
+    found = [m for m in found if not (m.conjugate and any(_mirrors(m, other) for other in found))]
+    if not found:
+        held = [f"{n} of data at nodes, {name}" for name, n in left.items()]
+        held += [f"dataset {n}" for n in sorted(others)]
+        raise FormatError(
+            "holds no modes (dataset 55 of analysis type 2, 3 or 7); it holds"
+            f" {', '.join(held) or '-'}",
+            path,
+        )
+    if left:
+        counted = ", ".join(f"{n} {name}" for name, n in left.items())
+        warnings.warn(
+            f"{path}: data at nodes that are no modes are left out: {counted}",
+            UpdynWarning,
+            stacklevel=2,
+        )
+    return _assembled(found, collector.units, path)
+
+
+def write_modes(modes: ModeSet, path: str | Path) -> None:
+    """Write modes as datasets 55 of a universal file: normal modes where all shapes are real, else complex ones.
+
+    The format keeps six digits. Senses go into the values: 5:-Z is written as 5:Z with the opposite
+    sign.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        The modes.
+    path : path
+        File to write.
+
+    Raises
+    ------
+    FormatError
+        If a node number is too wide for the format.
+    """
+    for node in modes.dofs.nodes:
+        if not -_WIDEST // 10 < node < _WIDEST:
+            raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)
+    one = f"{1.0:25.17E}".replace("E", "D")
+    units = [
+        "    -1",
+        f"{164:6d}",
+        f"{1:10d}{'SI units':<20}{2:10d}",
+        one * 3,
+        f"{0.0:25.17E}".replace("E", "D"),
+        "    -1",
+    ]
+    lines = [*units, *(line for number in range(len(modes)) for line in _lines(modes, number))]
+    with atomic_path(path) as temporary:
+        temporary.write_bytes("\n".join([*lines, ""]).encode("ascii"))
+
+
+# -- reading -----------------------------------------------------------------------------------------------
+def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
+    """Return a mode, or of what other analysis the data are."""
+    texts = [text_of(line).rstrip() for line in dataset.body.split(b"\n")]
+    while texts and not texts[-1]:
+        texts.pop()
+    if len(texts) < _HEAD:
+        raise FormatError(
+            f"dataset 55: {len(texts)} lines; expected at least {_HEAD}", path, dataset.line
+        )
+    at = dataset.line + 1
+    _, analysis, characteristic, specific, kind, width = (
+        whole_field(texts[5], 10 * i, 10, f"record 6, field {i + 1}", path, at + 5)
+        for i in range(6)
+    )
+    if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
+        return _ANALYSES.get(analysis, f"analysis type {analysis}")
+    if _WIDTHS.get(characteristic) != width:
+        raise FormatError(
+            f"record 6: data characteristic {characteristic} with {width} values a node; expected 2"
+            " with 3 (translations) or 3 with 6 (translations and rotations)",
+            path,
+            at + 5,
+        )
+    if kind not in (*_REAL, *_COMPLEX):
+        raise FormatError(
+            f"record 6: data type {kind}; expected 2 (real) or 5 (complex)", path, at + 5
+        )
+    frequency, loss, conjugate, factor = _head(texts, analysis, path, at)
+    nodes, shape = _nodes(texts[_HEAD:], width, kind in _COMPLEX, path, at + _HEAD)
+    quality = _QUALITY.search(texts[3])
+    return _Mode(
+        dataset.line,
+        frequency,
+        loss,
+        conjugate,
+        factor if specific in _DISPLACEMENT else 0.0,
+        nodes,
+        shape,
+        float(quality[1]) if quality else np.nan,
+    )
+
+
+def _head(
+    texts: Sequence[str], analysis: int, path: str | Path, at: int
+) -> tuple[float, float, bool, complex]:
+    """Return frequency, loss factor, whether it is the lower of a pair, and the factor to unit modal mass."""
+    n_whole, n_real = (
+        whole_field(texts[6], 10 * i, 10, f"record 7, field {i + 1}", path, at + 6) for i in (0, 1)
+    )
+    least = 4 if analysis == _NORMAL else 2
+    if n_whole < 1 or n_real < least:
+        raise FormatError(
+            f"record 7: {n_real} real parameters; expected at least {least}", path, at + 6
+        )
+    numbers = _numbers([(at + 7, texts[7])], min(n_real, 6), "record 8", path)
+    numbers = np.append(numbers, np.zeros(6 - len(numbers)))
+    if analysis == _NORMAL:
+        f, mass, viscous, hysteretic = numbers[:4]
+        if f < 0 or mass < 0:
+            raise FormatError(
+                f"record 8: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0",
+                path,
+                at + 7,
+            )
+        loss = 2.0 * viscous + hysteretic
+        return (
+            float(f),
+            float(loss) if loss else np.nan,
+            False,
+            1.0 / np.sqrt(mass) if mass else 0.0,
+        )
+    s, a = complex(numbers[0], numbers[1]), complex(numbers[2], numbers[3])
+    if s.imag == 0.0:
+        raise FormatError(
+            f"record 8: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
+            path,
+            at + 7,
+        )
+    factor = np.sqrt(2j * s.imag / a) if a else 0.0
+    return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, complex(factor)
+
+
+def _nodes(
+    texts: Sequence[str], width: int, is_complex: bool, path: str | Path, at: int
+) -> tuple[list[int], _Complex]:
+    count = width * (2 if is_complex else 1)
+    size = 1 + -(-count // 6)
+    if len(texts) % size:
+        raise FormatError(
+            f"dataset 55: {count} numbers a node take {size} lines, the last node has"
+            f" {len(texts) % size}",
+            path,
+            at + len(texts) - 1,
+        )
+    nodes, rows = [], []
+    for i in range(0, len(texts), size):
+        nodes.append(whole_field(texts[i], 0, 10, "record 9, node", path, at + i))
+        if nodes[-1] in nodes[:-1]:
+            raise FormatError(f"dataset 55: node {nodes[-1]} stands twice", path, at + i)
+        found = _numbers(
+            [(at + i + j, texts[i + j]) for j in range(1, size)], count, "record 10", path
+        )
+        row = found[0::2] + 1j * found[1::2] if is_complex else found.astype(np.complex128)
+        rows.append(np.append(row, np.zeros(6 - width)))
+    return nodes, np.array(rows).reshape(-1, 6)
+
+
+def _numbers(
+    lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path
+) -> NDArray[np.float64]:
+    """Return the numbers of some lines, told by blanks, or by their 13 columns where they touch."""
+    words = [(at, word) for at, text in lines for word in text.split()]
+    if len(words) != count:
+        words = [(at, field) for at, text in lines for field in _fields(text)]
+    if len(words) != count:
+        raise FormatError(
+            f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0]
+        )
+    out = np.array([real_field(word, what, path, at) for at, word in words])
+    if not np.isfinite(out).all():
+        raise FormatError(f"{what}: a number is not finite", path, lines[0][0])
+    return out
+
+
+def _fields(text: str) -> Iterator[str]:
+    return (text[i : i + 13] for i in range(0, len(text), 13) if text[i : i + 13].strip())
+
+
+def _mirrors(mode: _Mode, other: _Mode) -> bool:
+    return not other.conjugate and abs(mode.frequency - other.frequency) <= 1e-4 * other.frequency
+
+
+def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSet:
+    nodes = list(dict.fromkeys(node for mode in found for node in mode.nodes))
+    row = {node: i for i, node in enumerate(nodes)}
+    shapes = np.zeros((len(found), len(nodes), 6), dtype=np.complex128)
+    for k, mode in enumerate(found):
+        if mode.nodes:
+            shapes[k, [row[n] for n in mode.nodes]] = mode.shape
+    shapes[:, :, :3] /= units.length
+    # A modal mass has the unit of energy over that of the shape squared: force times length.
+    unit = np.sqrt(units.force * units.length)
+    for k, mode in enumerate(found):
+        shapes[k] *= mode.factor * unit if mode.factor else 1.0
+        if mode.conjugate:
+            shapes[k] = shapes[k].conj()
+    seen = np.argwhere(shapes.any(axis=0))
+    for mode, shape in zip(found, shapes, strict=True):
+        if not shape.any():
+            raise FormatError("dataset 55: the shape is zero at all nodes", path, mode.line)
+    with placed(path):
+        return ModeSet(
+            [m.frequency for m in found],
+            shapes[:, seen[:, 0], seen[:, 1]].T,
+            DofSet.from_arrays(np.array(nodes)[seen[:, 0]], seen[:, 1]),
+            [m.loss for m in found],
+            [m.factor != 0 for m in found],
+            [m.quality for m in found],
+            Path(path).name,
+        )
+
+
+# -- writing -----------------------------------------------------------------------------------------------
+def _lines(modes: ModeSet, number: int) -> Iterator[str]:
+    real = not modes.shapes.imag.any()
+    f, loss = float(modes.frequency[number]), float(modes.loss_factor[number])
+    width = 6 if (modes.dofs.axes >= 3).any() else 3
+    quality = float(modes.quality[number])
+    yield from ("    -1", f"{55:6d}", "Mode shape", "NONE", "NONE")
+    yield "NONE" if np.isnan(quality) else f"quality {quality:.6g}"
+    yield f"Mode {number + 1:10d} Frequency {f:13.5E}"
+    analysis, kind = (_NORMAL, 2) if real else (_FIRST_ORDER, 5)
+    yield "".join(f"{v:10d}" for v in (1, analysis, 2 if width == 3 else 3, 8, kind, width))
+    yield "".join(f"{v:10d}" for v in (2, 4 if real else 6, 1, number + 1))
+    if real:
+        yield _row([f, float(modes.scaled[number]), 0.0, 0.0 if np.isnan(loss) else loss])
+    else:
+        half = 0.0 if np.isnan(loss) else 0.5 * loss
+        omega = 2.0 * np.pi * f
+        damped = omega * np.sqrt(max(1.0 - half**2, 0.0))
+        yield _row(
+            [-half * omega, damped, 0.0, 2.0 * damped * float(modes.scaled[number]), 0.0, 0.0]
+        )
+    shape = modes.shapes[:, number] * modes.dofs.signs
+    for node in dict.fromkeys(modes.dofs.nodes.tolist()):
+        own = np.flatnonzero(modes.dofs.nodes == node)
+        values = np.zeros(width, dtype=np.complex128)
+        values[modes.dofs.axes[own]] = shape[own]
+        yield f"{node:10d}"
+        flat = values.real if real else np.column_stack([values.real, values.imag]).ravel()
+        yield from (_row(flat[i : i + 6].tolist()) for i in range(0, len(flat), 6))
+    yield "    -1"
+
+
+def _row(values: Sequence[float]) -> str:
+    return "".join(f"{v:13.5E}" for v in values)

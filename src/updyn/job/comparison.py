@@ -1,0 +1,259 @@
+"""`compare_job`: run every method on the inputs of a job and write the comparison."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from updyn.errors import FormatError, suggest
+from updyn.job.folder import check_folder, check_no_folder
+from updyn.job.prepare import Prepared, prepare
+from updyn.job.run import as_tests, job_selection, method_errors
+from updyn.job.schema import Job
+from updyn.updating.problem.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from updyn.comparison import Comparison
+    from updyn.engines import Engine
+    from updyn.updating.fit.monitor import Progress
+
+__all__ = [
+    "COMPARED",
+    "check_comparison_out",
+    "compare_job",
+    "default_comparison_out",
+    "read_truth",
+]
+
+#: What a comparison writes.
+COMPARED = ("compare.html", "compare.json")
+
+
+def default_comparison_out(job: Job) -> Path:
+    """Return the folder of a comparison where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        The job's stem with ``-compare``, beside it.
+    """
+    return job.path.with_name(f"{job.path.stem}-compare")
+
+
+def check_comparison_out(job: Job, out: str | Path) -> Path:
+    """Check that a comparison may write to a folder.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : path
+        The folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    JobError
+        If it is a file, or lies in no folder that can be written.
+    """
+    out = check_folder(job, out)
+    check_no_folder(job, out, COMPARED)
+    return out
+
+
+def compare_job(
+    job: Job,
+    out: str | Path | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    methods: Iterable[str] | None = None,
+    truth: str | Path | None = None,
+    report: Callable[[Any, Path], object] | None = None,
+    prepared: Prepared | None = None,
+    engine: int | Client | Engine | None = None,
+    **options: Any,
+) -> Comparison:
+    """Run every method on the inputs of a job and write what comes of it.
+
+    Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own
+    options go to that method, measured modes to every method that takes them.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`.
+    out : path, optional
+        The folder; by default the job's stem with ``-compare``, beside it. It is made when all is
+        done.
+    callback : callable, optional
+        As for `updyn.compare`.
+    methods : iterable of str, optional
+        Names; by default every method.
+    truth : path, optional
+        File with true values, as `read_truth` takes it.
+    report : callable, optional
+        Writes the page, usually `updyn.report.write_comparison`. It is handed in, as the way to a
+        result does not depend on how results are shown.
+    prepared : Prepared, optional
+        From `prepare`, where it was called before.
+    engine : None, int, dask.distributed Client or Engine
+        As for `updyn.update`.
+    **options
+        ``fewest``, ``tolerance`` and ``chosen`` of `updyn.compare`.
+
+    Returns
+    -------
+    Comparison
+        In `out`: ``compare.json`` and, with `report`, ``compare.html``, each replaced as a whole;
+        of a comparison that was stopped with the rows so far.
+
+    Raises
+    ------
+    InputError
+        If the job, a file, an option or the output folder cannot be used; nothing is written then.
+    SolverError
+        If the model cannot be solved where it starts; nothing is written.
+    """
+    from updyn.comparison.bench import Given
+    from updyn.store.comparison import write_comparison_json
+
+    out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
+    ready = prepare(job) if prepared is None else prepared
+    known = None if truth is None else read_truth(truth, ready.parameters)
+    methods = None if methods is None else list(methods)
+    Given.checked(
+        ready.parameters, methods, _options(ready), known, **options
+    )  # what is wrong here is not of the job
+    with method_errors(job):
+        found = _compared(
+            ready, methods, known, {"callback": callback, "engine": engine, **options}
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    if report is not None:
+        report(found, out / "compare.html")
+    write_comparison_json(found, out / "compare.json")
+    return found
+
+
+def _compared(
+    ready: Prepared,
+    methods: Iterable[str] | None,
+    truth: dict[str, float] | None,
+    options: dict[str, Any],
+) -> Comparison:
+    from updyn.comparison import compare, compare_jointly
+    from updyn.updating.problem.selection import Selection
+
+    job, method = ready.job, ready.job.method
+    options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
+    options["options"] = _options(ready)
+    for key in ("tier", "backend", "accuracy", "regularise"):
+        if getattr(method, key) is not None:
+            options[key] = getattr(method, key)
+    tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
+    if isinstance(unknowns, Selection) and truth is not None:
+        options["truth"] = {
+            name: value for name, value in truth.items() if name in unknowns.parameters.names
+        }
+    if len(tests) > 1:
+        return compare_jointly(tests, unknowns, **options)
+    (test,) = tests
+    options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
+    return compare(test.model, test.frf, unknowns, **options)
+
+
+def _options(ready: Prepared) -> dict[str, dict[str, Any]]:
+    """Return options by method: the job's own for its method, measured modes for those that take them."""
+    from updyn.updating.fit.methods import METHODS, options_of
+
+    out = {ready.job.method.name: dict(ready.job.method.options)}
+    if ready.modes:
+        modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
+        for name in METHODS:
+            if "modes" in options_of(name):
+                out[name] = {**out.get(name, {}), "modes": modes}
+    return out
+
+
+def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
+    """Read true values of unknowns.
+
+    Parameters
+    ----------
+    path : path
+        TOML or JSON (told by its suffix): names with values, such as ``"part 1.stiffness" = 0.8``,
+        or a table for each group, ``["part 1"]`` with ``stiffness = 0.8``.
+    parameters : ParameterSet
+        The unknowns.
+
+    Returns
+    -------
+    dict of str to float
+        By unknown, in the order of the file. Not every unknown has to be there.
+
+    Raises
+    ------
+    FormatError
+        If the file is not there or cannot be read, names something that is no unknown, or holds no
+        number for it.
+    """
+    path = Path(path)
+    found: dict[str, float] = {}
+    for name, value in _named(_content(path), ""):
+        if name not in parameters.names:
+            raise FormatError(
+                f"{name!r} is no unknown of the job; {suggest(name, parameters.names)}", path
+            )
+        number = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
+        if not number:
+            raise FormatError(f"{name!r}: expected a finite number, found {value!r}", path)
+        if name in found:
+            raise FormatError(f"{name!r} stands twice", path)
+        found[name] = float(value)
+    if not found:
+        raise FormatError(
+            'holds no true value; expected lines such as "part 1.stiffness" = 0.8', path
+        )
+    return found
+
+
+def _content(path: Path) -> Mapping[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise FormatError(f"the true values cannot be read: {why}", path) from error
+    try:
+        content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
+        raise FormatError(f"not {kind}: {error}", path) from error
+    if not isinstance(content, dict):
+        raise FormatError(f"expected names with values, found a {type(content).__name__}", path)
+    return content
+
+
+def _named(table: Mapping[str, Any], before: str) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        name = f"{before}.{key}" if before else key
+        if isinstance(value, dict):
+            yield from _named(value, name)
+        else:
+            yield name, value

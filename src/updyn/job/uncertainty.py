@@ -1,0 +1,129 @@
+"""``[uncertainty]`` of a job: profile likelihood, bootstrap or sampling after the update."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field, model_validator
+
+from updyn.errors import OptionError
+from updyn.job.job_table import JobTable
+from updyn.job.prepare import Prepared
+from updyn.job.schema import Job, Table, Texts
+from updyn.store.uncertainty import write_uncertainty
+from updyn.uncertainty.bootstrap import bootstrap
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.profile import Profiles, profile
+from updyn.uncertainty.sampling import sample
+from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
+from updyn.updating.fit.monitor import Progress
+
+if TYPE_CHECKING:
+    from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["UNCERTAINTY", "UncertaintyTable"]
+
+#: The file that it is written to, beside the results.
+FILE = "uncertainty.nc"
+
+
+class UncertaintyTable(Table):
+    """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
+
+    kind: Literal["profile", "bootstrap", "sampling"]
+    names: Texts | None = Field(
+        default=None, min_length=1
+    )  # of a profile; all unknowns where left out
+    n: int | None = Field(default=None, ge=2)
+    seed: int = Field(default=0, ge=0)
+    level: float = Field(default=0.95, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _fitting(self) -> UncertaintyTable:
+        if self.kind == "profile" and self.n is not None:
+            raise ValueError("n is the number of draws; a profile makes none")
+        if self.kind != "profile" and self.names is not None:
+            raise ValueError(f"names choose unknowns to profile; kind {self.kind!r} draws all")
+        return self
+
+
+class _UncertaintyJobTable(JobTable):
+    """``[uncertainty]``: profile likelihood, bootstrap or sampling after the update."""
+
+    schema = UncertaintyTable
+
+    def outputs(self, table: UncertaintyTable) -> tuple[str, ...]:
+        return (FILE,)
+
+    def check(self, prepared: Prepared) -> None:
+        job = prepared.job
+        table = job.table(UncertaintyTable)
+        assert table is not None
+        if (
+            table.names is not None and job.selection is None
+        ):  # which joins unknowns under new names
+            try:
+                chosen(table.names, prepared.parameters.names)
+            except OptionError as error:
+                raise job.error(f"uncertainty: {error}", "uncertainty", "names") from error
+        methods = WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD
+        if job.method.name not in methods:
+            valid = " or ".join(repr(m) for m in methods)
+            raise job.error(
+                f"uncertainty: kind {table.kind!r} is of a fit by {valid}; [method] name is"
+                f" {job.method.name!r}",
+                "uncertainty",
+                "kind",
+            )
+
+    def run(
+        self,
+        prepared: Prepared,
+        result: UpdateResult | JointResult,
+        found: Mapping[str, Any],
+        callback: Callable[[Progress], bool | None] | None,
+        engine: Any,
+    ) -> Draws | Profiles | None:
+        table = prepared.job.table(UncertaintyTable)
+        assert table is not None
+        if result.status == "stopped":
+            return None
+        options: dict[str, Any] = {
+            "seed": table.seed,
+            "engine": engine,
+            "callback": _shown(callback),
+        }
+        if table.kind == "profile":
+            return profile(result, table.names, level=table.level, **options)
+        if table.n is not None:
+            options["n"] = table.n
+        draw = bootstrap if table.kind == "bootstrap" else sample
+        draws = draw(result, **options)
+        return replace(draws, options={**draws.options, "level": table.level})
+
+    def write(self, found: Draws | Profiles, job: Job, folder: Path) -> None:
+        write_uncertainty(found, folder / FILE)
+
+    def summary(self, found: Draws | Profiles) -> str:
+        if isinstance(found, Profiles):
+            return found.summary()
+        return found.summary(found.options["level"])
+
+
+UNCERTAINTY = _UncertaintyJobTable()
+
+
+def _shown(callback: Callable[[Progress], bool | None] | None) -> Any:
+    """Return a callback that shows progress of this work as that of the update is shown."""
+    if callback is None:
+        return None
+
+    def show(progress: Any) -> bool | None:
+        said = f"{progress.stage} {progress.done} of {progress.total}"
+        stage = f"{said}, {progress.note}" if progress.note else said
+        return callback(Progress(stage, progress.done, float("nan"), progress.done, progress.total))
+
+    return show

@@ -1,0 +1,200 @@
+"""Sections of a report page: the protocol, what they are made from, and the registry.
+
+A page is assembled from the sections in `SECTIONS` that apply to its content, in the order of
+their `Section.place`. To add one, also from another package, derive a class from `Section` and
+register an instance, or where one is found (``"module:attribute"``)::
+
+    class Mounts(Section):
+        anchor = "mounts"
+        name = heading = "Mounts"
+        place = 450
+
+        def body(self, content, figures):
+            return paragraph(f"{len(content.further['mounts'])} mounts")
+
+    SECTIONS.register("mounts.table", "my_package.mounts:MOUNTS")
+    updyn.write_report(result, "report.html", mounts=found)
+
+The text before the dot in the registered name is the name of the object that the section shows;
+the section is loaded only where there is such an object. A name without a dot is that of a section
+about the update itself. The group of entry points is ``updyn.report_sections``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+from updyn.registry import Registry
+from updyn.report.data import ReportData, gather
+from updyn.report.markup import esc
+from updyn.report.plots import Figure
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """The objects that a page shows.
+
+    Attributes
+    ----------
+    update : UpdateResult, JointResult or None
+        The update of one test or of several tests; None on a page about something else.
+    further : mapping of str to object
+        Objects by name for sections of their own, such as ``"uncertainty"``, from `updyn.sample`.
+    """
+
+    update: UpdateResult | JointResult | None = None
+    further: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def tests(self) -> Mapping[str, UpdateResult]:
+        """Results by the name of their test; a single one has no name."""
+        if self.update is None:
+            return {}
+        if isinstance(self.update, JointResult):
+            return self.update.results
+        return {"": self.update}
+
+    @property
+    def of_one_test(self) -> bool:
+        """Whether the page shows the update of one test."""
+        return isinstance(self.update, UpdateResult)
+
+    @cached_property
+    def result(self) -> UpdateResult:
+        """The result; of several tests the first, with the title of all.
+
+        Raises
+        ------
+        LookupError
+            If the page shows no update.
+        """
+        if self.update is None:
+            raise LookupError("this page shows no update")
+        if isinstance(self.update, JointResult):
+            return replace(self.update.first, title=self.update.title)
+        return self.update
+
+    @cached_property
+    def data(self) -> ReportData:
+        """Measured and computed FRFs of `result`, computed when first asked for."""
+        return gather(self.result)
+
+
+class Section(ABC):
+    """One section of a page; derive from it, set its attributes and define `body`.
+
+    Attributes
+    ----------
+    anchor : str
+        Its id in the page, unique there.
+    name : str
+        How it is called in the list of contents.
+    heading : str
+        Its heading.
+    place : float
+        Sections are shown in ascending order of it. The built-in ones have the hundreds 100 to
+        1200; ``provenance``, the last, has 9000.
+    """
+
+    anchor: ClassVar[str]
+    name: ClassVar[str]
+    heading: ClassVar[str]
+    place: ClassVar[float]
+
+    def applies(self, content: Content) -> bool:
+        """Whether a page with this content has the section; by default that of one test has."""
+        return content.of_one_test
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return its figures as plotly data, by a name that is unique in the page."""
+        return {}
+
+    @abstractmethod
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return its HTML below the heading.
+
+        Parameters
+        ----------
+        content : Content
+            The objects that the page shows.
+        figures : mapping of str to Figure
+            What `figures` returned. `updyn.report.markup.figure` returns the place of a figure.
+
+        Returns
+        -------
+        str
+            HTML. Where it is empty the section is left out.
+        """
+
+    def embedded(self, content: Content) -> dict[str, Any]:
+        """Return data for its scripts, ready for JSON, by the id of the element that holds them."""
+        return {}
+
+    def script(self) -> str:
+        """Return JavaScript that runs once the figures are drawn."""
+        return ""
+
+    def render(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return the section as HTML; empty where its body is."""
+        body = self.body(content, figures)
+        if not body:
+            return ""
+        return f'<section id="{esc(self.anchor)}"><h2>{esc(self.heading)}</h2>{body}</section>'
+
+
+#: Sections by name, each loaded when a page needs it.
+SECTIONS: Registry[Section] = Registry(
+    "report section",
+    "updyn.report_sections",
+    {
+        "tests": "updyn.report.sections_tests:TESTS",
+        "frfs": "updyn.report.overlay:FRFS",
+        "agreement": "updyn.report.sections:AGREEMENT",
+        "structure": "updyn.report.structure:STRUCTURE",
+        "unknowns": "updyn.report.sections_unknowns:UNKNOWNS",
+        "uncertainty.intervals": "updyn.report.sections_uncertainty:UNCERTAINTY",
+        "identifiability": "updyn.report.sections_unknowns:IDENTIFIABILITY",
+        "held": "updyn.report.sections_held:HELD",
+        "convergence": "updyn.report.sections_unknowns:CONVERGENCE",
+        "validation": "updyn.report.sections_record:VALIDATION",
+        "model-error": "updyn.report.sections_residual:MODEL_ERROR",
+        "noise": "updyn.report.sections_record:NOISE",
+        "plant.plant": "updyn.control.report.plant_sections:PLANT",
+        "plant.servo": "updyn.control.report.servo_sections:SERVO",
+        "provenance": "updyn.report.sections_record:PROVENANCE",
+        "comparison.table": "updyn.report.comparison:METHODS",
+        "comparison.frfs": "updyn.report.comparison:FRFS",
+        "comparison.bars": "updyn.report.comparison:BARS",
+        "comparison.lines": "updyn.report.comparison:FEWEST_LINES",
+        "comparison.limits": "updyn.report.comparison:LIMITS",
+    },
+)
+
+
+def sections_of(content: Content) -> list[Section]:
+    """Return the sections that apply to this content, in their order on the page."""
+    chosen = []
+    for name in SECTIONS:
+        shown = _object_of(name)
+        if not shown or shown in content.further:
+            section = SECTIONS[name]
+            if section.applies(content):
+                chosen.append(section)
+    return sorted(chosen, key=lambda section: section.place)
+
+
+def objects_shown() -> set[str]:
+    """Return the names of the objects beside an update that there are sections for."""
+    return {_object_of(name) for name in SECTIONS} - {""}
+
+
+def _object_of(registered: str) -> str:
+    """Return the name of the object that a section shows; empty where it shows the update."""
+    return registered.rpartition(".")[0]

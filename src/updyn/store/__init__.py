@@ -1,0 +1,1 @@
+"""Records: results of updates, uncertainties and comparisons as netCDF and JSON files."""

@@ -1,0 +1,97 @@
+"""``compare.json``: a comparison of methods for other programs. Strict JSON; inf and nan are null."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from updyn import __version__
+from updyn.comparison import Comparison, Fewest, Row
+from updyn.io.atomic import write_json
+from updyn.store.values import plain
+
+__all__ = ["comparison_to_json", "write_comparison_json"]
+
+
+def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
+    """Return a comparison as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+
+    Returns
+    -------
+    dict
+        ``title``; ``unknowns``, names; ``truth`` by unknown, None where it is not known; ``rule``
+        and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a
+        method with what `updyn.comparison.Row` holds: ``method``, ``reference``, ``status``,
+        ``message``, ``cannot``, ``needs``, ``n_unknowns`` and ``updated``, ``left``, ``values``,
+        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``, ``off_in_std``,
+        ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
+        ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines``
+        in Hz, ``tried``, ``note``; None where not sought); ``versions``.
+    """
+    return {
+        "title": comparison.title,
+        "unknowns": comparison.parameters.names,
+        "truth": plain(dict(comparison.truth)) or None,
+        "tolerance": plain(comparison.tolerance),
+        "rule": comparison.rule,
+        "stopped": comparison.stopped,
+        "not_run": list(comparison.not_run),
+        "rows": [_row(row) for row in comparison],
+        "versions": {"updyn": __version__},
+    }
+
+
+def _row(row: Row) -> dict[str, Any]:
+    said = (
+        "method",
+        "reference",
+        "status",
+        "message",
+        "cannot",
+        "needs",
+        "updated",
+        "left",
+        "values",
+        "std",
+        "errors",
+    )
+    counted = (
+        "error_max",
+        "error_rms",
+        "error_max_updated",
+        "rank",
+        "iterations",
+        "lines_solved",
+        "n_lines",
+        "seconds",
+    )
+    return {
+        **{key: plain(getattr(row, key)) for key in said},
+        "n_unknowns": len(row.updated),
+        "correlation": {"fitted": plain(row.fitted), "held_out": plain(row.held_out)},
+        **{key: plain(getattr(row, key)) for key in counted},
+        "fewest": None if row.fewest is None else _fewest(row.fewest),
+    }
+
+
+def _fewest(fewest: Fewest) -> dict[str, Any]:
+    tried = [{"lines": count, "off": plain(off)} for count, off in fewest.tried]
+    return {"count": fewest.count, "lines": list(fewest.lines), "tried": tried, "note": fewest.note}
+
+
+def write_comparison_json(comparison: Comparison, path: str | Path) -> None:
+    """Write `comparison_to_json` to a file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+    path : path
+        File to write, usually ``compare.json``.
+    """
+    write_json(comparison_to_json(comparison), path)

@@ -1,0 +1,1 @@
+"""The fit: methods, optimiser, search for a start, reduced tier, regularisation, checkpoints."""

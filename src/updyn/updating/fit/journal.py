@@ -1,0 +1,267 @@
+"""The journal of a run: every evaluation on disk as soon as it is made, so that a run that broke off can go on.
+
+The file is a head, which says whose evaluations these are, and records, each with its length and a
+checksum: a record that was cut short by a crash is left out. Only arrays are written, in the npy
+format, and nothing is unpickled. Going on means to run again from the beginning with evaluations
+answered from here (see `updyn.updating.problem.session`).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import secrets
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from updyn import __version__
+from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.frf import FRF
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.session import Record, digest
+
+__all__ = ["Journal", "fingerprint"]
+
+_MAGIC = b"updyn journal 1\n"
+_KEY = _SUM = 16
+_LENGTH = 8
+#: Against a loss of power the file is brought to disk this often; against the end of the process,
+#: with every record.
+_SYNC_S = 1.0
+
+
+class Journal:
+    """Evaluations of a run in a file; a `Memory`.
+
+    Parameters
+    ----------
+    path : Path
+        The file. It appears with the first evaluation, and replaces a file that is there.
+    head : mapping
+        From `fingerprint`.
+    resume : bool
+        Go on with the file that is there.
+
+    Raises
+    ------
+    OptionError
+        If there is no folder for it; to resume, if it is not there or of another problem.
+    FormatError
+        If the file to resume is no journal.
+    """
+
+    def __init__(self, path: Path, head: Mapping[str, Any], *, resume: bool = False) -> None:
+        self.path = path
+        self._head = json.dumps(head, sort_keys=True)
+        self._places: dict[bytes, tuple[int, int]] = {}
+        self._file: BinaryIO | None = None
+        self._broken = False
+        self._synced = 0.0
+        if not path.parent.is_dir():
+            raise OptionError(f"checkpoint {str(path)!r}: the folder does not exist")
+        if resume:
+            self._open()
+
+    def get(self, key: bytes) -> Record | None:
+        """Return the evaluation of a key, or None."""
+        if self._file is None or key not in self._places:
+            return None
+        start, length = self._places[key]
+        self._file.seek(start)
+        return _unpack(self._file.read(length))
+
+    def put(self, key: bytes, record: Record) -> None:
+        """Write an evaluation. Where the disk is full or gone, a warning says so, and the run goes on without."""
+        if key in self._places or self._broken:
+            return
+        try:
+            if self._file is None:
+                self._file = self._created()
+            start = self._file.seek(0, os.SEEK_END)
+            self._file.write(_framed(key + _pack(record)))
+            self._file.flush()
+            if time.monotonic() - self._synced > _SYNC_S:
+                os.fsync(self._file.fileno())
+                self._synced = time.monotonic()
+        except OSError as error:
+            self._broken = True
+            warnings.warn(
+                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be"
+                " resumed from here",
+                UpdynWarning,
+                stacklevel=2,
+            )
+            return
+        self._places[key] = (
+            start + _LENGTH + _KEY,
+            self._file.tell() - _SUM - start - _LENGTH - _KEY,
+        )
+
+    def keep(self) -> None:
+        """Make sure that there is a file to resume from, even before the first evaluation."""
+        if self._file is None and not self._broken:
+            self._file = self._created()
+
+    def close(self) -> None:
+        """Bring the file to disk and close it."""
+        if self._file is not None:
+            if not self._broken:
+                os.fsync(self._file.fileno())
+            self._file.close()
+            self._file = None
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def _created(self) -> BinaryIO:
+        # Under another name first: a file of the right name always has a whole head.
+        temporary = self.path.with_name(f".{self.path.name}-{secrets.token_hex(6)}")
+        try:
+            temporary.write_bytes(_MAGIC + _framed(self._head.encode()))
+            temporary.replace(self.path)
+        finally:
+            temporary.unlink(missing_ok=True)
+        return self.path.open("r+b")
+
+    def _open(self) -> None:
+        if not self.path.is_file():
+            raise OptionError(f"checkpoint {str(self.path)!r}: there is nothing to resume")
+        with ExitStack() as refused:
+            file = refused.enter_context(self.path.open("r+b"))
+            self._check_head(file)
+            end = file.tell()
+            for start, content in _records(file):
+                self._places[content[:_KEY]] = start + _KEY, len(content) - _KEY
+                end = file.tell()
+            file.truncate(end)
+            refused.pop_all()
+        self._file = file
+
+    def _check_head(self, file: BinaryIO) -> None:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise FormatError(
+                "is not the journal of a run, or of another version of updyn", self.path
+            )
+        _, head = next(_records(file), (0, b""))
+        if not head:
+            raise FormatError("is the journal of a run, but its head is damaged", self.path)
+        if differing := _differing(json.loads(head), json.loads(self._head)):
+            raise OptionError(f"checkpoint {str(self.path)!r} is of another run: {differing}")
+
+
+def fingerprint(
+    problem: Task, data: Sequence[FRF], options: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return what tells a run from others, as plain data.
+
+    Parameters
+    ----------
+    problem : Task
+        Model and unknowns.
+    data : sequence of FRF
+        All data of each part.
+    options : mapping
+        What else decides what is evaluated. How many steps are made is not part of it: a run that
+        ended at the largest number of steps can be resumed with more.
+
+    Returns
+    -------
+    dict
+    """
+    model: list[object] = []
+    measured: list[object] = []
+    for part, frf in zip(problem.parts, data, strict=True):
+        system = part.solver.system
+        start, tables = system.start, [t for t in system.terms if t.table is not None]
+        model += [
+            part.name,
+            system.indptr,
+            system.indices,
+            start.loss,
+            start.rate,
+            *system.dofs.labels,
+        ]
+        for term in system.terms:
+            model += [term.group, term.quantity, term.slots, term.data]
+        model += [
+            a
+            for t in tables
+            if t.table is not None
+            for a in (t.group, t.table.freq, t.table.relative)
+        ]
+        measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
+        measured += [*frf.responses.labels, "/", *frf.references.labels]
+        measured += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
+    unknowns = {
+        p.name: [p.start, p.lower, p.upper, p.prior_std, *([d.name, d.power] for d in p.drives)]
+        for p in problem.coordinates.parameters
+    }
+    return {
+        "updyn": __version__,
+        "model": digest(model).hex(),
+        "data": digest(measured).hex(),
+        "unknowns": unknowns,
+        "options": {k: str(v) for k, v in options.items()},
+    }
+
+
+def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Say in what two fingerprints differ; empty where they do not."""
+    if then["updyn"] != now["updyn"]:
+        return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
+    parts = [
+        f"the {part} differ{'s' * (part == 'model')}"
+        for part in ("model", "data")
+        if then[part] != now[part]
+    ]
+    for part in ("unknowns", "options"):
+        names = sorted(then[part].keys() | now[part].keys())
+        odd = [n for n in names if then[part].get(n) != now[part].get(n)]
+        if odd:
+            shown = ", ".join(odd[:6]) + (f" and {len(odd) - 6} more" if len(odd) > 6 else "")
+            parts.append(f"the {part} differ ({shown})")
+    return ", ".join(parts)
+
+
+def _framed(content: bytes) -> bytes:
+    return len(content).to_bytes(_LENGTH, "little") + content + _checksum(content)
+
+
+def _checksum(content: bytes) -> bytes:
+    return blake2b(content, digest_size=_SUM).digest()
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield place and content of each whole record, with the file left behind it; end at the first that is not."""
+    size = os.fstat(file.fileno()).st_size
+    while True:
+        length = int.from_bytes(file.read(_LENGTH), "little")
+        start = file.tell()
+        if length == 0 or start + length + _SUM > size:
+            return
+        content = file.read(length)
+        if file.read(_SUM) != _checksum(content):
+            return
+        yield start, content
+
+
+def _pack(record: Record) -> bytes:
+    buffer = io.BytesIO()
+    for array in record:
+        np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _unpack(content: bytes) -> Record:
+    buffer, arrays = io.BytesIO(content), []
+    while buffer.tell() < len(content):
+        arrays.append(np.load(buffer, allow_pickle=False))
+    return tuple(arrays)

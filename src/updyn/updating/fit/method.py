@@ -1,0 +1,362 @@
+"""What a method gives back, and the whitening that all methods share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.null_space import null_space
+from updyn.updating.fit.trust_region import Outcome, TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import ASSUMED, NoiseModel
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import LogError, Residual, is_solved, with_prior
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "Fit",
+    "Method",
+    "Pull",
+    "correlation_length",
+    "descend",
+    "descend_to_scale",
+    "in_units",
+    "known_length",
+    "spread_of",
+    "stopped_at",
+]
+
+_Vector = NDArray[np.float64]
+
+#: How often the spread of a residual is looked at again.
+_SCALES = 8
+#: How often a fit with open directions is pulled back towards the start; and a cost a value that is
+#: rounding.
+_PULLS, _EXACT = 4, 1e-20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pull:
+    """How a fit was regularised.
+
+    Attributes
+    ----------
+    weight : ndarray of float, shape (n,)
+        1 / standard deviation of a prior that would pull as much, beside the unknowns' own; 0 for
+        none.
+    within : ndarray of float, shape (n, k), or None
+        Orthonormal directions, where the unknowns moved along these only.
+    note : str
+        In a sentence.
+    record : mapping
+        The choice and the curve that it was made from, for the record.
+    """
+
+    weight: _Vector
+    within: NDArray[np.float64] | None
+    note: str
+    record: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The outcome of a method.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        The estimate, in the optimiser's coordinates.
+    reason : {"converged", "stalled", "max-iterations", "stopped"}
+        Why it ended.
+    R : ndarray of float, shape (k, n)
+        Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
+        the noise.
+    noise : tuple of mapping
+        For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty:
+        nothing is known.
+    note : str
+        What the user should know about this method's figures; may be empty.
+    local : Local or None
+        The data's own reduced problem at x, in the units in which priors count against it; where
+        the method can tell.
+    unit : float
+        What of the residual these units are, where the method found their size along with the
+        unknowns.
+    pull : Pull or None
+        What regularisation added.
+    cure : str
+        What would cure open unknowns where the method fits something else than FRFs; empty: found
+        among lines and sensors that could be added.
+    """
+
+    x: _Vector
+    reason: str
+    R: NDArray[np.float64]
+    noise: tuple[Mapping[str, Any], ...] = ()
+    note: str = ""
+    local: Local | None = None
+    unit: float = 1.0
+    pull: Pull | None = None
+    cure: str = ""
+
+    @classmethod
+    def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
+        """Return a fit of which no Jacobian is known: nothing is said of what the data determine."""
+        return cls(x, reason, np.zeros((len(x), len(x))), note=note)
+
+
+class Method(Protocol):
+    """What every method offers; its fields are its options."""
+
+    @property
+    def max_iterations(self) -> int:
+        """Largest number of steps."""
+
+    @property
+    def tolerance(self) -> float:
+        """Relative step at which it has converged."""
+
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return where to begin, shape (n,)."""
+
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x; a noise model for each part of the problem."""
+
+
+def descend(
+    problem: Task,
+    residual: Residual,
+    x: _Vector,
+    monitor: Monitor,
+    settings: TrustRegion,
+    unit: float = 1.0,
+    *,
+    relax: bool = True,
+) -> Outcome:
+    """Minimise one residual from x, priors included, and record every step.
+
+    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
+    they end so, the descent goes on from the nearest point within the bounds. Where the data leave
+    combinations of unknowns open, of all points that fit as well the one nearest to the unknowns'
+    start is sought.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at x.
+    Stopped
+        If the user wants to stop before x has been evaluated.
+    """
+    lower, upper = problem.coordinates.bounds
+    within = problem.coordinates.within
+
+    def evaluate(at: _Vector) -> Local | None:
+        local = residual.local(problem, at)
+        return None if local is None else with_prior(in_units(local, unit), problem, at)
+
+    start = evaluate(x)
+    if start is None:
+        raise SolverError(f"{residual.name}: the model cannot be solved where the fit starts")
+    if not monitor.begun:
+        monitor.start(x, start)
+    if monitor.stopped:
+        return Outcome(x, start, "stopped")
+    if within is not None:
+        return settings.minimise(evaluate, x, lower, upper, monitor.step, within)
+    outermost = problem.coordinates.relaxed_lower if relax else lower
+    outcome = settings.minimise(evaluate, x, outermost, upper, monitor.step)
+    inside = np.clip(outcome.x, lower, upper)
+    if (inside != outcome.x).any():
+        try:
+            local = evaluate(inside)
+        except Stopped:  # the nearest Jacobian that is known
+            return Outcome(inside, outcome.local, "stopped")
+        if local is None:
+            raise SolverError(
+                f"{residual.name}: the model cannot be solved with its loss factors at zero"
+            )
+        if outcome.reason == "stopped":
+            return Outcome(inside, local, "stopped")
+        outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
+    home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    for _ in range(_PULLS):
+        free = null_space(outcome.local.R)
+        if outcome.reason != "converged" or free.shape[1] == 0:
+            break
+        pulled = np.clip(outcome.x + free @ (free.T @ (home - outcome.x)), lower, upper)
+        try:
+            if evaluate(pulled) is None:
+                break
+            back = settings.minimise(evaluate, pulled, lower, upper, monitor.step)
+        except Stopped:
+            return replace(outcome, reason="stopped")
+        nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
+        if (
+            not nearer
+            or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.n_values
+        ):
+            break
+        outcome = back
+    return outcome
+
+
+def descend_to_scale(
+    problem: Task,
+    residual: Residual,
+    x: _Vector,
+    monitor: Monitor,
+    settings: TrustRegion,
+    spread: Callable[[Local], float] | None = None,
+) -> Outcome:
+    """Minimise a residual whose spread is not known, priors included.
+
+    A prior counts against the data in standard deviations of both. The spread of the residual is
+    found along with the unknowns, each in turn, until it stays within 1 %, unless it is known
+    beforehand (`Coordinates.unit`). Without priors it does not matter.
+
+    Parameters
+    ----------
+    problem, residual, x, monitor, settings
+        As for `descend`.
+    spread : callable, optional
+        Returns the standard deviation of the residual at a local problem, where it is not of
+        measured values (`spread_of`).
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at x.
+    Stopped
+        If the user wants to stop before x has been evaluated.
+    """
+    if problem.coordinates.unit is not None:
+        return descend(problem, residual, x, monitor, settings, problem.coordinates.unit)
+    outcome = descend(problem, residual, x, monitor, settings)
+    if not problem.coordinates.prior[1].any():
+        return outcome
+    unit = 1.0
+    for _ in range(_SCALES):
+        if outcome.reason == "stopped":
+            break
+        try:
+            local = residual.local(problem, outcome.x)
+            if local is None:
+                break
+            sigma = (
+                spread_of(local, problem.n_values, problem.n) if spread is None else spread(local)
+            )
+            if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
+                break
+            unit = sigma
+            outcome = descend(problem, residual, outcome.x, monitor, settings, unit)
+        except Stopped:
+            return replace(outcome, reason="stopped")
+    return outcome
+
+
+def spread_of(local: Local, n_values: int, n: int) -> float:
+    """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
+
+    As many unknowns as measured numbers leave nothing to tell it from; then that of `ASSUMED` noise
+    is taken.
+    """
+    if 2 * n_values <= n:
+        return float(ASSUMED["relative"] / np.sqrt(2.0))
+    return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
+
+
+def in_units(local: Local, sigma: float) -> Local:
+    """Return a reduced problem in units of the standard deviation `sigma` of its residuals; as it is for 0."""
+    return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
+
+
+def stopped_at(problem: Task, x: _Vector) -> Fit:
+    """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
+
+    Parameters
+    ----------
+    problem : Task
+        What the log error was evaluated on.
+    x : ndarray of float, shape (n,)
+        The best point so far.
+    """
+    residual = LogError()
+    local = residual.local(problem, x) if is_solved(residual, problem, x) else None
+    if local is None or local.cost == 0.0:
+        return Fit.blind(x, "stopped")
+    sigma = spread_of(local, problem.n_values, problem.n)
+    record = {
+        "kind": "spread of the log error",
+        "relative": float(np.sqrt(2.0) * sigma),
+        "chi_square": 1.0,
+    }
+    return Fit(x, "stopped", local.R / sigma, (record | {"inflation": 1.0},) * len(problem.parts))
+
+
+def known_length(
+    problem: Task,
+    x: _Vector,
+    whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
+) -> dict[str, float]:
+    """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    whitened : callable
+        Residual over its standard deviation, for a part of the problem and the model's H there,
+        both of shape (n_f, ...).
+    """
+    try:
+        lengths = [
+            correlation_length(whitened(i, p.responses(x))) for i, p in enumerate(problem.parts)
+        ]
+    except Stopped:
+        return {}
+    return {
+        "correlation_length": float(
+            np.average(lengths, weights=[p.n_values for p in problem.parts])
+        )
+    }
+
+
+def correlation_length(whitened: NDArray[np.complex128]) -> float:
+    """Return over how many lines the residual is correlated: 1 + 2 times the sum of its autocorrelation.
+
+    Parameters
+    ----------
+    whitened : ndarray of complex, shape (n_f, ...)
+        Residual over its standard deviation.
+
+    Returns
+    -------
+    float
+        1 for noise that is independent from line to line. The sum stops at the first lag whose
+        correlation is within two standard deviations of zero, so that independent noise gives
+        exactly 1 in almost all cases.
+
+    Notes
+    -----
+    Standard deviations that take the lines as independent are too small by its square root
+    (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
+    """
+    power = float(np.mean(np.abs(whitened) ** 2))
+    if power == 0.0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, len(whitened) // 2):
+        product = whitened[lag:] * whitened[:-lag].conj()
+        rho = float(np.mean(product.real)) / power
+        if rho < 2.0 / np.sqrt(2.0 * product.size):
+            break
+        total += 2.0 * rho
+    return total

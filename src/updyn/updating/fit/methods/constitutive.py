@@ -1,0 +1,311 @@
+"""Modified error in the constitutive relations (Ladeveze, Nedjar & Reynier 1994; Deraemaeker et al. 2002)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.fields import LineSolver
+from updyn.errors import DataError, OptionError
+from updyn.frf import QUANTITIES
+from updyn.linalg.threads import alone
+from updyn.sensitivity import Unknowns, contract
+from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.methods.linear import fit_of, local_of
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "ConstitutiveError",
+    "ConstitutiveMethod",
+    "adjoint_fields",
+    "constitutive_weights",
+]
+
+_Complex = NDArray[np.complex128]
+_Vector = NDArray[np.float64]
+
+_NAME = "constitutive"
+_NOTE = (
+    "The error in the constitutive relations weighs the data by what model errors would do to them,"
+    " not by noise, and its standard deviations take what is left as independent and equal; use"
+    " maximum likelihood where the data are noisy."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ConstitutiveMethod:
+    """Least error in the constitutive relations with a weighted measurement term (method ``"constitutive"``).
+
+    Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
+    and force-acceleration relations (u - w), and may miss the measurement. What has to be broken
+    and missed at least,
+
+        E = 1/2 |u - v|_K^2 + omega^2/2 |u - w|_M^2 + r / (1 - r) 1/2 |Pi u - h_X|_G^2,
+
+    is summed over lines and references and minimised over the unknowns (Ladeveze, Nedjar & Reynier,
+    AIAA J. 32 (1994) 1485; Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191
+    (2002) 2427, whose form this is, here with damping; Banerjee, Walsh, Aquino & Bonnet, Comput.
+    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly. What remains is the
+    output error weighted by what errors of the model would make of it.
+
+    Parameters
+    ----------
+    weight : float
+        r, above 0 and at most 1. Near 0 the model is trusted and the output error is minimised with
+        fixed weights; at 1 the measurement is matched exactly, and with all DOFs measured this is
+        the equation error in the norm of the energy, biased by noise as that is.
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    """
+
+    weight: float = 0.5
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+
+    reference: ClassVar[str] = (
+        "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
+    )
+    cannot: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.weight <= 1.0:
+            raise OptionError(
+                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1"
+            )
+
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        with monitor.stage(_NAME):
+            try:
+                residual = EachOf(tuple(_at_start(part, self.weight) for part in problem.parts))
+                local_of(
+                    problem, residual, x
+                )  # a start that cannot be solved is said with its line
+                settings = TrustRegion(self.max_iterations, self.tolerance)
+                outcome = descend_to_scale(problem, residual, x, monitor, settings)
+            except Stopped:
+                return Fit.blind(x, "stopped")
+            kind = "spread of the error in the constitutive relations"
+            return fit_of(problem, residual, outcome.x, outcome.reason, kind, _NOTE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstitutiveError:
+    """r = L^-1 (h - h_X), L L^H = S + slack: half its square is the error E for one line and reference.
+
+    Parameters
+    ----------
+    slack : ndarray of float, shape (n_f, n_i), or None
+        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N; None:
+        by nothing.
+    level : float
+        What the residual is divided by, so that it is of the size of a relative misfit.
+    compliance : ndarray of float, shape (N,), optional
+        Takes the place of W, as its diagonal: then forces stand for the error, each in proportion
+        to its own.
+    name : str
+        How the report calls it.
+
+    Notes
+    -----
+    With coefficients c_t of Z = sum c_t A_t the relations of each matrix are broken in the energy
+    of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives Z
+    u - W lambda = f and Z^H lambda =
+    -G Pi^T (Pi u - h_X). With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is h - h_X = (1 + S
+    G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives by adjoint fields: P and Y =
+    Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and dr = L^-1
+    (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
+    derivatives.
+    """
+
+    slack: _Vector | None
+    level: float
+    compliance: _Vector | None = None
+    name: str = _NAME
+
+    @property
+    def mark(self) -> _Vector:
+        """What tells it from others of its name."""
+        given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
+        return np.concatenate([[self.level], *given])
+
+    def of(self, part: int) -> ConstitutiveError:
+        """Return itself: it is of one test."""
+        return self
+
+    def on(self, problem: Problem, lines: slice) -> ConstitutiveError:
+        """Return it with the slack of a block of lines."""
+        return self if self.slack is None else replace(self, slack=self.slack[lines])
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        n_i = len(problem.rows)
+        return problem.partition(
+            4 * n_i + len(problem.columns) + problem.n * n_i * n_i // problem.solver.system.n
+        )
+
+    @alone
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
+        system, unknowns, values = problem.solver.system, problem.unknowns, problem.values(x)
+        freq, state = problem.frf.freq[lines], problem.state(x)
+        omega = 2.0 * np.pi * freq
+        P, U, S, moved, c = adjoint_fields(problem, state, freq, self.compliance)
+        measured = problem.frf.converted("receptance").values[lines] * problem.sign
+        misfit = U[problem.rows].transpose(1, 0, 2) - measured
+        slopes = unknowns.slopes(system, state, values, omega)
+        assert isinstance(problem.solver, LineSolver)
+        Y = problem.solver.forced(c, moved, freq)
+        crossed = contract(system, unknowns, slopes, P, Y)
+        change = -(crossed + crossed.conj().swapaxes(2, 3))
+        if self.compliance is None:
+            weights = _weight_slopes(system, unknowns, c, slopes).astype(np.complex128)
+            change += contract(system, unknowns, weights, P, P.conj())
+        C = S.copy()
+        if self.slack is not None:
+            at = np.arange(C.shape[1])
+            C[:, at, at] += self.slack
+        L = np.linalg.cholesky(C)
+        r = np.linalg.solve(L, misfit)
+        J = contract(system, unknowns, -slopes, P, U)
+        J -= 0.5 * (change @ np.linalg.solve(C, misfit))
+        J *= (problem.coordinates.slope(x) / self.level)[:, None, None, None]
+        return np.asarray(r / self.level), np.asarray(np.linalg.solve(L, J))
+
+
+def adjoint_fields(
+    problem: Problem, state: State, freq: _Vector, compliance: _Vector | None = None
+) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
+    """Return the fields from which errors in the relations, or forces, are told that make up for a misfit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    state : State
+        Of the model.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    compliance : ndarray of float, shape (N,), optional
+        Diagonal of W; else W is that of the constitutive relations.
+
+    Returns
+    -------
+    P, U : ndarray of complex, shapes (N, n_f, n_i) and (N, n_f, n_j)
+        Motion for unit forces on responses and on references, in m/N.
+    S : ndarray of complex, shape (n_f, n_i, n_i)
+        P^T W conj(P), Hermitian.
+    moved : ndarray of complex, shape (N, n_f, n_i)
+        W conj(P).
+    c : ndarray of complex, shape (n_terms, n_f)
+        Coefficients of Z.
+
+    Raises
+    ------
+    SolverError
+        If the model is singular at a line.
+    """
+    system = problem.solver.system
+    c, w = constitutive_weights(system, state, 2.0 * np.pi * freq)
+    loaded, place = np.unique(np.concatenate([problem.rows, problem.columns]), return_inverse=True)
+    fields = problem.solver.solve(c, loaded, freq)
+    n_i = len(problem.rows)
+    P, U = fields[:, :, place[:n_i]], fields[:, :, place[n_i:]]
+    if compliance is None:
+        moved = np.zeros_like(P)
+        for t, term in enumerate(system.terms):
+            moved[term.own] += w[t][None, :, None] * term.times(P[term.own].conj())
+    else:
+        moved = compliance[:, None, None] * P.conj()
+    S = np.einsum("nfi,nfk->fik", P, moved)
+    return P, U, 0.5 * (S + S.conj().swapaxes(1, 2)), moved, c
+
+
+def _weight_slopes(
+    system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex
+) -> _Vector:
+    """Return the derivative of each drive's weight in W, shape (n_d, n_f), from that of its coefficient in Z."""
+    own = c[unknowns.at]
+    elastic = np.array(
+        [system.terms[t].quantity == "stiffness" for t in unknowns.at], dtype=np.bool_
+    )[:, None]
+    size = np.where(elastic, np.abs(own.real), np.abs(own))
+    safe = np.where(size > 0.0, size, 1.0)
+    change = (own.conj() * slopes).real
+    scale = np.where(elastic, np.sign(own.real) * slopes.real, change / safe)
+    return np.asarray(2.0 * change / safe - np.abs(own) ** 2 * scale / safe**2)
+
+
+def _at_start(problem: Problem, weight: float) -> ConstitutiveError:
+    """Return the residual whose slack is in proportion to S at the start of the unknowns: so r means the same anywhere.
+
+    Raises
+    ------
+    DataError
+        If the data hold no receptance at 0 Hz.
+    SolverError
+        If the model cannot be solved there.
+    """
+    if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+        raise DataError(
+            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+        )
+    blank = ConstitutiveError(np.zeros((len(problem.frf.freq), len(problem.rows))), 1.0)
+    spread = np.concatenate(
+        list(problem.each(_diagonal, [(lines,) for lines in blank.partition(problem)]))
+    )
+    spread = np.maximum(spread, np.finfo(float).tiny)
+    size = np.abs(problem.frf.converted("receptance").values) ** 2
+    level = float(np.sqrt(np.mean(size / spread[:, :, None]))) or 1.0
+    return ConstitutiveError((1.0 - weight) / weight * spread, level)
+
+
+def _diagonal(problem: Problem, item: tuple[slice]) -> _Vector:
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    S = adjoint_fields(problem, problem.state(x), problem.frf.freq[item[0]])[2]
+    return np.asarray(np.einsum("fii->fi", S).real)
+
+
+def constitutive_weights(
+    system: AffineSystem, state: State, omega: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Return the coefficients of Z and those of the energy in which its breach is measured.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model.
+    state : State
+        Its numbers.
+    omega : ndarray of float, shape (n_f,)
+        Lines in rad/s.
+
+    Returns
+    -------
+    c : ndarray of complex, shape (n_terms, n_f)
+        Of Z.
+    w : ndarray of float, shape (n_terms, n_f)
+        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
+        With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from
+        those of u by W lambda.
+    """
+    c = system.coefficients(state, omega)
+    elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]
+    scale = np.where(elastic, np.abs(c.real), np.abs(c))
+    return c, np.asarray(np.abs(c) ** 2 / np.where(scale > 0.0, scale, 1.0))

@@ -1,0 +1,150 @@
+"""The paper's method: condensed equation error (Bao, Wang & Cheng, PIERS 2010)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, SolverError, suggest
+from updyn.updating.fit.method import Fit, descend_to_scale, in_units, spread_of
+from updyn.updating.fit.methods.linear import basic_solution
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import Step, TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import EquationError, solved
+from updyn.updating.problem.session import Record, Stopped
+
+__all__ = ["EquationErrorMethod"]
+
+
+@dataclass(frozen=True, slots=True)
+class EquationErrorMethod:
+    """r = Z_red h_X - e_j at every line and reference.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        ``gauss-newton``: epsilon of the paper's stopping rule ||Z_red H_X - I||_inf <= epsilon.
+        ``trust-region``: relative step.
+    solver : {"trust-region", "gauss-newton"}
+        The plain iteration as published, or the safeguarded one with bounds.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    solver: str = "trust-region"
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("trust-region", "gauss-newton")
+    reference: ClassVar[str] = "Bao, Wang & Cheng 2010"
+    needs: ClassVar[str] = "the drive point of every reference"
+
+    def __post_init__(self) -> None:
+        if self.solver not in self.SOLVERS:
+            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
+            raise OptionError(
+                "solver 'gauss-newton' is the plain iteration and knows no priors; use"
+                " 'trust-region'"
+            )
+        residual = EquationError()
+        with monitor.stage("equation-error"):
+            if self.solver == "gauss-newton":
+                x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
+            else:
+                settings = TrustRegion(self.max_iterations, self.tolerance)
+                try:
+                    for part in problem.parts:
+                        residual.check(part)
+                        solved(
+                            residual, part, x
+                        )  # a start that cannot be condensed is said with its line
+                    outcome = descend_to_scale(problem, residual, x, monitor, settings)
+                except Stopped:
+                    return Fit.blind(x, "stopped")
+                x, reason = outcome.x, outcome.reason
+        try:
+            local = residual.local(problem, x)
+        except Stopped:
+            return Fit.blind(x, "stopped")
+        assert local is not None
+        sigma = spread_of(local, problem.n_values, problem.n)
+        record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
+        note = (
+            "The equation error is biased by noise in the measurement, and its standard deviations"
+            " do not show that; use maximum likelihood where the data are noisy."
+        )
+        R = local.R / sigma if sigma > 0 else local.R
+        return Fit(
+            x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma
+        )
+
+
+def _gauss_newton(
+    problem: Task, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
+) -> tuple[NDArray[np.float64], str]:
+    """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
+
+    Real over imaginary rows, real unknowns (eqs. 12, 20-22); no step control and no bounds.
+
+    Raises
+    ------
+    SolverError
+        If it diverges.
+    """
+    coordinates = problem.coordinates
+    length, before = 0.0, x
+    for number in range(max_iterations + 1):
+        try:
+            cost, R, change, error = problem.recall(
+                "gauss-newton", x, partial(_plain_step, problem, x)
+            )
+        except Stopped:
+            return before, "stopped"
+        stop = monitor.step(Step(x, Local(float(cost), R, np.zeros(len(R))), length, True))
+        if error <= epsilon:
+            return x, "converged"
+        if stop or number == max_iterations:
+            return x, "stopped" if stop else "max-iterations"
+        values = coordinates.to_values(x)
+        if (values + change)[problem.coordinates.parameters.is_factor].min(initial=1.0) <= 0.0:
+            raise SolverError(
+                f"A mass or a stiffness would turn negative in step {number + 1}: the plain"
+                " iteration has diverged."
+            )
+        moved = coordinates.to_x(values + change)
+        before, x, length = x, moved, float(np.abs(moved - x).max())
+    return x, "max-iterations"
+
+
+def _plain_step(problem: Task, x: NDArray[np.float64]) -> Record:
+    """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
+    parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
+    r = np.concatenate([p[0].ravel() for p in parts])
+    S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
+    A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
+    change = basic_solution(A / problem.coordinates.slope(x), b)
+    error = max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts)
+    return (
+        np.array(0.5 * float(b @ b)),
+        np.asarray(np.linalg.qr(A, mode="r")),
+        change,
+        np.array(error),
+    )

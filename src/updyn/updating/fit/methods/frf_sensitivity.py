@@ -1,0 +1,80 @@
+"""FRF sensitivity method: linearised output error, step by step (Ting; Xu Zhangming; Imregun, Visser & Ewins)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.fit.method import Fit
+from updyn.updating.fit.methods.least_squares import judged
+from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.problem.noise import NoiseModel, level_by_unit
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import Each, OutputError
+
+__all__ = ["FrfSensitivityMethod"]
+
+_NOTE = (
+    "This iteration knows no bounds and weighs all lines alike, so that the largest peaks decide;"
+    " use maximum likelihood where the data are noisy or the start is far."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FrfSensitivityMethod:
+    """H_X - H_A = -H_A Z' H_A dp on measured DOFs, solved and repeated (method ``"frf-sensitivity"``).
+
+    The sensitivity of the FRF, as Bao, Wang & Cheng 2010 (section 1) report it of Xu Zhangming
+    (their [4]) and, without damping, of Ting (their [6]); with all it needs in Imregun, Visser &
+    Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202. It is exact here, -v_i^T Z' u_j, for any
+    choice of measured DOFs.
+
+    The residual is that of ``"output-error"``, and so is the minimum. The way there differs: plain
+    Gauss-Newton steps in the factors and loss factors themselves. No trust region, no bounds, no
+    logarithms, no priors. A step that is too long is taken as it is, and where it makes a factor
+    negative the method has failed.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    halving : bool
+        Whether a step that does not lower the misfit is halved, at most 20 times.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    halving: bool = False
+
+    reference: ClassVar[str] = "Ting; Xu Zhangming; Imregun, Visser & Ewins 1995"
+    cannot: ClassVar[tuple[str, ...]] = ()
+
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
+        """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
+        check_unknowns(problem, "frf-sensitivity", self.cannot, "")
+        weights = [
+            np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts
+        ]
+        residual = Each(tuple(OutputError(weight, "frf-sensitivity") for weight in weights))
+        advice = "Use method 'output-error'" + ("." if self.halving else ", or halving=True.")
+        settings = Plain(self.max_iterations, self.tolerance, advice, self.halving)
+        step = partial(linear_step, problem, Amounts(()))  # no pairs: linearised in kappa and gamma
+        with monitor.stage("frf-sensitivity"):
+            x, reason = settings.run(
+                problem, partial(local_of, problem, residual), step, x, monitor
+            )
+            return judged(problem, residual, x, reason, _NOTE, noises)

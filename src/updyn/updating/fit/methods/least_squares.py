@@ -1,0 +1,363 @@
+"""Methods that minimise one residual of equal weights: log error and output error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from updyn.updating.fit.method import (
+    Fit,
+    descend_to_scale,
+    in_units,
+    known_length,
+    spread_of,
+    stopped_at,
+)
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.null_space import RANK_TOLERANCE
+from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import Estimated, NoiseModel, Robust, level_by_unit
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import Each, LogError, OutputError, Residual
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "LogMethod",
+    "OutputMethod",
+    "Sandwich",
+    "judged",
+    "sandwich",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class LogMethod:
+    """Log error, r = ln(H_A / H_X), after a search (method ``"log"``).
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps of the final fit, and of each try of the search (there at most 60).
+    tolerance : float
+        Relative step at which it has converged.
+    starts : int
+        Tries of the search; 0 skips it.
+    seed : int
+        Of the search's random tries.
+    inflate : bool
+        Whether the loss factors of the search start inflated.
+    continuation : bool
+        Whether the tries of the search, but the first, go up in frequency.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    starts: int = 8
+    seed: int = 0
+    inflate: bool = True
+    continuation: bool = True
+
+    reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
+    calibrates: ClassVar[bool] = (
+        True  # compares with `Problem.block`, which has the calibration factors
+    )
+
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+        """Return where to begin: the best basin of the log error, shape (n,)."""
+        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        if self.starts:
+            rough = problem.thinned(SEARCH_LINES)
+            steps = min(self.max_iterations, SEARCH_STEPS)
+            search = Search(
+                self.starts,
+                steps,
+                seed=self.seed,
+                inflate=self.inflate,
+                continuation=self.continuation,
+            )
+            with monitor.stage("search", rough):
+                x = search.run(rough, monitor)
+                if not monitor.stopped:
+                    x = search.escape(rough, x, monitor)
+        return x
+
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
+        """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
+        settings = TrustRegion(self.max_iterations, self.tolerance)
+        with monitor.stage("log"):
+            try:
+                return _descend(problem, LogError(), x, monitor, settings, noises)
+            except Stopped:
+                return stopped_at(problem.thinned(SEARCH_LINES), x)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputMethod:
+    """Output error, r = H_A - H_X, equal weight to all values of one unit (method ``"output-error"``).
+
+    The largest peaks decide. It suits noise that does not depend on the level, and needs a start
+    close to the truth: there is no search.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+
+    reference: ClassVar[str] = "Pintelon & Schoukens 2012"
+    calibrates: ClassVar[bool] = (
+        True  # compares with `Problem.block`, which has the calibration factors
+    )
+
+    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(
+        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+    ) -> Fit:
+        """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
+        weights = [
+            np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts
+        ]
+        settings = TrustRegion(self.max_iterations, self.tolerance)
+        with monitor.stage("output-error"):
+            try:
+                return _descend(
+                    problem, Each(tuple(map(OutputError, weights))), x, monitor, settings, noises
+                )
+            except Stopped:
+                return Fit.blind(x, "stopped")
+
+
+def _descend(
+    problem: Task,
+    residual: Residual,
+    x: np.ndarray,
+    monitor: Monitor,
+    settings: TrustRegion,
+    noises: Sequence[NoiseModel],
+) -> Fit:
+    outcome = descend_to_scale(problem, residual, x, monitor, settings)
+    return judged(problem, residual, outcome.x, outcome.reason, noises=noises)
+
+
+def judged(
+    problem: Task,
+    residual: Residual,
+    x: NDArray[np.float64],
+    reason: str,
+    note: str = "",
+    noises: Sequence[NoiseModel] = (),
+) -> Fit:
+    """Return the fit that ended at x, with the covariance that the noise gives it (`updyn.updating.fit.methods.least_squares`).
+
+    Where that cannot be had, the noise is taken as equal everywhere.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    residual : Residual
+        Log error or output error.
+    x : ndarray of float, shape (n,)
+        Where the fit ended.
+    reason : str
+        Why.
+    note : str
+        What the user should know.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are; estimated from the residual where none are given.
+    """
+    try:
+        local = residual.local(problem, x)
+    except Stopped:
+        return Fit.blind(x, "stopped")
+    assert local is not None
+    sigma = spread_of(local, problem.n_values, problem.n)
+    found = None
+    try:
+        if isinstance(residual, LogError | Each):
+            found = sandwich(problem, residual, local, x, noises)
+    except Stopped:
+        reason = "stopped"
+    if found is not None:
+        return Fit(
+            x,
+            reason,
+            found.R,
+            found.noise,
+            f"{note} {found.note}".strip(),
+            in_units(local, sigma),
+            sigma,
+        )
+
+    def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        measured = problem.parts[part].frf.values
+        return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
+
+    known = known_length(problem, x, difference)
+    length = known.get("correlation_length", 1.0)
+    record = {
+        "kind": "spread of the residual",
+        "relative" if residual.name == "log" else "floor": float(np.sqrt(2.0) * sigma),
+        "chi_square": 1.0,
+        **known,
+        "inflation": float(np.sqrt(length)),
+    }
+    unit = sigma * float(np.sqrt(length))
+    R = local.R / unit if unit > 0 else local.R
+    return Fit(x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma)
+
+
+_Matrix = NDArray[np.float64]
+#: Directions that the data hardly see keep the Jacobian's own length, beyond this share of what
+#: rounding leaves.
+_CLEAR = 10.0 * RANK_TOLERANCE
+#: Noise over |H| from which the logarithm of a value is off by its curvature; the share of such
+#: values worth a word.
+_LOUD, _MANY = 0.5, 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sandwich:
+    """What is known of a fit of fixed weights under noise that has others.
+
+    Attributes
+    ----------
+    R : ndarray of float, shape (k, n)
+        R^T R is the inverse covariance of the unknowns.
+    noise : tuple of dict
+        For the record, for each part of the problem.
+    note : str
+        Where the noise is too large for the residual; may be empty.
+    """
+
+    R: _Matrix
+    noise: tuple[dict[str, Any], ...]
+    note: str = ""
+
+
+def sandwich(
+    problem: Task,
+    residual: LogError | Each,
+    local: Local,
+    x: NDArray[np.float64],
+    noises: Sequence[NoiseModel] = (),
+) -> Sandwich | None:
+    """Return the covariance of a fit, or None where there is none or the user does not wait for it.
+
+    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
+    estimate has the covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
+    White, Econometrica 48 (1980) 817). S is that of the noise model, not squares of the residuals
+    themselves: these are too few where single peaks carry a fit (`benchmarks/sandwich.py`). Where
+    the weighted misfit exceeds what S explains, S grows to it, and by the lines over which the
+    residual is correlated.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    residual : LogError or Each
+        Its residual.
+    local : Local
+        The reduced problem at `x`, with its own weights.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are; estimated from the residual where none are given.
+
+    Raises
+    ------
+    Stopped
+        If the user wants to stop.
+    """
+    try:
+        return _sandwich(problem, residual, local, x, noises or [Estimated()] * len(problem.parts))
+    except LinAlgError:
+        return None
+
+
+def _sandwich(
+    problem: Task,
+    residual: LogError | Each,
+    local: Local,
+    x: NDArray[np.float64],
+    noises: Sequence[NoiseModel],
+) -> Sandwich | None:
+    looked, weights, spreads, total, loud = [], [], [], 0.0, []
+    for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
+        H, frf = part.responses(x), part.frf
+        noise = (
+            given.base if isinstance(given, Robust) else given
+        )  # its weights are not those of this fit
+        noise = noise.refit(H, frf, -(-problem.n * part.n_values // problem.n_values))
+        variance = noise.variance(H, frf)
+        size = np.abs(H)
+        seen = (size > 0.0) & (frf.values != 0.0)
+        safe = np.where(seen, size, 1.0)
+        weight = (
+            np.where(seen, 1.0 / safe, 0.0)
+            if isinstance(residual, LogError)
+            else residual.of(i).weight
+        )
+        total += float(np.sum(weight**2 * variance))
+        looked.append(noise)
+        weights.append(weight)
+        spreads.append(OutputError(weight**2 * np.sqrt(0.5 * variance), "spread"))
+        loud.append(np.mean(np.sqrt(variance) > _LOUD * safe))
+    meat = Each(tuple(spreads)).local(problem, x)
+    if meat is None or total == 0.0:
+        return None
+    norms = np.linalg.norm(local.R, axis=0)
+    scale = np.where(norms > 0.0, norms, 1.0)
+    _, s, Vt = np.linalg.svd(local.R / scale)
+    clear = s > _CLEAR * max(s[0], np.finfo(float).tiny)
+    along = (
+        (meat.R / scale) @ Vt[clear].T / s[clear]
+    )  # its square: J^T S J where J has unit directions
+    expected = total - float(np.sum(along**2))
+    misfit = 2.0 * local.cost / expected if expected > 1e-3 * total else 1.0
+    known = known_length(problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values))
+    told = max(misfit, 1.0) if all(noise.scale_known for noise in looked) else misfit
+    inflation = float(np.sqrt(told * known.get("correlation_length", 1.0)))
+    factor = inflation * cholesky(along.T @ along, lower=True)
+    rows = solve_triangular(factor, s[clear, None] * Vt[clear], lower=True)
+    usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
+    R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
+    taken = looked[0].kind.startswith("estimated")  # from this very residual
+    spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
+    record = {
+        "chi_square": 1.0 if taken else float(misfit),
+        "spread": spread,
+        **known,
+        "inflation": inflation,
+    }
+    return Sandwich(
+        R, tuple({"kind": n.kind, **n.figures(), **record} for n in looked), _note(residual, loud)
+    )
+
+
+def _note(residual: LogError | Each, loud: Sequence[Any]) -> str:
+    share = float(np.max(loud))
+    if not isinstance(residual, LogError) or share <= _MANY:
+        return ""
+    return (
+        f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is"
+        " biased, and the standard deviations do not show it; maximum-likelihood weighs them"
+        " rightly."
+    )

@@ -1,0 +1,339 @@
+"""What the classical methods share: amounts in which Z is linear, the plain iteration, what follows from where it ends.
+
+Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no
+logarithms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, ParameterError, SolverError
+from updyn.updating.fit.method import Fit, spread_of
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import solved
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "Amounts",
+    "ByLine",
+    "Plain",
+    "basic_solution",
+    "check_unknowns",
+    "fit_of",
+    "linear_step",
+    "local_of",
+    "scaled_solution",
+]
+
+_Vector = NDArray[np.float64]
+
+#: What a damping value multiplies.
+_BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_damping": "mass"}
+#: A factor or a loss factor beyond this has nothing to do with the structure any more.
+_ABSURD = 1e9
+#: A step below this that is no shorter than the one before is rounding.
+_ROUNDING = 1e-6
+#: How often a step is halved before it is given up.
+_HALVINGS = 20
+
+
+class ByLine(Protocol):
+    """A residual that `solved` reduces; see `updyn.updating.problem.residuals`."""
+
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+
+    def of(self, part: int) -> Any:
+        """Return the residual of one of several tests."""
+
+
+@dataclass(frozen=True, slots=True)
+class Amounts:
+    """Unknowns in which Z is linear.
+
+    Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, D = gamma
+    kappa K. It is linear in the real and the imaginary part of the complex stiffness kappa (1 + i
+    gamma) K. Where both are unknown, the amount of the loss factor is kappa gamma; likewise for the
+    Rayleigh coefficients. All other unknowns are amounts themselves. (A linked unknown with a power
+    other than 1 stays nonlinear, and is linearised.)
+
+    Parameters
+    ----------
+    pairs : tuple of (int, int)
+        Positions of a factor of stiffness or mass, and of an unknown that multiplies it.
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def find(cls, parameters: ParameterSet) -> Amounts:
+        """Find the damping unknowns whose stiffness or mass is unknown too."""
+        pairs = []
+        for j, p in enumerate(parameters):
+            bases = {(d.group, _BASES[d.quantity]) for d in p.acts_on if d.quantity in _BASES}
+            sharing = []
+            for i, q in enumerate(parameters):
+                powers = {(d.group, d.quantity): d.power for d in q.acts_on}
+                if bases & powers.keys():
+                    sharing.append((i, all(powers.get(base) == 1.0 for base in bases)))
+            if len(sharing) == 1 and sharing[0][1]:
+                pairs.append((sharing[0][0], j))
+        return cls(tuple(pairs))
+
+    def columns(self, J: NDArray[np.float64], values: _Vector) -> NDArray[np.float64]:
+        """Return derivatives by the amounts, shape (m, n), from those by the values, same shape."""
+        out = J.copy()
+        for i, j in self.pairs:
+            # At a held product kappa gamma the loss factor falls as the stiffness grows.
+            out[:, i] -= J[:, j] * (values[j] / values[i])
+            out[:, j] /= values[i]
+        return out
+
+    def moved(self, values: _Vector, change: _Vector) -> _Vector:
+        """Return the values after a change of the amounts, both shape (n,)."""
+        amounts = values.copy()
+        for i, j in self.pairs:
+            amounts[j] *= values[i]
+        out = amounts + change
+        moved = out.copy()
+        for i, j in self.pairs:
+            moved[j] = out[j] / out[i] if out[i] != 0.0 else np.inf
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """The plain iteration: a linear solve, the whole step, and again.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Converged when a step (logarithms of factors; loss factors) is not longer than this, or is
+        rounding.
+    advice : str
+        What to do where it diverges, for the message.
+    halving : bool
+        Whether a step that does not lower the cost is halved; 20 times in vain, and the iteration
+        has stalled.
+    """
+
+    max_iterations: int
+    tolerance: float
+    advice: str
+    halving: bool = False
+
+    def run(
+        self,
+        problem: Task,
+        evaluate: Callable[[_Vector], Local],
+        solve: Callable[[Local, _Vector], _Vector],
+        x: _Vector,
+        monitor: Monitor,
+    ) -> tuple[_Vector, str]:
+        """Iterate from x; return where it ends, shape (n,), and why.
+
+        Parameters
+        ----------
+        problem : Task
+            Whose unknowns they are.
+        evaluate : callable
+            Returns the local problem at a point; raises SolverError where the model cannot be
+            solved.
+        solve : callable
+            Returns the values of the unknowns, shape (n,), that solve the linear problem at a
+            point.
+        x : ndarray of float, shape (n,)
+            Where to begin.
+        monitor : Monitor
+            Who watches.
+
+        Raises
+        ------
+        SolverError
+            If it diverges, or the model cannot be solved on the way.
+        """
+        before = np.inf
+        try:
+            here = evaluate(x)
+            if monitor.step(Step(x, here, 0.0, True)):
+                return x, "stopped"
+            for number in range(1, self.max_iterations + 1):
+                values = problem.coordinates.to_values(x)
+                found = self._next(problem, evaluate, values, solve(here, x), here, number)
+                if found is None:
+                    return x, "stalled"
+                moved, there, whole = found
+                length = float(np.abs(moved - x).max())
+                x, here = moved, there
+                stop = monitor.step(Step(x, here, length, True))
+                if whole and length <= max(self.tolerance, _ROUNDING if length >= before else 0.0):
+                    return x, "converged"
+                if stop:
+                    return x, "stopped"
+                before = length
+        except Stopped:
+            return x, "stopped"
+        return x, "max-iterations"
+
+    def _next(
+        self,
+        problem: Task,
+        evaluate: Callable[[_Vector], Local],
+        values: _Vector,
+        wanted: _Vector,
+        here: Local,
+        number: int,
+    ) -> tuple[_Vector, Local, bool] | None:
+        """Return the next point, the local problem there, and whether the step is whole; None: no part is of use."""
+        share = 1.0
+        for _ in range(_HALVINGS + 1):
+            try:
+                moved = self._checked(problem, values + share * (wanted - values), number)
+                there = evaluate(moved)
+                if (
+                    not self.halving
+                    or there.cost < here.cost
+                    or _is_rounding(problem, moved, values)
+                ):
+                    return moved, there, share == 1.0
+            except SolverError:
+                if not self.halving:
+                    raise
+            share *= 0.5
+        return None
+
+    def _checked(self, problem: Task, values: _Vector, number: int) -> _Vector:
+        factors = values[problem.coordinates.parameters.is_factor]
+        again = f"in step {number}: the plain iteration has diverged. {self.advice}"
+        if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
+            raise SolverError(f"The unknowns grow beyond all bounds {again}")
+        if (factors <= 0.0).any():
+            raise SolverError(
+                f"A factor (of mass, stiffness or damping) would turn negative {again}"
+            )
+        return problem.coordinates.to_x(values)
+
+
+def _is_rounding(problem: Task, x: _Vector, values: _Vector) -> bool:
+    return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
+
+
+def linear_step(problem: Task, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+    """Return the values, shape (n,), where the residual linearised at x in the amounts is least."""
+    values = problem.coordinates.to_values(x)
+    J = amounts.columns(local.R / problem.coordinates.slope(x), values)
+    return amounts.moved(values, scaled_solution(J, -local.q))
+
+
+def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
+    """Solve least squares with columns of unit length: the unit of an unknown decides nothing.
+
+    Parameters
+    ----------
+    A : ndarray of float, shape (m, n)
+        Jacobian.
+    b : ndarray of float, shape (m,)
+        Right-hand side.
+    """
+    norms = np.linalg.norm(A, axis=0)
+    scale = np.where(norms > 0.0, norms, 1.0)
+    return basic_solution(A / scale, b) / scale
+
+
+def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
+    """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
+
+    Of the usual ways to solve a system of short rank this one takes the condensed equation error to
+    the paper's result in its five iterations from both readings of its error rates; least-norm
+    solutions move along the open direction and take longer.
+
+    Parameters
+    ----------
+    A : ndarray of float, shape (m, n)
+        Jacobian.
+    b : ndarray of float, shape (m,)
+        Right-hand side.
+    """
+    Q, R, order = scipy.linalg.qr(A, mode="economic", pivoting=True)
+    size = np.abs(np.diag(R))
+    rank = int((size > 1e-13 * size[0]).sum()) if size.size else 0
+    out = np.zeros(A.shape[1])
+    out[order[:rank]] = scipy.linalg.solve_triangular(R[:rank, :rank], (Q.T @ b)[:rank])
+    return out
+
+
+def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
+    """Return the reduced problem of all tests at x.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved there.
+    """
+    return joined(
+        [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
+    )
+
+
+def check_unknowns(
+    problem: Task, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
+) -> None:
+    """Refuse unknowns that a method cannot update, and priors where it knows none.
+
+    Parameters
+    ----------
+    problem : Task
+        Whose unknowns they are.
+    name : str
+        The method.
+    cannot : sequence of str
+        Quantities that it cannot update.
+    instead : str
+        What to do, for the message.
+    priors : bool
+        Whether it knows priors.
+
+    Raises
+    ------
+    ParameterError
+        If an unknown acts on such a quantity.
+    OptionError
+        If an unknown has a prior.
+    """
+    for p in problem.coordinates.parameters:
+        for d in p.acts_on:
+            if d.quantity in cannot:
+                raise ParameterError(
+                    f"method {name!r} cannot update {d.quantity} (unknown {p.name!r}); {instead}"
+                )
+    if not priors and problem.coordinates.prior[1].any():
+        raise OptionError(
+            f"method {name!r}, the plain iteration, knows no priors; leave prior_std out"
+        )
+
+
+def fit_of(problem: Task, residual: ByLine, x: _Vector, reason: str, kind: str, note: str) -> Fit:
+    """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere."""
+    try:
+        local = local_of(problem, residual, x)
+    except Stopped:
+        return Fit.blind(x, "stopped")
+    sigma = spread_of(local, problem.n_values, problem.n)
+    record = {"kind": kind, "chi_square": 1.0, "inflation": 1.0}
+    return Fit(
+        x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note
+    )

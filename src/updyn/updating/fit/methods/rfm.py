@@ -1,0 +1,264 @@
+"""Response function method, with full coordinates (Lin & Ewins 1990, 1994)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, OptionError, SolverError, suggest
+from updyn.frf import QUANTITIES
+from updyn.linalg.threads import alone
+from updyn.model import GROUP_QUANTITIES
+from updyn.sensitivity import contract
+from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.methods.linear import (
+    Amounts,
+    Plain,
+    check_unknowns,
+    fit_of,
+    linear_step,
+    local_of,
+)
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import NoiseModel, level_by_unit
+from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "ComplexResponseFunctionMethod",
+    "ResponseEquation",
+    "ResponseFunctionMethod",
+]
+
+_Complex = NDArray[np.complex128]
+_Vector = NDArray[np.float64]
+
+_NOTE = (
+    "The measured FRFs stand on both sides of its equation: noise biases the estimate, and its"
+    " standard deviations do not show that. {}Use maximum likelihood where the data are noisy."
+)
+_UNBOUNDED = "The published iteration knows no bounds. "
+_ADVICE = "Use solver='trust-region'."
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseFunctionMethod:
+    """(h_A - h_X) = H_A dZ h_X with the measured column h_X of all DOFs (method ``"rfm"``).
+
+    H_A - H_X = H_A (Z_X - Z_A) H_X holds for any size of change (Lin & Ewins, "Model updating using
+    FRF data", 15th Int. Seminar on Modal Analysis, Leuven 1990, pp. 141-162; "Analytical model
+    improvement using frequency response functions", Mech. Syst. Signal Process. 8 (1994) 437-458;
+    eqs. 4-6 of Bao, Wang & Cheng 2010). With dZ = sum of K_e dkappa_e - omega^2 M_e dmu_e it is
+    linear in the unknowns: one solve finds them from exact data. It is repeated as H_A, the weight
+    of the equation, follows the model.
+
+    Masses and stiffnesses are real and damping is not updated: it came with Lin & Zhu (2006), see
+    ``"complex-rfm"``. Loss factors and viscous dampers of the model stand as given.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    solver : {"gauss-newton", "trust-region"}
+        The plain iteration as published, or the same linear equation within bounds and a trust
+        region on
+        |h_A - h_X|, with priors.
+    expand : bool
+        False: every DOF of the model has to be measured. True: DOFs without a sensor take the
+        model's motion, renewed in every step, and only measured rows are used (Lin & Ewins 1994;
+        Imregun, Visser & Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202). It is no longer
+        linear, and may diverge or end elsewhere.
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-10
+    solver: str = "gauss-newton"
+    expand: bool = False
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("gauss-newton", "trust-region")
+    NAME: ClassVar[str] = "rfm"
+    reference: ClassVar[str] = "Lin & Ewins 1990, 1994"
+    needs: ClassVar[str] = "every DOF measured (or expand = true)"
+    cannot: ClassVar[tuple[str, ...]] = tuple(
+        q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")
+    )
+    instead: ClassVar[str] = "leave it out, or use 'complex-rfm' for loss factors"
+
+    def __post_init__(self) -> None:
+        if self.solver not in self.SOLVERS:
+            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return the start of the unknowns, shape (n,): there is no search."""
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        plain = self.solver == "gauss-newton"
+        check_unknowns(problem, self.NAME, self.cannot, self.instead, priors=not plain)
+        residual = ResponseEquation(self.NAME, self.expand)
+        for part in problem.parts:
+            residual.check(part)
+        with monitor.stage(self.NAME):
+            if plain:
+                step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
+                settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
+                x, reason = settings.run(
+                    problem, partial(local_of, problem, residual), step, x, monitor
+                )
+            else:
+                try:
+                    local_of(
+                        problem, residual, x
+                    )  # a start that cannot be solved is said with its line
+                    guarded = TrustRegion(self.max_iterations, self.tolerance)
+                    outcome = descend_to_scale(problem, residual, x, monitor, guarded)
+                except Stopped:
+                    return Fit.blind(x, "stopped")
+                x, reason = outcome.x, outcome.reason
+            note = _NOTE.format(_UNBOUNDED if plain else "")
+            return fit_of(
+                problem, residual, x, reason, "spread of the response function equation", note
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseEquation:
+    """r = (H_A - H_X) / level, with derivatives -H_A Z' h_X that the measured motion stands in.
+
+    Parameters
+    ----------
+    name : str
+        The method.
+    expand : bool
+        Whether unmeasured DOFs take the model's motion.
+
+    Notes
+    -----
+    Everything is receptance, over the rms of the measured receptances of its unit (translation or
+    rotation, of motion and of force): for data of one unit that is one number and changes nothing.
+    """
+
+    name: str
+    expand: bool = False
+
+    @property
+    def mark(self) -> str:
+        """What tells it from others of its name."""
+        return f"expand={self.expand}"
+
+    def check(self, problem: Problem) -> None:
+        """Check that the data have what it needs.
+
+        Raises
+        ------
+        DataError
+            If a DOF of the model was not measured, or the data hold no receptance at 0 Hz.
+        """
+        if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+            raise DataError(
+                f"{self.name}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave"
+                " it out"
+            )
+        missing = np.setdiff1d(np.arange(problem.solver.system.n), problem.rows)
+        if missing.size and not self.expand:
+            dofs = problem.solver.system.dofs
+            shown = ", ".join(str(dofs[int(i)]) for i in missing[:5]) + (
+                ", ..." if missing.size > 5 else ""
+            )
+            raise DataError(
+                f"{self.name} needs the motion of all {problem.solver.system.n} DOFs of the model;"
+                f" {missing.size} were not measured ({shown}). Use a method that condenses the"
+                " model, such as 'equation-error' or the default, or expand=True, which takes the"
+                " missing motion from the model"
+            )
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        try:
+            return local_of(problem, self, x)
+        except SolverError:
+            return None
+
+    def of(self, part: int) -> ResponseEquation:
+        """Return itself."""
+        return self
+
+    def on(self, problem: Problem, lines: slice) -> ResponseEquation:
+        """Return itself."""
+        return self
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition()
+
+    @alone
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
+        solver, system, values = problem.solver, problem.solver.system, problem.values(x)
+        freq, omega, state = (
+            problem.frf.freq[lines],
+            2.0 * np.pi * problem.frf.freq[lines],
+            problem.state(x),
+        )
+        measured = problem.frf.converted("receptance")
+        h = measured.values[lines] * problem.sign
+        loaded, place = np.unique(
+            np.concatenate([problem.rows, problem.columns]), return_inverse=True
+        )
+        fields = solver.solve(system.coefficients(state, omega), loaded, freq)
+        V, U = fields[:, :, place[: len(problem.rows)]], fields[:, :, place[len(problem.rows) :]]
+        motion = U.copy()
+        motion[problem.rows] = h.transpose(1, 0, 2)
+        slopes = -problem.unknowns.slopes(system, state, values, omega)
+        weight = 1.0 / level_by_unit(measured)
+        J = contract(system, problem.unknowns, slopes, V, motion)
+        J *= problem.coordinates.slope(x)[:, None, None, None] * weight
+        return weight * (solver.at(U, problem.rows).transpose(1, 0, 2) - h), J
+
+
+@dataclass(frozen=True, slots=True)
+class ComplexResponseFunctionMethod(ResponseFunctionMethod):
+    """(h_A - h_X) = H_A dZ h_X with complex stiffnesses K_e (1 + i gamma_e) (method ``"complex-rfm"``).
+
+    The response function method with the damping of the structure among its unknowns (Lin & Zhu,
+    "Model updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006)
+    2200-2218). Real rows stand over imaginary ones, masses are real, and the unknowns of a group's
+    stiffness are the real and the imaginary part of kappa_e (1 + i gamma_e), in which Z is linear:
+    one solve finds stiffness and loss factor from exact data.
+
+    Damping is structural; viscous dampers of the model stand as given.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    solver : {"gauss-newton", "trust-region"}
+        As for ``"rfm"``; in the trust region the unknowns are kappa_e and gamma_e.
+    expand : bool
+        As for ``"rfm"``.
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-10
+    solver: str = "gauss-newton"
+    expand: bool = False
+
+    NAME: ClassVar[str] = "complex-rfm"
+    reference: ClassVar[str] = "Lin & Zhu 2006"
+    needs: ClassVar[str] = "every DOF measured (or expand = true)"
+    cannot: ClassVar[tuple[str, ...]] = tuple(
+        q for q in ResponseFunctionMethod.cannot if q != "loss_factor"
+    )
+    instead: ClassVar[str] = "its damping is structural; leave it out, or use the default"

@@ -1,0 +1,180 @@
+"""Watching a fit: the history of its steps, progress to the caller, and the wish to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.fit.trust_region import Step
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
+
+__all__ = [
+    "Iteration",
+    "Monitor",
+    "Progress",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a callback is shown after every step, and within a step between blocks of lines.
+
+    Attributes
+    ----------
+    stage : str
+        Part of the method.
+    iteration : int
+        The latest step, counted from 0 through all stages.
+    cost : float
+        Half the sum of squared weighted residuals after that step; nan before the first.
+    lines_done, n_lines : int
+        Lines solved so far in the whole run, and lines that a step solves.
+    """
+
+    stage: str
+    iteration: int
+    cost: float
+    lines_done: int
+    n_lines: int
+
+
+@dataclass(slots=True)
+class Monitor:
+    """Collects history and timing; the only object of a fit that changes.
+
+    Parameters
+    ----------
+    problem : Task
+        What is fitted.
+    callback : callable, optional
+        Called with a `Progress` after every step and between blocks of lines; returning True stops
+        the fit.
+
+    Attributes
+    ----------
+    history : list of Iteration
+        Every step so far.
+    timing_s : dict of str to float
+        Seconds by stage.
+    """
+
+    problem: Task
+    callback: Callable[[Progress], bool | None] | None = None
+    history: list[Iteration] = field(default_factory=list, init=False)
+    timing_s: dict[str, float] = field(default_factory=dict, init=False)
+    _stage: str = field(default="", init=False)
+    _n_lines: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        if self.callback is not None:
+            self.problem.session.wants_stop = self._shown
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the callback has asked to stop."""
+        return self.problem.session.stopped
+
+    @contextmanager
+    def stage(self, name: str, problem: Task | None = None) -> Iterator[None]:
+        """Name the steps made inside, and time them.
+
+        Parameters
+        ----------
+        name : str
+            Part of the method.
+        problem : Task, optional
+            What is fitted inside, where it is not the whole.
+        """
+        before, start = (self._stage, self._n_lines), time.perf_counter()
+        self._stage, self._n_lines = name, (problem or self.problem).n_lines
+        try:
+            yield
+        finally:
+            self.timing_s[name] = self.timing_s.get(name, 0.0) + time.perf_counter() - start
+            self._stage, self._n_lines = before
+
+    @property
+    def begun(self) -> bool:
+        """Whether the current stage has recorded a step."""
+        return bool(self.history) and self.history[-1].stage == self._stage
+
+    def start(self, x: NDArray[np.float64], local: Local) -> None:
+        """Record where a stage starts."""
+        self.step(Step(x, local, 0.0, True))
+
+    def step(self, step: Step) -> bool:
+        """Record a step; return whether the fit should stop."""
+        names = self.problem.coordinates.parameters.names
+        values = self.problem.coordinates.to_values(step.x)
+        cost = np.nan if step.local is None else step.local.cost
+        self.history.append(
+            Iteration(
+                self._stage,
+                len(self.history),
+                cost,
+                step.length,
+                np.nan if step.local is None else condition(step.local.R),
+                step.accepted,
+                dict(zip(names, values.tolist(), strict=True)),
+            )
+        )
+        self._shown()
+        return self.stopped
+
+    def _shown(self) -> bool:
+        """Show where the fit is; return whether it should stop."""
+        session = self.problem.session
+        if self.callback is not None:
+            number, cost = (
+                (self.history[-1].number, self.history[-1].cost) if self.history else (0, np.nan)
+            )
+            progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
+            session.stopped = bool(self.callback(progress)) or session.stopped
+        return session.stopped
+
+
+def condition(R: NDArray[np.float64]) -> float:
+    """Return the condition number of a Jacobian with its columns scaled to unit norm."""
+    norms = np.linalg.norm(R, axis=0)
+    if not norms.all() or not np.isfinite(norms).all():
+        return np.inf
+    s = np.linalg.svd(R / norms, compute_uv=False)
+    return float(s[0] / s[-1]) if len(s) == R.shape[1] and s[-1] > 0 else np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One accepted or refused step.
+
+    Attributes
+    ----------
+    stage : str
+        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
+        ...).
+    number : int
+        Counted from 0 (the start) through all stages.
+    cost : float
+        Half the sum of squared weighted residuals.
+    step : float
+        Largest change of an unknown (of its logarithm for a factor).
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm.
+    accepted : bool
+        Whether the step was taken.
+    values : dict of str to float
+        The unknowns after the step.
+    """
+
+    stage: str
+    number: int
+    cost: float
+    step: float
+    condition: float
+    accepted: bool
+    values: Mapping[str, float] = field(default_factory=dict)

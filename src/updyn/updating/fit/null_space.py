@@ -1,0 +1,127 @@
+"""Null space, covariance and rank of a Jacobian whose residuals have unit variance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+__all__ = [
+    "RANK_TOLERANCE",
+    "VISIBLE",
+    "WIDEST",
+    "Resolution",
+    "covariance_within",
+    "null_space",
+    "resolve",
+]
+
+_Matrix = NDArray[np.float64]
+
+#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no
+#: measurement is as exact as the 8 digits that it would take to see them.
+RANK_TOLERANCE = 1e-8
+
+#: A direction with a larger standard deviation than this (of a logarithm, or of a loss factor) is
+#: undetermined.
+WIDEST = 1.0
+
+#: Weights of an unknown in a direction below this count as zero.
+VISIBLE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolution:
+    """Directions that a Jacobian determines, and those that it does not.
+
+    Attributes
+    ----------
+    singular_values : ndarray of float, shape (n,)
+        Of the Jacobian with columns scaled to unit norm, falling.
+    full_rank : bool
+        Whether all of them are above `RANK_TOLERANCE` times the largest.
+    null_space : ndarray of float, shape (n, k)
+        Orthonormal basis of the undetermined directions: those below `RANK_TOLERANCE`, and those
+        with a standard deviation above `WIDEST`.
+    covariance : ndarray of float, shape (n, n)
+        Over the directions above `RANK_TOLERANCE`.
+    involved : ndarray of bool, shape (n,)
+        Unknowns that are undetermined: they take part in a direction below `RANK_TOLERANCE`, or
+        lead one with a standard deviation above `WIDEST`.
+    """
+
+    singular_values: NDArray[np.float64]
+    full_rank: bool
+    null_space: _Matrix
+    covariance: _Matrix
+    involved: NDArray[np.bool_]
+
+
+def resolve(R: _Matrix, inflation: float = 1.0) -> Resolution:
+    """Return what a reduced Jacobian determines.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, n)
+        Reduced Jacobian, in units of one standard deviation of the noise.
+    inflation : float
+        Factor on the standard deviations.
+    """
+    scale, s, Vt = _scaled_svd(R)
+    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+    spread = (
+        inflation * (Vt[seen].T / s[seen]) / scale[:, None]
+    )  # columns: one standard deviation each
+    axes, std, _ = np.linalg.svd(spread, full_matrices=False)
+    known = std <= WIDEST
+    unseen = _orthonormal(Vt[~seen].T / scale[:, None])
+    blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
+    covariance = (axes * std**2) @ axes.T
+    involved = (np.linalg.norm(unseen, axis=1) > VISIBLE) | _led(axes[:, ~known], std[~known])
+    return Resolution(s, bool(seen.all()), blind, covariance, involved)
+
+
+def null_space(R: _Matrix) -> _Matrix:
+    """Return the null space of a Jacobian to `RANK_TOLERANCE`, orthonormal columns, shape (n, k)."""
+    scale, s, Vt = _scaled_svd(R)
+    return _orthonormal(
+        Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
+    )
+
+
+def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
+    """Return the covariance, shape (n, n), of unknowns that move along orthonormal directions only, shape (n, k)."""
+    if within.shape[1] == 0:
+        return np.zeros((len(within), len(within)))
+    triangle = np.linalg.qr(R @ within, mode="r")
+    spread = scipy.linalg.solve_triangular(triangle, within.T, trans="T")
+    return np.asarray(spread.T @ spread)
+
+
+def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _Matrix]:
+    """Return the lengths of the columns, and singular values and V^T of the columns at unit length."""
+    n = R.shape[1]
+    norms = np.linalg.norm(R, axis=0)
+    # An unknown without any effect has a zero column; scaling it by 1 keeps it zero.
+    scale = np.where(norms > 0, norms, 1.0)
+    _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, n - len(R)), n))]))
+    return scale, s, Vt
+
+
+def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say which unknowns a noisy direction leaves open: its leaders, and whoever it spreads by half of `WIDEST`.
+
+    The others take part in it, too, but by a share that leaves them known: their standard deviation
+    says how well.
+    """
+    reach = np.abs(axes) * std
+    leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
+    return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * WIDEST))
+
+
+def _orthonormal(directions: _Matrix) -> _Matrix:
+    if directions.shape[1] == 0:
+        return directions
+    return np.asarray(scipy.linalg.orth(directions / np.linalg.norm(directions, axis=0)))

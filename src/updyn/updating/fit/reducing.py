@@ -1,0 +1,452 @@
+"""Fitting inside a reduced model that is proved where the fit ends.
+
+A basis made at one point answers exactly there, and worse the further the unknowns move. So the fit
+is made inside the basis of its start, and not too far from there; where it ends, the full residual
+says whether the basis still holds; if not, a new one is made there and the fit goes on. As values
+and slopes are those of the whole model at the point of the basis, few rounds suffice.
+
+A search goes further than that, and what it finds in the basis of the start can be far off. Where
+the fit does not settle from there, the search is made again, through a wider basis with a few
+motions at points around the start: nowhere exact, but good enough to find the basin by
+(benchmarks/accuracy.py --tier reduced).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.fields import FieldSolver
+from updyn.dynamics.reduced import NOT_CONDENSED, Certificate, Reduction
+from updyn.errors import OptionError, SolverError
+from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.search import SEARCH_STEPS, scattered
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.residuals import LogError
+from updyn.updating.problem.session import Stopped
+
+__all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
+
+_Vector = NDArray[np.float64]
+
+#: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
+_DOFS, _LINES = 20_000, 40
+#: Why some methods need the exact model.
+_NEED_EXACT = {
+    "equation-error": NOT_CONDENSED,
+    "rfm": (
+        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
+    ),
+    "complex-rfm": (
+        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
+        " 'sparse'"
+    ),
+    "frf-sensitivity": (
+        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
+        " use tier 'sparse', or method 'output-error'"
+    ),
+    "force-residual": (
+        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
+        " 'sparse'"
+    ),
+    "constitutive": (
+        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
+        " 'sparse'"
+    ),
+    "modal": (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    ),
+    "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
+}
+#: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
+#: half their value), and make so many steps while it has not yet arrived.
+_LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
+_ROUNDS = 12
+#: A basis from within this share of that is enriched; from further off a new one is smaller.
+_NEAR = 0.25
+#: A larger basis is compressed.
+_LARGE = 400
+#: A second search looks through motions at so many further points, so far from the start in the
+#: logarithms of factors, at no more than so many lines; unless that makes a basis that is too large
+#: to search in.
+_POINTS, _AWAY, _SEARCHED, _WIDEST = 8, 0.8, 200, 450
+#: So many DOFs without a sensor are kept track of, for advice.
+_ELSEWHERE = 200
+
+
+def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None) -> bool:
+    """Return whether a model is to be reduced.
+
+    Parameters
+    ----------
+    tier : str or None
+        The tier that is forced.
+    n, n_lines : int
+        Degrees of freedom and lines.
+    method : str, optional
+        Of the update.
+
+    Raises
+    ------
+    OptionError
+        If the reduced tier is forced on a method that needs the exact one.
+    """
+    refused = _NEED_EXACT.get(method or "")
+    if tier == "reduced" and refused:
+        raise OptionError(refused)
+    return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
+
+
+def reduction_of(
+    problem: Problem, accuracy: float, others: NDArray[np.intp] | None = None
+) -> Reduction:
+    """Return the reduction of a problem's model for its responses, references and band, not made yet.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its whole model.
+    accuracy : float
+        Wanted: the error of a receptance as a share of the largest of its line.
+    others : ndarray of int, optional
+        Further DOFs whose motion counts in its error.
+    """
+    freq = problem.frf.freq
+    return Reduction(
+        problem.solver.system,
+        problem.rows,
+        problem.columns,
+        (float(freq[0]), float(freq[-1])),
+        problem.solver.backend,
+        accuracy,
+        np.zeros(0, dtype=np.intp) if others is None else others,
+        problem.session.check,
+    )
+
+
+@dataclass(slots=True, eq=False)
+class _Part:
+    """The reduced models of one test."""
+
+    exact: Problem
+    reduction: Reduction
+    solver: FieldSolver | None = None
+    first: FieldSolver | None = None
+    certificate: Certificate | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, accuracy: float) -> _Part:
+        others = problem.solver.others(np.union1d(problem.rows, problem.columns))
+        return cls(
+            problem,
+            reduction_of(problem, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]),
+        )
+
+    def build(self, x: _Vector) -> None:
+        state = self.exact.state(x)
+        self.reduction.build(state)
+        if self.reduction.basis.size > _LARGE:
+            self.reduction.compress(state, self.exact.frf.freq)
+
+    def widen(self, points: Iterable[_Vector]) -> None:
+        for x in points:
+            with suppress(SolverError):  # a point that cannot be solved adds nothing
+                self.reduction.widen(self.exact.state(x))
+        self.solver = self.reduction.solver("reduced, around the start")
+
+    def certify(self, x: _Vector, *, enrich: bool) -> None:
+        self.certificate = self.reduction.certify(
+            self.exact.state(x), self.exact.frf.freq, enrich=enrich
+        )
+
+
+@dataclass(slots=True, eq=False)
+class Reducing:
+    """The reduced models of a run, one after the other; of several tests, one of each at a time.
+
+    Parameters
+    ----------
+    exact : Task
+        All data, and the whole model of each part.
+    accuracy : float
+        Wanted: the error of a receptance as a share of the largest of its line.
+
+    Attributes
+    ----------
+    proved : bool
+        Whether the latest proof is about the point where the fit ended.
+    """
+
+    exact: Task
+    accuracy: float
+    proved: bool = field(default=False, init=False)
+    _parts: list[_Part] = field(init=False)
+    _x: _Vector = field(init=False)
+    _made: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._parts = [_Part.of(part, self.accuracy) for part in self.exact.parts]
+
+    @property
+    def firsts(self) -> list[FieldSolver]:
+        """The reduced model of each part at the start, once they are made."""
+        return [part.first for part in self._parts if part.first is not None]
+
+    @property
+    def _home(self) -> _Vector:
+        return self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+
+    @property
+    def error(self) -> float | None:
+        """The largest error of the latest proofs."""
+        found = [part.certificate.error for part in self._parts if part.certificate is not None]
+        return max(found) if found else None
+
+    def restart(self, exact: Task) -> None:
+        """Forget what was made, for the same problem with other starts."""
+        self.exact = exact
+        self.__post_init__()
+
+    def begin(self) -> None:
+        """Make the reduced model of the start.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved there.
+        Stopped
+            If the user wants to stop.
+        """
+        self._make(self._home)
+        self._enrich(self._home)  # also the figures of the start come from it
+        for part in self._parts:
+            part.first = part.solver
+
+    def inside(self, problem: Task) -> Task:
+        """Return a problem with the latest reduced models."""
+        pairs = zip(problem.parts, self._parts, strict=True)
+        return together(
+            [replace(p, solver=made.solver) for p, made in pairs if made.solver is not None]
+        )
+
+    def fit(
+        self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[Task, Fit]:
+        """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
+
+        Parameters
+        ----------
+        problem : Task
+            From `inside`.
+        strategy, noises, monitor
+            As for `Method.fit`.
+
+        Returns
+        -------
+        problem : Task
+            With the last reduced model.
+        fit : Fit
+            The last fit, or the one before where that was better.
+        """
+        x = strategy.search(problem, monitor)
+        found, fit = self._rounds(
+            problem, strategy, noises, monitor, x, far=_outside(x, self._box())
+        )
+        if fit.reason not in ("max-iterations", "stalled") or not self._may_search(strategy):
+            return found, fit
+        try:
+            with monitor.stage("reduce"):
+                around = self._around(problem)
+            x = strategy.search(around, monitor)
+            again, other = self._rounds(problem, strategy, noises, monitor, x, far=True)
+            if other.reason == "stopped":
+                return found, replace(fit, reason="stopped")
+            if other.reason != "failed" and _log_cost(again, other.x) <= _log_cost(found, fit.x):
+                return again, other
+            with monitor.stage("reduce"):
+                self._make(fit.x)
+                self._check(fit.x)
+        except Stopped:
+            return found, replace(fit, reason="stopped")
+        except SolverError:  # the first fit is still there
+            return found, fit
+        return self.inside(problem), fit
+
+    def _may_search(self, strategy: Method) -> bool:
+        """Whether a method looks for a basin, was given steps enough, and a wider basis is not too large for it."""
+        starts = getattr(
+            getattr(strategy, "method", strategy), "starts", 0
+        )  # of a regularised one: what it wraps
+        size = max(part.reduction.size_with(_POINTS) for part in self._parts)
+        return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
+
+    def _around(self, problem: Task) -> Task:
+        """Return a problem with reduced models that hold, roughly, around the start."""
+        far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
+        points = np.clip(
+            scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds
+        )
+        self._make(self._home)
+        for part in self._parts:
+            part.widen(points)
+        return self.inside(problem).thinned(_SEARCHED)
+
+    def _rounds(
+        self,
+        problem: Task,
+        strategy: Method,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: _Vector,
+        *,
+        far: bool,
+    ) -> tuple[Task, Fit]:
+        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
+        near, left = False, strategy.max_iterations
+        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
+        try:
+            for number in range(_ROUNDS):
+                with monitor.stage("reduce"):
+                    if number == 0:
+                        x = self._better(problem, x) if far else x
+                    elif not ready and _outside(x, self._box(_NEAR)):
+                        self._make(x)
+                    elif not ready:
+                        self._enrich(x)
+                problem, box = self.inside(problem), self._box()
+                boxed = problem.with_box(box)
+                before, steps = len(monitor.history), left if near else min(left, _BRIEF)
+                fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
+                left = max(left - (len(monitor.history) - before), 0)
+                near, x, ready = not _outside(fit.x, box), fit.x, False
+                if fit.reason in ("stopped", "failed"):
+                    break
+                if left == 0 or (near and fit.reason != "max-iterations"):
+                    with monitor.stage("reduce"):
+                        if left == 0 or _outside(x, self._box(_NEAR)):
+                            self._check(x)
+                        else:  # one factorisation proves the basis, or mends it
+                            ready = self._mend(x)
+                    if self.proved or left == 0:
+                        break
+            else:
+                with monitor.stage("reduce"):
+                    self._check(x)
+        except Stopped:  # the values are kept, without their proof
+            fit = replace(fit, reason="stopped")
+        return problem, self._noted(fit)
+
+    def _better(self, problem: Task, x: _Vector) -> _Vector:
+        """Make the reduced model where a search ended, far off, unless the start is as good after all."""
+        before = _log_cost(problem, self._home)
+        self._make(x)
+        if _log_cost(self.inside(problem), x) <= before:
+            return x
+        self._make(self._home)
+        return self._home
+
+    def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
+        """Return how far the unknowns may go in this basis."""
+        factor = self.exact.coordinates.parameters.is_factor
+        leash = share * np.where(factor, _LEASH, np.maximum(_LOSS, 0.5 * np.abs(self._x)))
+        return self._x - leash, self._x + leash
+
+    def _noted(self, fit: Fit) -> Fit:
+        error = self.error
+        if error is None or self.proved or fit.reason in ("stopped", "failed"):
+            return fit
+        note = (
+            "The reduced model could not be proved where the fit ended: its error there may be"
+            f" {error:.1g} of the largest receptance of a line, not {self.accuracy:g}."
+        )
+        reason = "max-iterations" if fit.reason == "converged" else fit.reason
+        return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
+
+    @property
+    def record(self) -> dict[str, float | int | str]:
+        """What the result states; of several tests, the sums of what was needed and the largest error."""
+        found = [part.certificate for part in self._parts if part.certificate is not None]
+        if not found:
+            return {"accuracy": self.accuracy}
+        used: Counter[str] = Counter()
+        for part in self._parts:
+            used.update(part.reduction.used)
+        return {
+            "accuracy": self.accuracy,
+            "basis": sum(c.size for c in found),
+            "error": (
+                max(c.error for c in found) if self.proved else "not checked where the fit ended"
+            ),
+            "lines checked": sum(len(c.lines) for c in found),
+            "factorisations": sum(c.factorisations for c in found),
+            **fallback(used, self._parts[0].reduction.backend),
+        }
+
+    def _make(self, x: _Vector) -> None:
+        """Make reduced models at x: good as a rule, but not proved."""
+        for part in self._parts:
+            part.build(x)
+        self._use(x)
+
+    def _enrich(self, x: _Vector) -> None:
+        """Add to the reduced models what they lack at x."""
+        for part in self._parts:
+            part.certify(x, enrich=True)
+        self._use(x)
+
+    def _mend(self, x: _Vector) -> bool:
+        """Add what the bases lack at x, and return whether that was anything; if not, they are proved there."""
+        before = [part.reduction.basis.size for part in self._parts]
+        for part in self._parts:
+            part.certify(x, enrich=True)
+        if [part.reduction.basis.size for part in self._parts] != before:
+            self._use(x)
+            return True
+        error = self.error
+        self.proved = error is not None and error <= self.accuracy
+        return False
+
+    def _use(self, x: _Vector) -> None:
+        self._made += 1
+        self._x, self.proved = x, False
+        for part in self._parts:
+            part.solver = part.reduction.solver(f"reduced {self._made}")
+
+    def _check(self, x: _Vector) -> None:
+        for part in self._parts:
+            part.certify(x, enrich=False)
+        error = self.error
+        self.proved = error is not None and error <= self.accuracy
+
+
+def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
+    """Return, for the record, who solved what the backend could not; nothing where it always could.
+
+    Parameters
+    ----------
+    used : mapping of str to int
+        Solves by backend.
+    backend : str
+        The one that was chosen.
+    """
+    others = [f"{name} {number}" for name, number in used.items() if name != backend]
+    return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
+
+
+def _log_cost(problem: Task, x: _Vector) -> float:
+    local = LogError().local(problem, x)
+    return np.inf if local is None else local.cost
+
+
+def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
+    """Whether a point lies outside a box, or on one of its walls."""
+    margin = 1e-6 * (box[1] - box[0])
+    return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

@@ -1,0 +1,693 @@
+"""Regularisation of a fit: pulled to the start of the unknowns, or kept to directions that the data determine.
+
+The strength is found along with the unknowns: the problem is linearised where a fit has ended, the
+strength chosen there on all its singular values at once, and the fit repeated from that point,
+until the strength settles (for generalised cross-validation of nonlinear problems Haber &
+Oldenburg, Comput. Geosci. 4 (2000) 41).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, suggest
+from updyn.frf import FRF
+from updyn.updating.fit.method import Fit, Method, Pull, in_units
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.null_space import RANK_TOLERANCE
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Coordinates, Task, together
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "CHOICES",
+    "METHODS",
+    "Regularised",
+    "Spectrum",
+    "check_regularise",
+    "corner",
+    "discrepancy",
+    "minimum",
+    "regularised",
+]
+
+_Vector = NDArray[np.float64]
+
+#: Strengths that are looked at, evenly in their logarithm, before the best of them is refined.
+_GRID = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """min |A z - b|^2, A = U diag(s) V^T, residuals in units of one standard deviation.
+
+    Attributes
+    ----------
+    s : ndarray of float, shape (k,)
+        Singular values, falling.
+    beta : ndarray of float, shape (k,)
+        U^T b.
+    V : ndarray of float, shape (n, k)
+        Right singular vectors.
+    rest : float
+        Squared length of what of b no z reaches.
+    n_values : float
+        Number of residuals.
+    fixed : int
+        How many of them further unknowns, which are not regularised, take up.
+    """
+
+    s: _Vector
+    beta: _Vector
+    V: NDArray[np.float64]
+    rest: float
+    n_values: float
+    fixed: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        A: NDArray[np.float64],
+        b: _Vector,
+        rest: float = 0.0,
+        n_values: float = 0.0,
+        fixed: int = 0,
+    ) -> Spectrum:
+        """Return the spectrum of a problem.
+
+        Parameters
+        ----------
+        A : ndarray of float, shape (m, n)
+            Matrix.
+        b : ndarray of float, shape (m,)
+            Right-hand side.
+        rest : float
+            Squared length of a residual that is there besides, whatever z.
+        n_values : float
+            Number of residuals; by default m.
+        fixed : int
+            How many of them further unknowns take up.
+
+        Returns
+        -------
+        Spectrum
+        """
+        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+        beta = U.T @ b
+        beyond = (
+            b - U @ beta
+        )  # not |b|^2 - |beta|^2, which is rounding where A reaches nearly all of b
+        return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
+
+    def passed(self, strength: float) -> _Vector:
+        """Return the share of each singular component that Tikhonov's method lets pass: s^2 / (s^2 + strength^2)."""
+        return np.asarray(self.s**2 / np.maximum(self.s**2 + strength**2, np.finfo(float).tiny))
+
+    def kept(self, number: int) -> _Vector:
+        """Return the shares of truncated singular values: 1 for the first `number`, else 0."""
+        return np.where(np.arange(len(self.s)) < number, 1.0, 0.0)
+
+    def solution(self, shares: _Vector) -> _Vector:
+        """Return z, shape (n,)."""
+        return np.asarray(self.V @ self._components(shares))
+
+    def distance(self, shares: _Vector) -> float:
+        """Return |z|."""
+        return float(np.linalg.norm(self._components(shares)))
+
+    def misfit(self, shares: _Vector) -> float:
+        """Return |A z - b|, with what no z reaches."""
+        return float(np.sqrt(np.sum(((1.0 - shares) * self.beta) ** 2) + self.rest))
+
+    def freedom(self, shares: _Vector) -> float:
+        """Return the effective number of unknowns, the trace of the influence matrix."""
+        return float(shares.sum()) + self.fixed
+
+    def gcv(self, shares: _Vector) -> float:
+        """Return the function of generalised cross-validation (Golub, Heath & Wahba, Technometrics 21 (1979) 215)."""
+        return (
+            self.n_values
+            * self.misfit(shares) ** 2
+            / max(self.n_values - self.freedom(shares), 1e-6) ** 2
+        )
+
+    def curvature(self, strength: float) -> float:
+        """Return the curvature of the L-curve, log |z| over log |A z - b|, positive at its corner.
+
+        Hansen & O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487; here from the derivatives of the
+        filter by t = log(strength): df/dt = -2 f (1 - f).
+        """
+        f = self.passed(strength)
+        g, squared = 1.0 - f, self.beta**2
+        along = squared / np.maximum(self.s, np.finfo(float).tiny ** 0.25) ** 2
+        P, D = float(np.sum(g**2 * squared)) + self.rest, float(np.sum(f**2 * along))
+        if P <= 0.0 or D <= 0.0:
+            return 0.0
+        dP, dD = 4.0 * float(np.sum(f * g**2 * squared)), -4.0 * float(np.sum(f**2 * g * along))
+        ddP = 8.0 * float(np.sum(f * g**2 * (2.0 * f - g) * squared))
+        ddD = 8.0 * float(np.sum(f**2 * g * (2.0 * g - f) * along))
+        x, y = dP / (2.0 * P), dD / (2.0 * D)
+        xx, yy = ddP / (2.0 * P) - 2.0 * x**2, ddD / (2.0 * D) - 2.0 * y**2
+        speed = (x**2 + y**2) ** 1.5
+        return (x * yy - xx * y) / speed if speed > 0.0 else 0.0
+
+    def _components(self, shares: _Vector) -> _Vector:
+        seen = self.s > 0.0
+        return np.asarray(np.where(seen, shares * self.beta / np.where(seen, self.s, 1.0), 0.0))
+
+
+def minimum(spectrum: Spectrum, low: float, high: float) -> float:
+    """Return the strength of least generalised cross-validation.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        The problem.
+    low, high : float
+        Between which strengths.
+
+    Returns
+    -------
+    float
+    """
+    return _best(lambda strength: spectrum.gcv(spectrum.passed(strength)), low, high)
+
+
+def corner(spectrum: Spectrum, low: float, high: float) -> float:
+    """Return the strength at the corner of the L-curve, where its curvature is largest.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        The problem.
+    low, high : float
+        Between which strengths.
+
+    Returns
+    -------
+    float
+    """
+    return _best(lambda strength: -spectrum.curvature(strength), low, high)
+
+
+def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
+    """Return the largest strength at which the misfit has grown no more than the noise explains.
+
+    What the unknowns can change of the residual holds as many numbers as there are unknowns. Of
+    these, a fit has to leave the noise of the freedom that it gives up, their number less the
+    effective number of unknowns, and may leave one standard deviation more: the compensated
+    discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2) on this part
+    alone. What no unknown changes would only add its own scatter, sqrt(2 n_values).
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        The problem; the noise has to be known.
+    low, high : float
+        Between which strengths.
+
+    Returns
+    -------
+    float
+    """
+    from scipy.optimize import brentq
+
+    def excess(log: float) -> float:
+        given_up = 1.0 - spectrum.passed(float(np.exp(log)))
+        expected, scatter = np.sum(given_up), np.sqrt(2.0 * np.sum(given_up**2))
+        return float(np.sum((given_up * spectrum.beta) ** 2) - expected - scatter)
+
+    logs = np.linspace(np.log(low), np.log(high), _GRID)
+    within = np.flatnonzero([excess(t) <= 0.0 for t in logs])
+    if not within.size:
+        return low
+    last = int(within[-1])
+    return (
+        high
+        if last == _GRID - 1
+        else float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
+    )
+
+
+def _best(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Return the strength of least cost: the best of a grid, refined between its neighbours."""
+    from scipy.optimize import minimize_scalar
+
+    logs = np.linspace(np.log(low), np.log(high), _GRID)
+    at = int(np.argmin([cost(float(np.exp(t))) for t in logs]))
+    bounds = logs[max(at - 1, 0)], logs[min(at + 1, _GRID - 1)]
+    found = minimize_scalar(
+        lambda t: cost(float(np.exp(t))), bounds=bounds, method="bounded", options={"xatol": 1e-8}
+    )
+    return float(np.exp(found.x if found.fun <= cost(float(np.exp(logs[at]))) else logs[at]))
+
+
+#: How the strength of Tikhonov's method may be chosen.
+_STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
+    "gcv": minimum,
+    "l-curve": corner,
+    "discrepancy": discrepancy,
+}
+CHOICES = (*_STRENGTHS, "tsvd")
+#: Methods that minimise one sum of squares within bounds, to which a pull can be added.
+METHODS = ("maximum-likelihood", "log", "output-error", "equation-error")
+#: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
+#: e.
+WEAKEST = 1.0
+#: How often a fit is repeated, with a new strength or other directions; and what has settled: a
+#: strength that changed by less than this, directions whose cosine is above that.
+_ROUNDS, _TURNS, _SETTLED, _SAME = 8, 4, 0.05, 1.0 - 1e-4
+#: Points of the curve in the record.
+_POINTS = 41
+
+
+def check_regularise(
+    regularise: str | float | None, method: str, *, reducing: bool = False
+) -> None:
+    """Check the option.
+
+    Parameters
+    ----------
+    regularise : str, float or None
+        As for `updyn.update`.
+    method : str
+        Which method it goes with.
+    reducing : bool
+        Whether the fit is made in reduced models, each near the point of its basis.
+
+    Raises
+    ------
+    OptionError
+        If it is not understood, or the method cannot be regularised.
+    """
+    if regularise is None:
+        return
+    if isinstance(regularise, str):
+        if regularise not in CHOICES and re.fullmatch(r"tsvd:[1-9]\d*", regularise) is None:
+            raise OptionError(
+                f"regularise {regularise!r}: {suggest(regularise, CHOICES)}; or 'tsvd:N' with a"
+                " whole number N, or a strength above 0"
+            )
+    elif (
+        isinstance(regularise, bool)
+        or not isinstance(regularise, int | float)
+        or not 0.0 < regularise < np.inf
+    ):
+        raise OptionError(
+            f"regularise = {regularise!r}: expected a strength above 0, or one of"
+            f" {', '.join(CHOICES)}"
+        )
+    if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
+        raise OptionError(
+            f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
+            " where its basis was made; use tier 'sparse', or 'gcv'"
+        )
+    if method not in METHODS:
+        raise OptionError(
+            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}"
+        )
+
+
+def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
+    """Return a method that is regularised; itself where nothing is asked for.
+
+    Parameters
+    ----------
+    strategy : Method
+        The method.
+    method : str
+        Its name.
+    regularise : str, float or None
+        As for `updyn.update`.
+
+    Returns
+    -------
+    Method
+
+    Raises
+    ------
+    OptionError
+        As `check_regularise`.
+    """
+    check_regularise(regularise, method)
+    if regularise is None:
+        return strategy
+    return Regularised(strategy, regularise, strategy.max_iterations, strategy.tolerance)
+
+
+@dataclass(frozen=True, slots=True)
+class Regularised:
+    """A method that is regularised.
+
+    Parameters
+    ----------
+    method : Method
+        What fits.
+    how : str or float
+        One of `CHOICES`, ``"tsvd:N"``, or the strength of Tikhonov's method.
+    max_iterations : int
+        Largest number of steps of each fit.
+    tolerance : float
+        As for the method.
+    """
+
+    method: Method
+    how: str | float
+    max_iterations: int
+    tolerance: float
+
+    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return where to begin, shape (n,): where the method begins by itself."""
+        return self.method.search(problem, monitor)
+
+    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+        """Fit the unknowns from x, choosing how strongly they are held.
+
+        Raises
+        ------
+        OptionError
+            If every unknown has a prior of its own, or more directions are asked for than there are
+            unknowns.
+        """
+        free = problem.coordinates.prior[1] == 0.0
+        if not free.any():
+            raise OptionError(
+                "regularise: every unknown has a prior of its own; nothing is left to regularise"
+            )
+        once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
+        run = _Run(problem, once, monitor, free)
+        if isinstance(self.how, str) and self.how.startswith("tsvd"):
+            number = int(self.how[5:]) if ":" in self.how else None
+            if number is not None and number > free.sum():
+                raise OptionError(
+                    f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
+                    " unknown without a prior"
+                )
+            return run.truncated(noises, x, number)
+        if isinstance(self.how, str):
+            return run.chosen(noises, x, self.how)
+        return run.stated(noises, x, float(self.how))
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Fits of one problem, differently held.
+
+    Attributes
+    ----------
+    problem : Task
+        Model, data and unknowns.
+    method : Method
+        What fits.
+    monitor : Monitor
+        Who watches.
+    free : ndarray of bool, shape (n,)
+        The unknowns without a prior of their own; the others keep theirs and nothing else holds
+        them.
+    unit : float or None
+        What the residual is measured in, once a first fit has told; all strengths count against
+        that.
+    """
+
+    problem: Task
+    method: Method
+    monitor: Monitor
+    free: NDArray[np.bool_]
+    unit: float | None = None
+
+    # -- Tikhonov ------------------------------------------------------------------------------------------
+    def stated(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+        """Fit with a strength that counts against the noise as an almost free fit leaves it."""
+        first = self._pulled(noises, x, min(strength, WEAKEST))
+        if _broken(first):
+            return first
+        run = self._after(first)
+        fit = run._pulled(run._held(noises, first), first.x, strength)
+        return (
+            fit
+            if _broken(fit)
+            else run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
+        )
+
+    def chosen(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
+        """Fit with the strength that a criterion chooses where the fit ends."""
+        strength, tried, settled = WEAKEST, list[float](), False
+        fit = self._pulled(noises, x, strength)
+        noises, run = self._held(noises, fit), self._after(fit)
+        for _ in range(_ROUNDS):
+            if _broken(fit):
+                break
+            tried.append(strength / _inflation(fit))
+            spectrum = run._spectrum(fit)
+            low, high = _range(spectrum)
+            wanted = _STRENGTHS[how](spectrum, low, high) * _inflation(fit)
+            settled = abs(np.log(wanted / strength)) < _SETTLED
+            if settled:
+                break
+            strength = wanted
+            fit = run._pulled(noises, fit.x, strength)
+        return (
+            fit
+            if _broken(fit)
+            else run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
+        )
+
+    def _pulled(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+        """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
+        coordinates = self.problem.coordinates
+        # Of a value the prior is in its own unit, which need not be that of x.
+        start = coordinates.to_x(coordinates.parameters.start)
+        units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
+        items = [
+            replace(p, prior_std=p.prior_std or float(u) / strength)
+            for p, u in zip(coordinates.parameters, units, strict=True)
+        ]
+        pulled = self._with(
+            replace(coordinates, parameters=ParameterSet(tuple(items)), unit=self.unit)
+        )
+        return self.method.fit(pulled, noises, self.monitor, x)
+
+    def _tikhonov(
+        self, fit: Fit, strength: float, how: str, tried: list[float], settled: bool = True
+    ) -> Fit:
+        spectrum = self._spectrum(fit)
+        low, high = _range(spectrum)
+        low, high = min(low, strength), max(high, strength)
+        curve = np.geomspace(low, high, _POINTS)
+        passed = [spectrum.passed(float(g)) for g in curve]
+        record: dict[str, Any] = {
+            "how": how,
+            "strength": strength,
+            "prior_std": 1.0 / strength,
+            "effective unknowns": spectrum.freedom(spectrum.passed(strength)),
+            "tried": tried,
+            **_curve(spectrum, passed, "strengths", curve.tolist(), spectrum.passed(strength)),
+        }
+        if how == "l-curve":
+            record["curvature"] = [spectrum.curvature(float(g)) for g in curve]
+        note = self._said(how, strength, spectrum, settled)
+        weight = np.where(self.free, strength, 0.0)
+        return replace(fit, pull=Pull(weight, None, note, record))
+
+    def _said(self, how: str, strength: float, spectrum: Spectrum, settled: bool) -> str:
+        if how != "stated" and strength <= 1.01 * WEAKEST:
+            return (
+                f"Regularisation ({how}) finds that nothing has to be held: the data determine the"
+                " unknowns."
+            )
+        said = (
+            f"Regularised ({how}): values are pulled to their start as by priors of standard"
+            f" deviation {1.0 / strength:.3g}; standard deviations count that as prior knowledge,"
+            " the bias is not in them."
+        )
+        if not settled:
+            said += " The strength had not settled after the last of its rounds."
+        if how == "l-curve" and spectrum.gcv(spectrum.passed(strength)) > spectrum.gcv(
+            spectrum.passed(WEAKEST)
+        ):
+            said += (
+                " The corner of the L-curve raises the misfit by more than the noise asks for: such"
+                " a pull costs what the data know well; 'gcv' does not."
+            )
+        return said
+
+    # -- truncated singular values -------------------------------------------------------------------------
+    def truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
+        """Fit along the directions that the data determine best where the fit ends, from the unknowns' start."""
+        home = self.problem.coordinates.to_x(self.problem.coordinates.parameters.start)
+        fit = self._pulled(noises, x, WEAKEST)
+        noises, run = self._held(noises, fit), self._after(fit)
+        within: NDArray[np.float64] | None = None
+        settled, kept, tried = False, 0, list[int]()
+        for _ in range(_TURNS):
+            if _broken(fit):
+                break
+            spectrum = run._spectrum(fit)
+            kept = _number(spectrum) if number is None else min(number, _rank(spectrum))
+            wanted = self._directions(spectrum, kept)
+            settled = within is not None and _same(within, wanted)
+            if settled:
+                break
+            within = wanted
+            tried.append(kept)
+            held = self._with(replace(self.problem.coordinates, within=within, unit=run.unit))
+            fit = self.method.fit(held, noises, self.monitor, self._projected(home, fit.x, within))
+        if _broken(fit) or within is None:
+            return fit
+        spectrum = run._spectrum(fit)
+        numbers = list(range(_rank(spectrum) + 1))
+        shares = [spectrum.kept(k) for k in numbers]
+        record = {
+            "how": "tsvd",
+            "kept": kept,
+            "of": int(self.free.sum()),
+            "tried": tried,
+            **_curve(spectrum, shares, "numbers", numbers, spectrum.kept(kept)),
+        }
+        note = (
+            f"Regularised (tsvd): {kept} of {int(self.free.sum())} directions are fitted; along the"
+            " others the unknowns stay at their start, and the standard deviations take that for"
+            " certain."
+        )
+        if not settled:
+            note += " The directions had not settled after the last of their rounds."
+        return replace(fit, pull=Pull(np.zeros(len(x)), within, note, record))
+
+    def _directions(self, spectrum: Spectrum, number: int) -> NDArray[np.float64]:
+        """Return orthonormal directions in x: the first singular vectors, and each unknown with its own prior."""
+        n = len(self.free)
+        own = np.flatnonzero(~self.free)
+        out = np.zeros((n, number + len(own)))
+        out[self.free, :number] = spectrum.V[:, :number]
+        out[own, number + np.arange(len(own))] = 1.0
+        return out
+
+    def _projected(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
+        """Return the nearest point to x along the directions from home; as far as the bounds let it go straight."""
+        way = within @ (within.T @ (x - home))
+        lower, upper = self.problem.coordinates.bounds
+        home = np.clip(home, lower, upper)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(
+                way > 0, (upper - home) / way, np.where(way < 0, (lower - home) / way, np.inf)
+            )
+        return np.asarray(
+            np.clip(home + min(1.0, float(room.min(initial=np.inf))) * way, lower, upper)
+        )
+
+    # -- what both need ------------------------------------------------------------------------------------
+    def _with(self, coordinates: Coordinates) -> Task:
+        return together([replace(part, coordinates=coordinates) for part in self.problem.parts])
+
+    def _after(self, fit: Fit) -> _Run:
+        return replace(self, unit=fit.unit)
+
+    def _held(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
+        """Return the noise as the first fit leaves it, so that all strengths are judged by one measure."""
+        if _broken(fit):
+            return noises
+        n, n_values = self.problem.n, self.problem.n_values
+        try:
+            return [
+                _Held(
+                    noise.refit(part.responses(fit.x), part.frf, -(-n * part.n_values // n_values))
+                )
+                for part, noise in zip(self.problem.parts, noises, strict=True)
+            ]
+        except Stopped:  # the next fit will see that, too
+            return noises
+
+    def _spectrum(self, fit: Fit) -> Spectrum:
+        """Return the problem linearised where a fit ended, about the unknowns' start.
+
+        Unknowns with a prior of their own adapt to the others: they are eliminated with it.
+        """
+        assert fit.local is not None
+        local = fit.local if self.unit is None else in_units(fit.local, self.unit / fit.unit)
+        scale = _inflation(fit)
+        home, own = self.problem.coordinates.prior
+        A = np.vstack([local.R, np.diag(own)]) / scale
+        b = np.append(local.R @ (fit.x - home) - local.q, np.zeros(len(own))) / scale
+        fixed = int((~self.free).sum())
+        Q = scipy.linalg.qr(A[:, ~self.free])[0][:, fixed:] if fixed else np.eye(len(A))
+        length = float(fit.noise[0].get("correlation_length", 1.0)) if fit.noise else 1.0
+        rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0) / scale**2
+        n_values = max(2.0 * self.problem.n_values / length, len(own) + 1.0)
+        return Spectrum.of(Q.T @ A[:, self.free], Q.T @ b, rest, n_values, fixed)
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """A noise model that is not looked at again."""
+
+    noise: NoiseModel
+
+    @property
+    def kind(self) -> str:
+        return self.noise.kind
+
+    @property
+    def scale_known(self) -> bool:
+        return self.noise.scale_known
+
+    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+        return self.noise.variance(H, frf)
+
+    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> NoiseModel:
+        return self
+
+    def figures(self) -> dict[str, Any]:
+        return self.noise.figures()
+
+
+def _broken(fit: Fit) -> bool:
+    """Whether nothing is known of where a fit ended, or the user does not wait for more."""
+    return fit.local is None or fit.reason in ("stopped", "failed")
+
+
+def _inflation(fit: Fit) -> float:
+    """Return how much larger the noise is than what the weights say, likeness of lines included."""
+    found = float(fit.noise[0].get("inflation", 1.0)) if fit.noise else 1.0
+    return found if found > 0.0 and np.isfinite(found) else 1.0
+
+
+def _range(spectrum: Spectrum) -> tuple[float, float]:
+    return WEAKEST, max(float(spectrum.s[0]), 10.0 * WEAKEST)
+
+
+def _rank(spectrum: Spectrum) -> int:
+    return int((spectrum.s > RANK_TOLERANCE * spectrum.s[0]).sum())
+
+
+def _number(spectrum: Spectrum) -> int:
+    """Return how many singular values to keep: least generalised cross-validation, of none to all."""
+    return int(np.argmin([spectrum.gcv(spectrum.kept(k)) for k in range(_rank(spectrum) + 1)]))
+
+
+def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+    """Whether two sets of orthonormal directions span the same."""
+    if before.shape != now.shape:
+        return False
+    return now.shape[1] == 0 or bool(np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME)
+
+
+def _curve(
+    spectrum: Spectrum, shares: list[_Vector], axis: str, along: list[Any], here: _Vector
+) -> dict[str, list[Any] | float]:
+    """Return the curve of misfit over distance for the record, on the problem linearised where the fit ended."""
+    return {
+        axis: along,
+        "misfit": [spectrum.misfit(s) for s in shares],
+        "distance": [spectrum.distance(s) for s in shares],
+        "gcv": [spectrum.gcv(s) for s in shares],
+        "misfit here": spectrum.misfit(here),
+        "distance here": spectrum.distance(here),
+    }

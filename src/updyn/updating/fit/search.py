@@ -1,0 +1,295 @@
+"""Finding the right basin: where a local fit may safely start.
+
+The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
+by two things. Loss factors start inflated, so that the model's resonances are broad enough to
+overlap the measured ones, and may pass through negative values on the way: a wall at zero stops
+most searches for lightly damped parts, whose true values lie on it. And a basin is believed only
+when further tries, with other inflations and then from random points, end in it too. All but the
+first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
+are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common
+factor on all stiffnesses, chosen beforehand so that the frequency axes agree, finds no more.)
+
+Where there are several workers and the lines of one evaluation are too few to be worth spreading,
+whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are
+then made here as ever: the answer and its history do not depend on the workers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.fit.method import descend
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.trust_region import Outcome, TrustRegion
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Task
+from updyn.updating.problem.residuals import LogError, is_solved, with_prior
+from updyn.updating.problem.session import Recent, Record, Session, Stopped
+
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
+
+_Vector = NDArray[np.float64]
+_Found: TypeAlias = "list[tuple[bytes, Record]]"
+#: Where a try begins, and whether it goes up in frequency.
+_Start: TypeAlias = "tuple[_Vector, bool]"
+_Points: TypeAlias = "Generator[_Start, None, None]"
+_Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Start]], _Found]"
+
+#: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
+#: is sought.
+SEARCH_LINES = 400
+#: Steps of a try: one that needs more has lost its way.
+SEARCH_STEPS = 60
+
+#: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
+_INFLATED = (0.3, 0.1, 1.0)
+#: Shares of the lines, from the lowest, that a try with continuation descends on before it takes
+#: all.
+_STAGES = (1 / 3, 2 / 3)
+#: Costs that differ by less than this share are those of one basin.
+_SAME = 1e-3
+#: A log misfit below this (rms) is exact data; there is nothing better to find.
+_EXACT = 1e-7
+#: Unknowns with a larger standard deviation than this are moved, at most so many, so far, so often.
+_UNSURE, _HOPS, _FAR, _ROUNDS = 0.01, 6, 8.0, 2
+#: Good enough for a start: what is left to gain is a hundredth of a standard deviation or less.
+_ENOUGH = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Multi-start log-error search.
+
+    Parameters
+    ----------
+    starts : int
+        Largest number of tries.
+    max_iterations : int
+        Steps a try.
+    spread : float
+        Random tries move factors by up to this, in logarithm.
+    seed : int
+        Of the random tries.
+    inflate : bool
+        Whether loss factors start inflated; else every try begins with those of the start.
+    continuation : bool
+        Whether all tries but the first go up in frequency.
+    """
+
+    starts: int = 8
+    max_iterations: int = SEARCH_STEPS
+    spread: float = 1.0
+    seed: int = 0
+    inflate: bool = True
+    continuation: bool = True
+
+    @property
+    def _settings(self) -> TrustRegion:
+        return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
+
+    def run(self, problem: Task, monitor: Monitor) -> _Vector:
+        """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
+        lower, upper = problem.coordinates.bounds
+        best: Outcome | None = None
+        costs: list[float] = []
+        try:
+            with closing(self._ahead(_try, problem, self._points(problem))) as points:
+                for start in points:
+                    outcome = self._try_from(problem, start, monitor)
+                    if outcome is None:
+                        continue
+                    costs.append(outcome.local.cost)
+                    if best is None or outcome.local.cost < best.local.cost:
+                        best = outcome
+                    if monitor.stopped or self._believed(problem, best.x, costs):
+                        break
+        except Stopped:
+            pass  # the best so far
+        home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        return np.clip(home if best is None else best.x, lower, upper)
+
+    def _try_from(self, problem: Task, start: _Start, monitor: Monitor) -> Outcome | None:
+        """Return where a try ends, or None where the model cannot be solved on its way."""
+        x, gradual = start
+        for share in _STAGES if gradual else ():
+            part = problem.lowest(share)
+            if 2 * part.n_values < problem.n:
+                continue
+            outcome = self._relaxed_descent(part, x, monitor)
+            if outcome is None or monitor.stopped:
+                return outcome
+            x = outcome.x
+        return self._relaxed_descent(problem, x, monitor)
+
+    def _relaxed_descent(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome | None:
+        """Return where a descent from x ends, or None where the model cannot be solved there."""
+
+        def evaluate(at: _Vector) -> Local | None:
+            local = LogError().local(problem, at)
+            return None if local is None else with_prior(local, problem, at)
+
+        first = evaluate(x)
+        if first is None:
+            return None
+        monitor.start(x, first)
+        relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
+        return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
+
+    def _descend(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome:
+        return descend(problem, LogError(), x, monitor, self._settings)
+
+    def _ahead(self, attempt: _Attempt, problem: Task, points: Iterable[_Start]) -> _Points:
+        """Yield starts; where workers are free, what an attempt from each evaluates has been evaluated by then."""
+        session = problem.session
+        if session.engine.workers == 1 or session.memory is None or problem.spreads:
+            yield from points
+            return
+        points = list(points)
+        known = [not gradual and is_solved(LogError(), problem, x) for x, gradual in points]
+        items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
+        with closing(session.map(attempt, problem, items, spread=True)) as results:
+            for start, k in zip(points, known, strict=True):
+                if not k:
+                    found = next(results)
+                    session.lines_solved += len(found) * problem.n_lines
+                    session.remember(found)
+                yield start
+
+    def _points(self, problem: Task) -> Iterator[_Start]:
+        lower, upper = problem.coordinates.bounds
+        start = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        loss = ~problem.coordinates.parameters.is_factor
+        inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
+        for i, level in enumerate(inflated[: self.starts]):
+            # A user's own start that is already higher is not lowered, and a user's bounds are
+            # kept.
+            x = np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
+            yield x, self.continuation and i > 0
+        rest = self.starts - len(inflated)
+        if rest > 0:
+            for i, moved in enumerate(scattered(start, self.spread, rest, self.seed)):
+                level = inflated[i % len(inflated)]
+                yield (
+                    np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper),
+                    self.continuation,
+                )
+
+    def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
+        """Look for a better minimum beside a minimum of the log error, shape (n,).
+
+        Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each
+        such unknown is moved alone, well outside its own standard deviation, and all are fitted
+        again from there. Moving one unknown by itself leaves the ridge of the misfit; steps along
+        the ridge were measured to fall back.
+        """
+        best: Outcome | None = None
+        try:
+            if not self._is_noise(problem, x):
+                return x
+            best = self._descend(problem, x, monitor)
+            for _ in range(_ROUNDS):
+                before = best.local.cost
+                with closing(
+                    self._ahead(_descend, problem, self._neighbours(problem, best))
+                ) as points:
+                    for start, _ in points:
+                        if monitor.stopped:
+                            return best.x
+                        other = self._descend(problem, start, monitor)
+                        if other.local.cost < best.local.cost * (1.0 - _SAME):
+                            best = other
+                if best.local.cost == before:
+                    break
+        except Stopped:
+            pass  # the best so far
+        return x if best is None else best.x
+
+    @staticmethod
+    def _neighbours(problem: Task, at: Outcome) -> Iterator[_Start]:
+        lower, upper = problem.coordinates.bounds
+        unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
+        found = resolve(at.local.R / unit)
+        std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
+        for i in np.argsort(-std)[:_HOPS]:
+            if std[i] > _UNSURE:
+                for sign in (1.0, -1.0):
+                    moved = at.x.copy()
+                    moved[i] += sign * min(_FAR * std[i], 1.0)
+                    yield np.clip(moved, lower, upper), False
+
+    @staticmethod
+    def _believed(problem: Task, best: _Vector, costs: list[float]) -> bool:
+        """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
+        agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
+        return (
+            agree >= 3
+            or Search._rms(problem, best) < _EXACT
+            or (agree == 2 and Search._is_noise(problem, best))
+        )
+
+    @staticmethod
+    def _rms(problem: Task, x: _Vector) -> float:
+        return float(np.sqrt(_power(_log_misfits(problem, x))))
+
+    @staticmethod
+    def _is_noise(problem: Task, x: _Vector) -> bool:
+        """Whether what is left looks like noise: small, and not correlated from line to line."""
+        misfits = _log_misfits(problem, x)
+        power = _power(misfits)
+        if min(len(r) for r in misfits) < 8 or power > 0.3**2:
+            return False
+        products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
+        return float(np.mean(products)) < 0.3 * power
+
+
+def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
+    """Return points of a Latin hypercube about x, as far off as `far`, shape (number, n)."""
+    from scipy.stats import qmc  # slow to load, and seldom needed
+
+    draws = qmc.LatinHypercube(d=len(x), rng=seed).random(number)
+    return np.asarray(x + far * (2.0 * draws - 1.0))
+
+
+def _try(problem: Task, item: tuple[Search, _Start]) -> _Found:
+    """Make a try elsewhere; return all that it evaluated."""
+    search, start = item
+    return _recorded(problem, lambda alone: search._try_from(alone, start, Monitor(alone)))
+
+
+def _descend(problem: Task, item: tuple[Search, _Start]) -> _Found:
+    """Descend elsewhere; return all that it evaluated."""
+    search, (x, _) = item
+    return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
+
+
+def _recorded(problem: Task, work: Callable[[Task], object]) -> _Found:
+    memory = Recent(limit=np.inf)
+    with suppress(SolverError):  # to be met again when its turn comes
+        work(problem.with_session(Session(memory=memory)))
+    return memory.items
+
+
+def _log_misfits(problem: Task, x: _Vector) -> list[NDArray[np.complex128]]:
+    """Return ln(H_A / H_X) of each part, 0 where either is zero."""
+    out = []
+    for part in problem.parts:
+        H, measured = part.responses(x), part.frf.values
+        usable = (H != 0) & (measured != 0)
+        out.append(
+            np.where(
+                usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0
+            )
+        )
+    return out
+
+
+def _power(misfits: list[NDArray[np.complex128]]) -> float:
+    return float(np.mean(np.concatenate([np.abs(r).ravel() for r in misfits]) ** 2))

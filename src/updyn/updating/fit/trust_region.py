@@ -1,0 +1,315 @@
+"""Nonlinear least squares with bounds: a trust region on the reduced Jacobian.
+
+The problem is met only through its reduced form at a point: the triangle R of the QR factors of the
+stacked, weighted Jacobian and the projected residual. A step minimises |R p + q| within a ball, on
+the unknowns that no bound holds. The normal equations are never formed (More 1978, "The
+Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "Outcome",
+    "Step",
+    "TrustRegion",
+]
+
+_Vector = NDArray[np.float64]
+
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One trial step, as shown to the observer.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        The point after it (the trial, whether accepted or not).
+    local : Local or None
+        The problem there; None where it could not be evaluated.
+    length : float
+        Largest component of the step.
+    accepted : bool
+        Whether it was taken.
+    """
+
+    x: _Vector
+    local: Local | None
+    length: float
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """Where the iteration ended.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        Best point.
+    local : Local
+        The problem there.
+    reason : {"converged", "stalled", "max-iterations", "stopped"}
+        Why it ended.
+    """
+
+    x: _Vector
+    local: Local
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrustRegion:
+    """Settings of the iteration.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of trial steps.
+    tolerance : float
+        Converged when a step and the predicted fall of the cost are below this, relative.
+    radius : float
+        First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
+    fall, relative_fall : float
+        Converged, too, when the linear model promises no larger fall of the cost, absolute or as a
+        share of it.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    radius: float = 0.5
+    fall: float = 0.0
+    relative_fall: float = 0.0
+
+    @property
+    def _share(self) -> float:
+        return max(self.tolerance**2, self.relative_fall)
+
+    def minimise(
+        self,
+        evaluate: Callable[[_Vector], Local | None],
+        x: _Vector,
+        lower: _Vector,
+        upper: _Vector,
+        observe: Callable[[Step], bool] | None = None,
+        within: NDArray[np.float64] | None = None,
+    ) -> Outcome:
+        """Minimise from `x` within the bounds.
+
+        Parameters
+        ----------
+        evaluate : callable
+            Returns the local problem at a point, or None where the model cannot be solved. If it
+            raises `Stopped` once the start has been evaluated, the iteration ends as stopped, at
+            its best point.
+        x, lower, upper : ndarray of float, shape (n,)
+            Start, which must be possible to evaluate, and bounds.
+        observe : callable, optional
+            Called after every trial step; returning True stops the iteration.
+        within : ndarray of float, shape (n, k), optional
+            Orthonormal directions: the iteration stays in their span, from `x`.
+
+        Returns
+        -------
+        Outcome
+        """
+        here = evaluate(x)
+        if here is None:
+            raise ArithmeticError("the start cannot be evaluated")
+        radius = self.radius
+        for _ in range(self.max_iterations):
+            p, fall, limited = _step(here, x, lower, upper, radius, within)
+            length = float(np.abs(p).max(initial=0.0))
+            # What a step gains that the radius cuts short says nothing about how far the minimum
+            # is.
+            if (
+                length == 0.0
+                or fall <= 0.0
+                or (not limited and fall <= max(self.fall, self._share * here.cost))
+            ):
+                return Outcome(x, here, "converged")
+            trial = np.clip(x + p, lower, upper)
+            try:
+                there = evaluate(trial)
+            except Stopped:
+                return Outcome(x, here, "stopped")
+            gain = (
+                -1.0
+                if there is None or not np.isfinite(there.cost)
+                else (here.cost - there.cost) / fall
+            )
+            accepted = gain > 1e-4
+            stop = observe is not None and observe(Step(trial, there, length, accepted))
+            size = float(np.linalg.norm(p))
+            if accepted and there is not None:
+                small = (
+                    length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
+                )
+                x, here = trial, there
+                radius = (
+                    max(radius, 2.0 * size)
+                    if gain > 0.75
+                    else radius
+                    if gain > 0.25
+                    else 0.5 * size
+                )
+                if small and gain > 0.25 and not limited:
+                    return Outcome(x, here, "converged")
+            else:
+                # A whole Gauss-Newton step this small that still does not help: only rounding is
+                # left.
+                if length <= _ROUNDING and not limited:
+                    # Costs that agree to rounding cannot choose between the two points; what is
+                    # left to gain can.
+                    if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
+                        left = _step(there, trial, lower, upper, radius, within)[1]
+                        x, here = (trial, there) if left < fall else (x, here)
+                    return Outcome(x, here, "converged")
+                radius = 0.25 * size
+                if length <= self.tolerance:
+                    whole = np.abs(_step(here, x, lower, upper, np.inf, within)[0]).max(initial=0.0)
+                    near = fall <= 1e-6 * here.cost or whole <= 10.0 * _ROUNDING
+                    return Outcome(x, here, "converged" if near else "stalled")
+            if stop:
+                return Outcome(x, here, "stopped")
+        return Outcome(x, here, "max-iterations")
+
+
+def _step(
+    here: Local,
+    x: _Vector,
+    lower: _Vector,
+    upper: _Vector,
+    radius: float,
+    within: NDArray[np.float64] | None = None,
+) -> tuple[_Vector, float, bool]:
+    """Return the step, the fall of the cost that the linear model predicts, and whether the radius limits it."""
+    if within is not None:
+        return _step_within(here, x, lower, upper, radius, within)
+    g = here.gradient
+    free = ~(((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0)))
+    p = np.zeros(len(x))
+    p[free], damping = _ball_step(here.R[:, free], here.q, radius)
+    if ((x + p < lower) | (x + p > upper)).any():
+        damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))]) if damping else here.R
+        p = _box_step(
+            damped,
+            np.append(here.q, np.zeros(len(damped) - len(here.q))),
+            lower - x,
+            upper - x,
+            free,
+        )
+    # The model is convex: on the way from 0 to its minimum within the bounds it only falls.
+    size = float(np.linalg.norm(p))
+    if size > radius:
+        p = p * (radius / size)
+    moved = here.R @ p
+    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
+
+
+def _step_within(
+    here: Local,
+    x: _Vector,
+    lower: _Vector,
+    upper: _Vector,
+    radius: float,
+    within: NDArray[np.float64],
+) -> tuple[_Vector, float, bool]:
+    """Return the same for steps along given directions: up to the first bound; from one, along it."""
+    held = np.zeros(len(x), dtype=np.bool_)
+    p, damping, share = np.zeros(len(x)), 0.0, 1.0
+    for _ in range(len(x) + 1):
+        basis = within @ null_space(within[held]) if held.any() else within
+        if basis.shape[1] == 0:
+            return np.zeros(len(x)), 0.0, False
+        along, damping = _ball_step(here.R @ basis, here.q, radius)
+        p = basis @ along
+        p[held] = 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(p > 0, (upper - x) / p, np.where(p < 0, (lower - x) / p, np.inf))
+        share = min(1.0, float(room.min(initial=np.inf)))
+        if share > _ROUNDING:
+            break
+        held |= room <= _ROUNDING
+    moved = here.R @ (p := share * p)
+    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or share < 1.0
+
+
+def _box_step(
+    R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]
+) -> _Vector:
+    """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
+
+    Unknowns are put on the bound that they meet first and let go when the gradient pulls them off
+    it (Stark & Parker, Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so
+    that the loop may end at any.
+    """
+    p, free = np.zeros(len(low)), free.copy()
+    norms = np.linalg.norm(R, axis=0)
+    for _ in range(4 * len(p) + 10):
+        r = R @ p + q
+        d = np.zeros(len(p))
+        d[free] = _least_squares(R[:, free], r)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(d > 0, (high - p) / d, np.where(d < 0, (low - p) / d, np.inf))
+        share = min(1.0, float(room.min(initial=np.inf)))
+        p = np.clip(p + share * d, low, high)
+        if share < 1.0:
+            met = room <= share
+            p[met] = np.where(d > 0, high, low)[met]
+            free &= ~met
+            continue
+        r = R @ p + q
+        pull = R.T @ r
+        inward = np.where(p <= low, -pull, np.where(p >= high, pull, 0.0)) / np.where(
+            norms > 0, norms, 1.0
+        )
+        inward[free] = 0.0
+        best = int(np.argmax(inward))
+        if inward[best] <= 1e-12 * np.linalg.norm(q):
+            break
+        free[best] = True
+    return p
+
+
+def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
+    """Minimise |R p + q|; where the rank of R, its columns scaled, is short, by the least scaled motion."""
+    if R.shape[1] == 0:
+        return np.zeros(0)
+    norms = np.linalg.norm(R, axis=0)
+    weight = np.where(norms > 0, norms, 1.0)
+    U, s, Vt = np.linalg.svd(R / weight, full_matrices=False)
+    keep = s > s[0] * max(R.shape) * np.finfo(float).eps
+    return np.asarray(-(Vt[keep].T @ ((U.T @ q)[keep] / s[keep])) / weight)
+
+
+def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vector, float]:
+    """Minimise |R p + q| subject to |p| <= radius, by the singular value decomposition of R; return the damping too."""
+    full = _least_squares(R, q)
+    if np.linalg.norm(full) <= radius:
+        return full, 0.0
+    U, s, Vt = np.linalg.svd(R, full_matrices=False)
+    b = U.T @ q
+    # |p(damping)| falls monotonically: bisect, in the logarithm, the damping that puts p on the
+    # sphere.
+    high = max(float(np.linalg.norm(s * b)) / radius, np.finfo(float).tiny)
+    low = high * 1e-40
+    while high > 1.05 * low:
+        middle = np.sqrt(low) * np.sqrt(high)
+        if np.linalg.norm(s * b / (s**2 + middle)) > radius:
+            low = middle
+        else:
+            high = middle
+    return np.asarray(-(Vt.T @ (s * b / (s**2 + high)))), high

@@ -1,0 +1,671 @@
+"""Tests of a residual against noise: exact tails of serial correlation, bands of lines, many tests at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvals_banded
+from scipy.special import ndtr
+
+__all__ = [
+    "OUTCOMES",
+    "Adequacy",
+    "Misfit",
+    "Suspect",
+    "adjusted",
+    "assess",
+    "bands",
+    "blamed",
+    "clipped",
+    "serial_p",
+]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): what stays alike over a few
+#: lines counts.
+_LAGS = np.array([0.75, 0.5, 0.25])
+#: Fewer values than this say nothing about correlation.
+_FEWEST = 5
+#: Values beyond this many standard deviations are cut back before correlations are formed; 1 % of
+#: Gaussian ones are.
+_CUT = 3.0
+#: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many
+#: points.
+_LONG = 512
+#: Smallest band, in lines; and most bands.
+_LEAST, _MOST = 8, 24
+
+
+def clipped(values: _Complex) -> _Complex:
+    """Return values cut back to three times their typical size, so that one outlier does not stand for correlation.
+
+    Parameters
+    ----------
+    values : ndarray of complex, shape (m, ...)
+        Along the first axis: values of equal variance; NaN for what is missing.
+
+    Returns
+    -------
+    ndarray of complex, same shape
+        The typical size is the median magnitude, which is 1.18 standard deviations of each part of
+        a Gaussian value.
+    """
+    size = np.abs(values)
+    missing = np.isnan(size)
+    order = np.sort(np.where(missing, np.inf, size), axis=0)
+    count = (~missing).sum(axis=0)
+    middle = np.take_along_axis(order, np.maximum((count[None] - 1) // 2, 0), axis=0)
+    limit = _CUT * np.where(np.isfinite(middle), middle, 0.0) / np.sqrt(2.0 * np.log(2.0))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            values * np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0)
+        )
+
+
+def serial_p(values: _Complex) -> _Real:
+    """Return how likely independent noise is as alike from line to line as these values, or more.
+
+    Parameters
+    ----------
+    values : ndarray of complex, shape (m, n)
+        Columns of circular values at neighbouring lines, of equal variance in a column; NaN for
+        what is missing.
+
+    Returns
+    -------
+    ndarray of float, shape (n,)
+        One-sided p-values; 1 where a column holds too few values to tell.
+
+    Notes
+    -----
+    The statistic is r = e^H T e / e^H e with T Toeplitz, 0 on the diagonal and 3/4, 1/2, 1/4 beside
+    it: a weighted sum of autocorrelations. The scale of the noise drops out. For Gaussian noise P(r
+    > r0) is that of a sum of exponential variables with weights (eigenvalue of T - r0) being
+    positive; its tail is taken by the saddlepoint approximation of Lugannani and Rice in the form
+    of Barndorff-Nielsen, good to a per cent even far out (Butler, Saddlepoint Approximations, 2007,
+    sections 1.2 and 3.1). One-sided: what windows do to neighbouring lines is not taken for
+    structure where it makes them unlike.
+    """
+    out = np.ones(values.shape[1])
+    there = np.isfinite(values)
+    for mask, columns in _alike(there):
+        if mask.sum() < _FEWEST:
+            continue
+        e = values[np.ix_(mask, columns)]
+        power = np.sum(np.abs(e) ** 2, axis=0)
+        full = power > 0
+        if not full.any():
+            continue
+        diagonals = _diagonals(np.flatnonzero(mask))
+        r = _form(diagonals, e[:, full]) / power[full]
+        out[columns[full]] = _tail(*_eigenvalues(diagonals, gaps=not _consecutive(mask)), r)
+    return out
+
+
+def _alike(there: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
+    """Yield each pattern of what is there, shape (m,), with the columns that have it."""
+    patterns, of = np.unique(there, axis=1, return_inverse=True)
+    for i in range(patterns.shape[1]):
+        yield patterns[:, i], np.flatnonzero(of.ravel() == i)
+
+
+def _consecutive(mask: NDArray[np.bool_]) -> bool:
+    at = np.flatnonzero(mask)
+    return bool(at[-1] - at[0] + 1 == len(at))
+
+
+def _diagonals(at: NDArray[np.intp]) -> _Real:
+    """Return T by its diagonals below, shape (4, m): row d has T[i + d, i] at i; 0 where there is none."""
+    weights = np.concatenate([[0.0], _LAGS, [0.0]])
+    out = np.zeros((len(_LAGS) + 1, len(at)))
+    for d in range(1, min(len(_LAGS) + 1, len(at))):
+        out[d, :-d] = weights[np.minimum(at[d:] - at[:-d], len(_LAGS) + 1)]
+    return out
+
+
+def _form(diagonals: _Real, e: _Complex) -> _Real:
+    """Return e^H T e for each column of e, shape (m, n)."""
+    out = np.zeros(e.shape[1])
+    for d in range(1, min(len(diagonals), len(e))):
+        out += 2.0 * np.sum(diagonals[d, :-d, None] * (e[d:].conj() * e[:-d]).real, axis=0)
+    return out
+
+
+def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
+    """Return eigenvalues of T, rising, and how often each counts.
+
+    Those of a long Toeplitz matrix are spread like the values of its symbol, 2 sum of t_d cos(d
+    theta), at equal steps of theta (Szegő's theorem; Gray, Toeplitz and Circulant Matrices, 2006,
+    theorem 4.1).
+    """
+    m = diagonals.shape[1]
+    if m <= _LONG or gaps:
+        values = np.asarray(eigvals_banded(diagonals[: min(len(diagonals), m)], lower=True))
+        return values, np.ones(m)
+    theta = np.pi * (np.arange(_LONG) + 0.5) / _LONG
+    symbol = sum(2.0 * t * np.cos((d + 1) * theta) for d, t in enumerate(_LAGS))
+    return np.sort(symbol), np.full(_LONG, m / _LONG)
+
+
+def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
+    """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
+
+    Each eigenvalue counts as often as it says.
+    """
+    edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
+    inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
+    a = eigenvalues[None, :] - inside[:, None]
+    low, high = 1.0 / a[:, 0], 1.0 / a[:, -1]
+    for _ in range(80):  # K' rises from -inf to inf between the poles
+        s = 0.5 * (low + high)
+        rising = (a / (1.0 - s[:, None] * a)) @ often > 0
+        high, low = np.where(rising, s, high), np.where(rising, low, s)
+    s = 0.5 * (low + high)
+    share = 1.0 - s[:, None] * a
+    K, K2 = -np.log(share) @ often, (a / share) ** 2 @ often
+    w = np.sign(s) * np.sqrt(np.maximum(-2.0 * K, 0.0))
+    v = s * np.sqrt(K2)
+    near = np.abs(w) < 1e-3
+    safe = np.where(near, 1.0, w)
+    star = safe + np.log(np.where(near, 1.0, v) / safe) / safe
+    skew = 2.0 * (a**3 @ often) / (a**2 @ often) ** 1.5
+    middle = -w - np.where(near, skew, 0.0) / 6.0
+    return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0))
+
+
+def adjusted(p: _Real) -> _Real:
+    """Return p-values adjusted for their number, so that those below q hold at most a share q of false alarms.
+
+    Where there is nothing to find, any alarm is false, and one is raised in at most a share q of
+    cases (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
+
+    Parameters
+    ----------
+    p : ndarray of float
+        p-values, any shape.
+
+    Returns
+    -------
+    ndarray of float, same shape
+    """
+    flat = p.ravel()
+    order = np.argsort(flat)
+    scaled = flat[order] * flat.size / np.arange(1, flat.size + 1)
+    out = np.empty_like(flat)
+    out[order] = np.minimum(np.minimum.accumulate(scaled[::-1])[::-1], 1.0)
+    return out.reshape(p.shape)
+
+
+def bands(level: _Real) -> list[slice]:
+    """Cut the lines into bands, one about each resonance of the model.
+
+    Parameters
+    ----------
+    level : ndarray of float, shape (n_f,)
+        Mean logarithm of the model's |H| at the lines. The data have no say in it, so that the
+        tests stay what they are.
+
+    Returns
+    -------
+    list of slice
+        In order, without gaps. Cuts lie in the valleys between peaks; bands of fewer than eight
+        lines are joined to the neighbour behind the shallower cut, those of more than a quarter of
+        all lines are cut where the level is lowest.
+    """
+    n = len(level)
+    inner = level[1:-1]
+    peaks = (
+        1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
+        if n > 2
+        else np.zeros(0, dtype=np.intp)
+    )
+    cuts = [a + int(np.argmin(level[a : b + 1])) for a, b in pairwise(peaks.tolist())]
+    edges = [0, *cuts, n]
+    while len(edges) > 2:
+        sizes = np.diff(edges)
+        small = int(np.argmin(sizes))
+        if sizes[small] >= _LEAST and len(sizes) <= _MOST:
+            break
+        sides = [i for i in (small, small + 1) if 0 < i < len(edges) - 1]
+        del edges[max(sides, key=lambda i: level[edges[i]])]
+    longest = max(3 * _LEAST, -(-n // 4))
+    while len(edges) <= _MOST and max(np.diff(edges)) > longest:
+        at = int(np.argmax(np.diff(edges)))
+        first, last = edges[at] + _LEAST, edges[at + 1] - _LEAST
+        edges.insert(at + 1, first + int(np.argmin(level[first : last + 1])))
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
+#: Share of fits to pure noise of which something is said all the same.
+LEVEL = 0.02
+#: A misfit, as a share of the rms of the data, below which no test could see anything.
+_EXACT = 1e-7
+#: Real numbers over which the size of noise that was told from averages has errors of its own.
+_SHARED = 32.0
+#: Places that are listed, and groups that are named.
+_LISTED, _NAMED = 12, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """A place that the model does not explain.
+
+    Attributes
+    ----------
+    response, reference : str
+        The channel.
+    low, high : float
+        The band, in Hz.
+    near : float
+        Where in it the misfit is largest, in Hz.
+    misfit : float
+        Root mean square misfit over the noise of its values.
+    alike : float
+        Over how many lines it is alike: 1 for noise.
+    chi_square_p, whiteness_p : float
+        How likely noise is to be as large, and as much alike from line to line; adjusted for the
+        number of tests.
+    kind : {"structure", "excess"}
+        Alike from line to line, or only too large.
+    """
+
+    response: str
+    reference: str
+    low: float
+    high: float
+    near: float
+    misfit: float
+    alike: float
+    chi_square_p: float
+    whiteness_p: float
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """An error of the model that would explain what is left.
+
+    Attributes
+    ----------
+    group, quantity : str
+        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
+        group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
+    explains : float
+        Share of what is left beyond the noise that this one change would take away, by a step of
+        first order, all unknowns of the fit adapting to it. Errors that the channels cannot tell
+        apart have nearly the same share.
+    change : float
+        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign
+        can be trusted more than its size.
+    energy : float
+        Share of the energy of the error in the constitutive relations that lies in this matrix, at
+        the worst places.
+    """
+
+    group: str
+    quantity: str
+    explains: float
+    change: float
+    energy: float
+
+    @property
+    def name(self) -> str:
+        """``group.quantity``."""
+        return f"{self.group}.{self.quantity}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adequacy:
+    """Whether the residual of a fit is noise.
+
+    Attributes
+    ----------
+    outcome : str
+        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, alike from line to line, or
+        explained by an error of the model; ``"excess"``, only larger than the noise; ``"exact"``,
+        nothing left; ``"untested"``, too few values.
+    verdict : str
+        The same in a sentence or two.
+    absolute : bool
+        Whether the size of the noise is known from elsewhere. Where it was estimated from the
+        residual itself, the size of a misfit is told against the rest of the data; likeness from
+        line to line needs no size.
+    chi_square : float
+        Squared misfit over that of the noise, per degree of freedom; near 1 by construction where
+        not `absolute`.
+    p_value : float
+        Of the most telling test, adjusted for the number of tests: below `level` something was
+        found.
+    level : float
+        Share of fits to pure noise of which something is said all the same, at most.
+    responses, references : tuple of str
+        Labels.
+    bands : ndarray of float, shape (n_b, 2)
+        First and last line of each, in Hz.
+    misfit, alike : ndarray of float, shape (n_i, n_j, n_b)
+        By channel and band: rms misfit over noise, and over how many lines it is alike. NaN where
+        there are no data.
+    chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
+        Adjusted p-values; 1 where nothing was tested.
+    worst : tuple of Misfit
+        Places that stand out, the worst first; empty where nothing was found.
+    explained_by : tuple of Suspect
+        What would explain it, the best first; empty where nothing was found, or nothing explains
+        it.
+    """
+
+    outcome: str
+    verdict: str
+    absolute: bool
+    chi_square: float
+    p_value: float
+    level: float
+    responses: tuple[str, ...]
+    references: tuple[str, ...]
+    bands: _Real
+    misfit: _Real
+    alike: _Real
+    chi_square_p: _Real
+    whiteness_p: _Real
+    worst: tuple[Misfit, ...] = ()
+    explained_by: tuple[Suspect, ...] = ()
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing speaks against the model."""
+        return self.outcome in ("noise", "exact")
+
+
+def assess(
+    whitened: _Complex,
+    H: _Complex,
+    freq: _Real,
+    responses: Sequence[str],
+    references: Sequence[str],
+    *,
+    n_unknowns: int,
+    absolute: bool,
+    averages: int | None = None,
+    level: float = LEVEL,
+    relative: float = 1.0,
+) -> Adequacy:
+    """Test a residual against noise.
+
+    Parameters
+    ----------
+    whitened : ndarray of complex, shape (n_f, n_i, n_j)
+        Measured minus computed, over the standard deviation of its real and of its imaginary part;
+        NaN for what was not fitted.
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        The model's, which tells where its resonances are.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    responses, references : sequence of str
+        Labels.
+    n_unknowns : int
+        Fitted to these data.
+    absolute : bool
+        Whether the size of the noise is known from elsewhere, and not from this residual.
+    averages : int, optional
+        How many averages the size of the noise was told from, line by line; None: it is known as
+        such.
+    level : float
+        Share of fits to pure noise of which something may be said all the same.
+    relative : float
+        The rms misfit over the rms of the data, to tell rounding from a residual.
+
+    Returns
+    -------
+    Adequacy
+
+    Notes
+    -----
+    Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a
+    value, or against F where the size of the noise is an estimate too: from n averages, with n - 1
+    as many degrees of freedom, but no more than sixteen lines have (smoothing makes the errors of
+    the size alike over more); where it was taken from this residual, by the ratio to all other
+    values. The unknowns make the residual smaller than the noise, which is counted for all values
+    together, not place by place: the tests err on the side of silence. Likeness:
+    `updyn.updating.judge.adequacy.serial_p`. Channels over all bands, bands over all channels and all
+    data together are tested as well, with the p-values of likeness joined by Stouffer's sum of
+    normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
+    share of `level`.
+    """
+    there = np.isfinite(whitened)
+    n_values = int(there.sum())
+    names = tuple(map(str, responses)), tuple(map(str, references))
+    cut = bands(_mean_level(H))
+    edges = np.array([[freq[b.start], freq[b.stop - 1]] for b in cut])
+    shape = (*whitened.shape[1:], len(cut))
+    square, count = np.zeros(shape), np.zeros(shape)
+    alike, white = np.full(shape, np.nan), np.ones(shape)
+    for k, band in enumerate(cut):
+        part = whitened[band]
+        square[..., k] = np.nansum(np.abs(part) ** 2, axis=0)
+        count[..., k] = 2.0 * there[band].sum(axis=0)
+        flat = clipped(part.reshape(len(part), -1))
+        white[..., k] = serial_p(flat).reshape(shape[:2])
+        alike[..., k] = _length(flat).reshape(shape[:2])
+    freedom = 2 * n_values - n_unknowns
+    chi_square = float(square.sum() / freedom) if freedom > 0 else np.nan
+    with np.errstate(invalid="ignore"):
+        size = np.sqrt(square / count)
+    one = np.ones(shape)
+    found = Adequacy(
+        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, alike, one, one
+    )
+    if relative <= _EXACT:
+        return replace(
+            found,
+            outcome="exact",
+            verdict="The model answers the data exactly; nothing is left to test.",
+        )
+    if freedom <= 0 or n_values < 2:
+        text = "There are too few measured numbers to tell whether what is left is noise."
+        return replace(found, verdict=text)
+    against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
+    large, white, families = _tested(square, count, white, against)
+    found = replace(found, chi_square_p=large, whiteness_p=white)
+    worst = _worst(found, whitened, freq, cut)
+    by_likeness = min([float(white.min()), *(p for p, of_likeness in families if of_likeness)])
+    p_value = min([by_likeness, float(large.min()), *(p for p, _ in families)])
+    outcome = "structure" if by_likeness <= level else "excess" if p_value <= level else "noise"
+    found = replace(
+        found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ()
+    )
+    return replace(found, verdict=_words(found))
+
+
+def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
+    """Return the assessment with what would explain it, said in its verdict.
+
+    What an error of the model explains is structure, though the lines may lie too far apart for it
+    to look alike.
+
+    Parameters
+    ----------
+    found : Adequacy
+        From `assess`.
+    suspects : sequence of Suspect
+        The best first.
+    """
+    if not suspects or found.adequate:
+        return found
+    found = replace(found, outcome="structure", explained_by=tuple(suspects))
+    telling = [s for s in suspects if s.explains >= 0.8 * suspects[0].explains][:_NAMED]
+    names = " or ".join(_suspected(s) for s in telling)
+    text = f"An error in {names} would explain {100.0 * suspects[0].explains:.0f} % of it."
+    return replace(found, verdict=f"{_words(found)} {text}")
+
+
+_QUANTITY = {
+    "stiffness": "stiffness",
+    "mass": "mass",
+    "viscous": "viscous damping",
+    "loss_factor": "loss factor",
+}
+_SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
+
+
+def _suspected(s: Suspect) -> str:
+    if s.quantity in _SENSOR:
+        return (
+            f"the {_SENSOR[s.quantity]} {s.group} (reads too"
+            f" {'much' if s.change > 0 else 'little'})"
+        )
+    return f"the {_QUANTITY[s.quantity]} of {s.group} (too {'low' if s.change > 0 else 'high'})"
+
+
+def _mean_level(H: _Complex) -> _Real:
+    size = np.abs(H)
+    return np.asarray(np.log(np.maximum(size, np.finfo(float).tiny)).mean(axis=(1, 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """What a sum of squares is compared with: the sum over all values, their number (two each), unknowns, noise."""
+
+    square: float
+    count: float
+    n_unknowns: int
+    absolute: bool
+    averages: int | None
+
+    def p(self, square: _Real, count: _Real) -> _Real:
+        """Return how likely noise makes sums of squares over `count` real numbers as large."""
+        from scipy.special import chdtrc, fdtrc
+
+        if self.absolute:
+            freedom = np.maximum(np.where(count >= self.count, count - self.n_unknowns, count), 1.0)
+            if self.averages is None:
+                p = chdtrc(freedom, square)
+            else:
+                p = fdtrc(
+                    freedom,
+                    np.clip(count, 1.0, _SHARED) * max(self.averages - 1, 1),
+                    square / freedom,
+                )
+        else:
+            rest, other = self.square - square, self.count - count - self.n_unknowns
+            usable = (other >= 1.0) & (rest > 0.0) & (count > 0.0)
+            other = np.where(usable, other, 1.0)
+            ratio = (square / np.maximum(count, 1.0)) / np.where(usable, rest / other, 1.0)
+            p = np.where(usable, fdtrc(np.maximum(count, 1.0), other, ratio), 1.0)
+        return np.asarray(np.clip(np.where(count > 0, p, 1.0), 1e-300, 1.0))
+
+
+def _tested(
+    square: _Real, count: _Real, white: _Real, size: _Size
+) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
+    """Return adjusted p-values of size and likeness by channel and band, and the least of each further family."""
+    shape = square.shape
+    square, count, white = (a.reshape(-1, shape[2]) for a in (square, count, white))
+    cells, n_bands = white.shape
+    axes: list[int | None] = [
+        axis for axis, several in ((1, cells > 1), (0, n_bands > 1)) if several
+    ]
+    axes = axes[: 2 if min(cells, n_bands) > 1 else 0] + ([None] if cells * n_bands > 1 else [])
+    share = 1.0 + len(axes)
+    large, alike = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
+    families = []
+    for axis in axes:
+        sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
+        pair = np.minimum(
+            share * adjusted(np.stack([sums, np.atleast_1d(_joined(white, axis))])), 1.0
+        )
+        families += [(float(pair[0].min()), False), (float(pair[1].min()), True)]
+    return large.reshape(shape), alike.reshape(shape), families
+
+
+def _joined(p: _Real, axis: int | None) -> _Real:
+    """Join independent p-values by the sum of their normal scores; those of 1 were not tested."""
+    from scipy.special import ndtr, ndtri
+
+    tested = p < 1.0
+    score = np.where(tested, -ndtri(np.where(tested, p, 0.5)), 0.0)
+    number = tested.sum(axis=axis)
+    out = ndtr(-score.sum(axis=axis) / np.sqrt(np.maximum(number, 1)))
+    return np.asarray(np.where(number > 0, out, 1.0))
+
+
+def _length(values: _Complex) -> _Real:
+    """Return over how many lines each column is alike: 1 + 2 times the sum of its leading autocorrelations."""
+    n = len(values)
+    power = np.nansum(np.abs(values) ** 2, axis=0)
+    out, going = np.ones(values.shape[1]), power > 0
+    for lag in range(1, n // 2):
+        product = values[lag:] * values[:-lag].conj()
+        pairs = np.maximum(np.isfinite(product).sum(axis=0), 1)
+        rho = np.nansum(product.real, axis=0) / np.where(going, power, 1.0)
+        going &= rho * n / pairs >= 2.0 / np.sqrt(2.0 * pairs)
+        if not going.any():
+            break
+        out[going] += 2.0 * rho[going]
+    return np.where(power > 0, out, np.nan)
+
+
+def _worst(
+    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice]
+) -> tuple[Misfit, ...]:
+    """Return the places that stand out; where none does by itself, the most telling."""
+    least = np.minimum(found.chi_square_p, found.whiteness_p)
+    at = np.argwhere(least <= found.level)
+    if not len(at):
+        at = np.argwhere(least == least.min())[:1]
+    strength = found.misfit * np.sqrt(np.where(found.whiteness_p <= found.level, found.alike, 1.0))
+    order = np.argsort(-strength[tuple(at.T)], kind="stable")[:_LISTED]
+    return tuple(_place(found, whitened, freq, cut, *map(int, index)) for index in at[order])
+
+
+def _place(
+    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice], i: int, j: int, k: int
+) -> Misfit:
+    band = cut[k]
+    square = np.nan_to_num(np.abs(whitened[band, i, j]) ** 2)
+    smooth = np.convolve(square, np.ones(min(3, len(square))), mode="same")
+    return Misfit(
+        found.responses[i],
+        found.references[j],
+        float(found.bands[k, 0]),
+        float(found.bands[k, 1]),
+        float(freq[band][int(np.argmax(smooth))]),
+        float(found.misfit[i, j, k]),
+        float(found.alike[i, j, k]),
+        float(found.chi_square_p[i, j, k]),
+        float(found.whiteness_p[i, j, k]),
+        "structure" if found.whiteness_p[i, j, k] <= found.level else "excess",
+    )
+
+
+def _words(found: Adequacy) -> str:
+    if found.outcome == "noise":
+        known = "" if found.absolute else ", whose size was taken from it"
+        return f"What is left cannot be told from noise{known}."
+    first = found.worst[0]
+    where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
+    size = (
+        f"misfit {first.misfit:.2g} times {'the noise' if found.absolute else 'the typical misfit'}"
+    )
+    number = int(np.sum(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level))
+    if number == 0:
+        how = "alike from line to line" if found.outcome == "structure" else "larger than the noise"
+        return f"What is left is {how} over many channels, though none stands out; most in {where}."
+    over = (
+        f"alike over {first.alike:.0f} lines"
+        if first.kind == "structure"
+        else "not alike from line to line"
+    )
+    start = (
+        "The model cannot explain"
+        if found.outcome == "structure"
+        else "More noise than expected, or outliers, in"
+    )
+    more = f"; and {number - 1} more place{'s' if number > 2 else ''}" if number > 1 else ""
+    return f"{start} {where}: {size}, {over}{more}."

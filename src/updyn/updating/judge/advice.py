@@ -1,0 +1,192 @@
+"""What would make open unknowns visible: another line, another sensor, or a value from elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.dofs import DofSet
+from updyn.errors import SolverError
+from updyn.frf import FRF
+from updyn.updating.judge.identifiability import Analysis
+from updyn.updating.problem.problem import Problem, Task
+
+__all__ = ["advise"]
+
+_CANDIDATE_LINES = 60
+_CANDIDATE_SENSORS, _CANDIDATE_BYTES = 200, 200 * 2**20
+#: A candidate counts if the relative change of what it would measure, for an e-fold change along
+#: each open direction, exceeds the noise, and in any case this: well above rounding, within what a
+#: good measurement sees after averaging.
+_VISIBLE = 1e-6
+#: Noise from which it is worth saying that less of it would help.
+_NOISY = 1e-3
+
+
+def advise(analysis: Analysis, problem: Task, x: NDArray[np.float64], noise: float = 0.0) -> str:
+    """Say in words what is open and what would cure it.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        At x.
+    problem : Task
+        Model, data and unknowns.
+    x : ndarray of float, shape (n,)
+        In the optimiser's coordinates.
+    noise : float
+        Typical noise of the data as a share of |H|.
+
+    Returns
+    -------
+    str
+        Empty where all unknowns are determined and well separated.
+    """
+    names = problem.coordinates.parameters.names
+    if analysis.report.complete:
+        if analysis.report.collinearity > 15.0:
+            weakest = names[int(np.argmax(np.diag(analysis.covariance)))]
+            return (
+                "Some unknowns are hard to tell apart (collinearity index"
+                f" {analysis.report.collinearity:.3g}; above 15 they trade against each other under"
+                f" noise); {weakest} is the least certain."
+            )
+        return ""
+    parts = []
+    silent = [
+        n for n, d in zip(names, np.linalg.norm(analysis.open, axis=1), strict=True) if d > 1 - 1e-6
+    ]
+    if silent:
+        parts.append(f"The data do not see {_list(silent)} at all.")
+    line = _best_of([(p.name, _best_line(analysis, p, x)) for p in problem.parts])
+    sensor = _best_of([(p.name, _best_sensor(analysis, p, x)) for p in problem.parts])
+    needed = max(noise, _VISIBLE)
+    if line is not None and line[1] > needed:
+        parts.append(
+            f"Adding a line near {line[0]} would determine all unknowns{_accuracy(line[1])}."
+        )
+    if sensor is not None and sensor[1] > needed:
+        parts.append(
+            f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}."
+        )
+    if len(parts) == bool(silent):
+        k = analysis.open.shape[1]
+        parts.append("No single further line or sensor on this model would determine all unknowns.")
+        if noise > _NOISY:
+            parts.append(
+                "Less noise (more averages) or several further lines and sensors may help."
+            )
+        parts.append(
+            f"Fix {k} of the unknowns in the open combination{'s' if k > 1 else ''} at known"
+            " values, join groups, or give priors."
+        )
+    return " ".join(parts)
+
+
+def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
+    """Return the best candidate of all tests, with the name of its test where there are several."""
+    there = [
+        (f"{best[0]} in test {name!r}" if name else best[0], best[1])
+        for name, best in found
+        if best
+    ]
+    return max(there, key=lambda t: t[1], default=None)
+
+
+def _accuracy(seen: float) -> str:
+    """Say how well a candidate has to be measured, so that each open combination is known to 10 %."""
+    return f", to 10 % if it is measured to {10.0 * seen:.1g} %" if seen < 1.0 else ""
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _sees(
+    dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDArray[np.float64]
+) -> float:
+    """Return the least relative change of H along the open directions; dH is (n, ...) by the unknowns."""
+    along = np.tensordot(directions, dH, axes=(0, 0)).reshape(directions.shape[1], -1)
+    level = np.maximum(np.abs(H).ravel(), 1e-6 * np.abs(H).max(initial=0.0))
+    relative = along / np.maximum(level, np.finfo(float).tiny)
+    s = np.linalg.svd(np.hstack([relative.real, relative.imag]), compute_uv=False)
+    return float(s[-1]) if len(s) == directions.shape[1] else 0.0
+
+
+def _best_line(
+    analysis: Analysis, problem: Problem, x: NDArray[np.float64]
+) -> tuple[str, float] | None:
+    """Return the best further line and the least relative change that it would see."""
+    freq = problem.frf.freq
+    low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
+    lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
+    candidates = replace(problem, frf=_blank(problem, lines))
+    items = [(x, analysis.open, block) for block in candidates.partition()]
+    try:
+        seen = np.concatenate(list(candidates.each(_seen_at_lines, items)))
+    except SolverError:
+        return None
+    best = int(np.argmax(seen))
+    return f"{lines[best]:.4g} Hz", float(seen[best])
+
+
+def _seen_at_lines(
+    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+) -> NDArray[Any]:
+    x, directions, lines = item
+    block = problem.block(x, lines)
+    assert block.dH is not None
+    return np.array([_sees(block.dH[:, i], H, directions) for i, H in enumerate(block.H)])
+
+
+def _best_sensor(
+    analysis: Analysis, problem: Problem, x: NDArray[np.float64]
+) -> tuple[str, float] | None:
+    """Return the best further sensor and the least relative change that it would see."""
+    system = problem.solver.system
+    others = problem.solver.others(problem.rows)
+    # Each candidate takes one field of the whole model.
+    count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * system.n)))
+    others = others[:: max(1, -(-len(others) // count))]
+    if others.size == 0:
+        return None
+    freq = problem.frf.freq[problem.frf.freq > 0]
+    few = replace(problem, frf=_blank(problem, freq[:: max(1, len(freq) // 20)]))
+    items = [(x, others, slice(i, i + 1)) for i in range(len(few.frf.freq))]
+    try:
+        parts = list(few.each(_motion_elsewhere, items))
+    except SolverError:
+        return None
+    H, dH = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts], axis=1)
+    seen = [_sees(dH[:, :, i], H[:, i], analysis.open) for i in range(len(others))]
+    best = int(np.argmax(seen))
+    return str(system.dofs[int(others[best])]), seen[best]
+
+
+def _motion_elsewhere(
+    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.intp], slice]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return receptance at other DOFs, shape (n_f, n_others, n_j), and its derivatives by x."""
+    x, others, lines = item
+    freq = problem.frf.freq[lines]
+    H, dH = sensitivity.receptance(
+        problem.solver, problem.unknowns, problem.values(x), freq, others, problem.columns
+    )
+    assert dH is not None
+    return H, dH * problem.coordinates.slope(x)[:, None, None, None]
+
+
+def _blank(problem: Problem, lines: NDArray[np.float64]) -> FRF:
+    """Return data of the problem's channels at other lines; only lines, DOFs and quantity count."""
+    shape = (len(lines), len(problem.rows), len(problem.columns))
+    return FRF(
+        lines,
+        np.ones(shape),
+        DofSet(problem.frf.responses),
+        DofSet(problem.frf.references),
+        problem.frf.quantity,
+    )

@@ -1,0 +1,370 @@
+"""What a fit can be trusted for: what the data determine, standard deviations, agreement with the data.
+
+Where the user wants to stop and an evaluation takes long, what is known is judged, and no more is
+computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation import correlate
+from updyn.dynamics.fields import FieldSolver
+from updyn.errors import SolverError
+from updyn.frf import FRF
+from updyn.updating.fit.method import Fit
+from updyn.updating.fit.null_space import covariance_within
+from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
+from updyn.updating.judge.advice import advise
+from updyn.updating.judge.identifiability import Analysis, analyse
+from updyn.updating.judge.localise import localise
+from updyn.updating.judge.rounding import Rounding, worst_rounding
+from updyn.updating.problem.data import Split
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
+from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.session import Stopped
+
+__all__ = [
+    "Judgement",
+    "at_start",
+    "examine",
+    "judge",
+    "local_at_start",
+]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What is known of a fit.
+
+    Attributes
+    ----------
+    fit : Fit
+        The fit, as stopped where the judgement was.
+    analysis : Analysis
+        What the data determine.
+    covariance : ndarray of float, shape (n, n)
+        Of the values, from data and priors; inf for unknowns that both leave open.
+    advice : str
+        What would cure open unknowns.
+    misfit : float
+        Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
+    at_bound : dict of str to str
+        ``"lower"`` or ``"upper"`` for unknowns on a bound.
+    correlation : tuple of dict
+        For each part of the problem, figures of agreement before and after; empty where they are
+        not known.
+    adequacy : tuple of Adequacy or None
+        For each part, whether what is left is noise; None where it is not known, or rounding is
+        seen.
+    rounding : Rounding or None
+        Where rounding moves the model's answer by what matters.
+    """
+
+    fit: Fit
+    analysis: Analysis
+    covariance: NDArray[np.float64]
+    advice: str = ""
+    misfit: float = 0.0
+    at_bound: Mapping[str, str] = field(default_factory=dict)
+    correlation: tuple[Mapping[str, Any], ...] = ()
+    adequacy: tuple[Adequacy | None, ...] = ()
+    rounding: Rounding | None = None
+
+
+def judge(
+    problem: Task,
+    data: Sequence[Split],
+    fit: Fit,
+    noises: Sequence[NoiseModel],
+    firsts: Sequence[FieldSolver] | None = None,
+) -> Judgement:
+    """Judge a fit.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    data : sequence of Split
+        For each part, all its data, and what of them was held out.
+    fit : Fit
+        How it ended.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are.
+    firsts : sequence of FieldSolver, optional
+        What solves each part at the start of the unknowns, where it is not the problem's own.
+
+    Returns
+    -------
+    Judgement
+    """
+    cut_short = False
+
+    def unless_stopped(compute: Callable[[], T], otherwise: T) -> T:
+        nonlocal cut_short
+        try:
+            return compute()
+        except Stopped:
+            cut_short = True
+            return otherwise
+
+    if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
+        fit = Fit.blind(fit.x, fit.reason, fit.note)
+        blind = analyse(fit.R, problem.coordinates.parameters.names)
+        analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
+        misfit = 0.0
+    else:
+        analysis = analyse(fit.R, problem.coordinates.parameters.names)
+        misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
+        if fit.cure and not analysis.report.complete:
+            advice = fit.cure
+        else:
+            advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
+    solvers = firsts or [part.solver for part in problem.parts]
+    correlation = tuple(
+        unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
+        for part, split, first in zip(problem.parts, data, solvers, strict=True)
+    )
+    adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
+    rounding: Rounding | None = None
+    if fit.reason in ("converged", "stalled", "max-iterations"):
+        settled = fit.reason != "max-iterations"
+        rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
+        if rounding is None:
+            adequacy = unless_stopped(
+                lambda: examine(problem, fit.x, noises, settled=settled), adequacy
+            )
+    if cut_short:
+        fit = replace(fit, reason="stopped")
+    covariance, at_bound = _covariance(problem, fit), _at_bound(problem, fit.x)
+    return Judgement(
+        fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding
+    )
+
+
+def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
+    """Analyse the data at the start of the unknowns, and advise.
+
+    Parameters
+    ----------
+    problem : Task
+        Model, data and unknowns.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are; noise of ordinary size is taken where it would be
+        estimated from a fit.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved there.
+    """
+    local, share = local_at_start(problem, noises)
+    analysis = analyse(local.R, problem.coordinates.parameters.names)
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    return analysis, advise(analysis, problem, x, share)
+
+
+def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
+    """Return the output error at the start of the unknowns, in standard deviations, and the median of them over |H|.
+
+    Parameters
+    ----------
+    problem, noises
+        As for `at_start`.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved there.
+    """
+    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    errors, shares = [], []
+    for part, given in zip(problem.parts, noises, strict=True):
+        noise = choose_noise(ASSUMED, part.frf) if given.kind == Estimated.kind else given
+        H = part.responses(x)
+        variance = noise.variance(H, part.frf)
+        errors.append(OutputError(np.sqrt(2.0 / variance)))
+        shares.append((np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)).ravel())
+    local = Each(tuple(errors)).local(problem, x)
+    if local is None:
+        raise SolverError("the model cannot be solved at its start")
+    return local, float(np.median(np.concatenate(shares)))
+
+
+def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
+    slope = problem.coordinates.slope(fit.x)
+    weight = problem.coordinates.prior[1]
+    if fit.pull is not None and fit.pull.within is not None:
+        known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
+        return np.asarray(known * slope[:, None] * slope)
+    if fit.pull is not None:
+        weight = weight + fit.pull.weight
+    analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
+    out = analysis.covariance * slope[:, None] * slope
+    out[analysis.involved] = np.inf
+    out[:, analysis.involved] = np.inf
+    return np.asarray(out)
+
+
+def _typical_misfit(problem: Task, x: NDArray[np.float64]) -> float:
+    misfits = []
+    for part in problem.parts:
+        measured = part.frf.values
+        seen = np.abs(measured) > 0
+        misfits.append(np.abs(part.responses(x) - measured)[seen] / np.abs(measured)[seen])
+    misfit = np.concatenate(misfits)
+    return float(np.median(misfit)) if misfit.size else 0.0
+
+
+def _at_bound(problem: Task, x: NDArray[np.float64]) -> dict[str, str]:
+    lower, upper = problem.coordinates.bounds
+    near = 1e-9 * (upper - lower)
+    sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
+    return {
+        n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s
+    }
+
+
+def _correlation(
+    problem: Problem, x: NDArray[np.float64], split: Split, first: FieldSolver
+) -> dict[str, Any]:
+    whole = problem.with_data(split.whole)
+    untouched = replace(whole, solver=first)
+    start = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
+    # none.
+    end = np.where(problem.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
+    parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
+    scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
+    out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
+    if split.held is not None:
+        out["validation"] = {when: scored[when].get("held", {}) for when in scored}
+    return out
+
+
+def _no_figures(split: Split) -> dict[str, Any]:
+    none: dict[str, Any] = {"before": {}, "after": {}}
+    return none if split.held is None else none | {"validation": {"before": {}, "after": {}}}
+
+
+def _scores(
+    whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]
+) -> dict[str, dict[str, float]]:
+    """Score the model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
+    frf = whole.frf
+    try:
+        answer = FRF(frf.freq, whole.responses(x), frf.responses, frf.references, frf.quantity)
+    except SolverError:
+        return {}
+    return {
+        name: dict(
+            correlate(answer.select(lines=part.freq, responses=part.responses), part).figures()
+        )
+        for name, part in parts.items()
+    }
+
+
+#: A fit whose unknowns could still take away more than this share of what is left is on its way.
+_MOVING = 0.05
+
+
+def examine(
+    problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
+) -> tuple[Adequacy | None, ...]:
+    """Test whether what a fit leaves is noise, at the lines of the fit, by the noise models of its tests.
+
+    Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that
+    a robust fit gave less weight count in full. To find what would explain a misfit takes one
+    evaluation with derivatives.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are.
+    settled : bool
+        Whether the fit ended at a minimum. Where it did not, it is looked at all the same if the
+        unknowns could not take away more than a twentieth of what is left.
+
+    Returns
+    -------
+    tuple of Adequacy or None
+        For each part; None where the model cannot be solved, or the fit was still on its way.
+    """
+    try:
+        answers = [part.responses(x) for part in problem.parts]
+    except SolverError:
+        return (None,) * len(problem.parts)
+    found, errors, whitened = [], [], []
+    for part, noise, H in zip(problem.parts, noises, answers, strict=True):
+        share = -(-problem.n * part.n_values // problem.n_values)
+        weight = _weight(noise, H, part, share)
+        errors.append(OutputError(weight, "residual"))
+        with np.errstate(invalid="ignore"):
+            misfit = part.frf.values - H
+            whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
+        base = noise.base if isinstance(noise, Robust) else noise
+        absolute = base.scale_known and not base.kind.startswith(("estimated", "assumed"))
+        found.append(
+            assess(
+                whitened[-1],
+                H,
+                part.frf.freq,
+                part.frf.responses.labels,
+                part.frf.references.labels,
+                n_unknowns=share,
+                absolute=absolute,
+                averages=part.frf.averages if base.kind != "stated" else None,
+                level=LEVEL / len(problem.parts),
+                relative=_relative(misfit, part),
+            )
+        )
+    residual = Each(tuple(errors))
+    if not settled and _moves(problem, residual, x):
+        return (None,) * len(problem.parts)
+    if all(a.outcome not in ("structure", "excess") for a in found):
+        return tuple(found)
+    beyond = None
+    if all(a.absolute for a in found):
+        beyond = (
+            sum(float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened)
+            + problem.n
+        )
+    suspects = localise(problem, x, residual, whitened, beyond)
+    return tuple(blamed(a, suspects) for a in found)
+
+
+def _moves(problem: Task, residual: Each, x: NDArray[np.float64]) -> bool:
+    """Return whether the unknowns could still take away a good part of what is left."""
+    local = residual.local(problem, x)
+    return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
+
+
+def _weight(
+    noise: NoiseModel, H: NDArray[np.complex128], part: Problem, share: int
+) -> NDArray[np.float64]:
+    """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance."""
+    known = noise.refit(H, part.frf, share)
+    plain = replace(known, weight=None) if isinstance(known, Robust) else known
+    variance = np.broadcast_to(plain.variance(H, part.frf), H.shape)
+    usable = np.isfinite(variance) & (variance > 0.0)
+    return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
+
+
+def _relative(misfit: NDArray[np.complex128], part: Problem) -> float:
+    """Return the largest rms misfit of a channel over the rms of its data."""
+    left, size = (np.sqrt(np.mean(np.abs(a) ** 2, axis=0)) for a in (misfit, part.frf.values))
+    return float(np.max(left / np.where(size > 0.0, size, 1.0)))

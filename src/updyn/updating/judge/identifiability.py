@@ -1,0 +1,162 @@
+"""What the data can determine: rank, open combinations in group names, standard deviations, and what would cure it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.updating.fit.null_space import VISIBLE, resolve
+
+__all__ = [
+    "Analysis",
+    "Identifiability",
+    "analyse",
+]
+
+_Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Analysis:
+    """Identifiability together with the numbers behind it.
+
+    Attributes
+    ----------
+    report : Identifiability
+        For the user.
+    open : ndarray of float, shape (n, k)
+        Orthonormal basis of the open directions, in the optimiser's coordinates.
+    covariance : ndarray of float, shape (n, n)
+        Of the optimiser's coordinates, over the directions that are not open by arithmetic.
+    involved : ndarray of bool, shape (n,)
+        Unknowns that are left open: they take part in a direction that is open by arithmetic, or
+        lead one that is open by noise.
+    """
+
+    report: Identifiability
+    open: _Matrix
+    covariance: _Matrix
+    involved: NDArray[np.bool_]
+
+
+def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str = "") -> Analysis:
+    """Analyse a reduced Jacobian whose residuals have unit variance.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, n)
+        Reduced Jacobian by the optimiser's coordinates (logarithm of a factor, loss factor).
+    names : list of str
+        The unknowns.
+    inflation : float
+        Factor on the standard deviations.
+    advice : str
+        What to say if all is well.
+
+    Returns
+    -------
+    Analysis
+
+    Notes
+    -----
+    Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns
+    below `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The
+    collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
+    all unknowns together.
+    """
+    found = resolve(R, inflation)
+    n, s = R.shape[1], found.singular_values
+    smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
+    report = Identifiability(
+        rank=n - found.null_space.shape[1],
+        n_parameters=n,
+        condition=1.0 / smallest if found.full_rank else np.inf,
+        singular_values=tuple(float(v) for v in s),
+        null_directions=[_words(d, names) for d in _readable(found.null_space)],
+        determined_directions=_determined(found.null_space, found.involved, names),
+        collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
+        advice=advice,
+    )
+    return Analysis(report, found.null_space, found.covariance, found.involved)
+
+
+def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
+    """Turn a basis into one with as many zeros as its dimension allows: each direction led by another unknown."""
+    k = basis.shape[1]
+    if k == 0:
+        return []
+    pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)[1][:k]
+    reduced = np.linalg.solve(basis[pivots].T, basis.T)
+    return [d / d[np.argmax(np.abs(d))] for d in reduced]
+
+
+def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
+    return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > VISIBLE}
+
+
+def _determined(
+    blind: _Matrix, involved: NDArray[np.bool_], names: list[str]
+) -> list[dict[str, float]]:
+    """Return what stays fixed along all open directions: each further unknown, less its share of the leading ones."""
+    k = blind.shape[1]
+    if k == 0:
+        return []
+    pivots = scipy.linalg.qr(blind.T, mode="r", pivoting=True)[1][:k]
+    share = np.linalg.solve(blind[pivots].T, blind.T).T
+    out = []
+    for i in np.flatnonzero(involved):
+        if i in pivots:
+            continue
+        combination = {names[i]: 1.0}
+        combination |= {
+            names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > VISIBLE
+        }
+        out.append(combination)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiability:
+    """What the data can determine.
+
+    Attributes
+    ----------
+    rank : int
+        Number of independent combinations of the unknowns that the data determine.
+    n_parameters : int
+        Number of unknowns.
+    condition : float
+        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is
+        short by arithmetic).
+    singular_values : tuple of float
+        Of the Jacobian with columns scaled to unit norm, falling.
+    null_directions : list of dict of str to float
+        Each combination that the data leave open, as weights by unknown: moving all of them
+        together by these weights changes nothing that was measured. Largest weight 1; weights below
+        1e-3 left out.
+    determined_directions : list of dict of str to float
+        Among the unknowns that take part in an open combination, the combinations that the data do
+        determine.
+    collinearity : float
+        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
+        practice).
+    advice : str
+        What to do about it, in a sentence or two.
+    """
+
+    rank: int
+    n_parameters: int
+    condition: float
+    singular_values: tuple[float, ...]
+    null_directions: list[dict[str, float]]
+    determined_directions: list[dict[str, float]]
+    collinearity: float
+    advice: str
+
+    @property
+    def complete(self) -> bool:
+        """Whether all unknowns are determined."""
+        return self.rank == self.n_parameters

@@ -1,0 +1,240 @@
+"""Which group's error explains what a fit leaves: energy of the error in the constitutive relations, and score tests.
+
+The energy says where an error would have to sit if it is to be small: the fields that balance the
+forces and come close to the measurement break stress-strain and force-acceleration relations
+somewhere, and the least energy of that breach is shared out among the groups (error in constitutive
+relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze,
+Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze &
+Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score says how much of the misfit a
+change of one quantity would take away, all unknowns of the fit adapting to it (Rao, Proc. Camb.
+Phil. Soc. 44 (1948) 50).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import QUANTITIES
+from updyn.sensitivity import Unknowns
+from updyn.updating.fit.methods.constitutive import constitutive_weights
+from updyn.updating.judge.adequacy import Suspect
+from updyn.updating.problem.channels import calibration
+from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.residuals import Each
+
+__all__ = [
+    "breach",
+    "localise",
+]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Quantities that are tried, and how many suspects are kept.
+_MOST_TRIED, _KEPT = 240, 8
+_MOST_SENSORS = 80
+#: Lines at which the energy is looked at: the worst.
+_MOST_LINES = 60
+#: A suspect explains at least this share of what is left, and at least so many squared standard
+#: deviations.
+_LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
+
+
+def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
+    """Return the least error in the constitutive relations that the misfit at some lines asks for.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    misfit : ndarray of complex, shape (n_f, n_i, n_j)
+        Computed minus measured at these lines, in the unit of the data.
+    variance : ndarray of float, shape (n_f, n_i, n_j)
+        E|dH|^2 of the measurement there.
+    lines : slice
+        Which lines; none at 0 Hz unless the data are receptances.
+
+    Returns
+    -------
+    ndarray of float, shape (n_terms, n_f, n_j)
+        Energy of the breach in each stored matrix, by line and reference, in J for a force of 1 N.
+
+    Notes
+    -----
+    Minimise lambda^H W lambda over fields that balance the forces, plus the misfit that is left
+    over in units of the noise. With P = Z^-1 on the responses and C = Sigma + theta S, S = P^T W
+    conj(P), the solution is lambda = -theta conj(P) C^-1 (h - h_X): the receptances' misfit as if
+    forces of covariance W had caused it, plus noise. theta is set at every line so that both
+    together are as large as the misfit.
+    """
+    freq = problem.frf.freq[lines]
+    omega = 2.0 * np.pi * freq
+    system = problem.solver.system
+    c, w = constitutive_weights(system, problem.state(x), omega)
+    factor = problem.sign * ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
+    rows, place = np.unique(problem.rows, return_inverse=True)
+    P = problem.solver.solve(c, rows, freq)[:, :, place.ravel()]
+    S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
+    for t, term in enumerate(system.terms):
+        own = P[term.own]
+        S += w[t][:, None, None] * np.einsum("nfi,nfk->fik", own, term.times(own.conj()))
+    d, noise = misfit / factor, variance / np.abs(factor) ** 2
+    size, floor = np.sum(np.abs(d) ** 2, axis=1), np.sum(noise, axis=1)
+    trace = np.maximum(np.einsum("fii->f", S).real, np.finfo(float).tiny)
+    theta = np.maximum(size - floor, 1e-3 * size) / trace[:, None]
+    energy = np.zeros((len(system.terms), *size.shape))
+    for j in range(d.shape[2]):
+        C = theta[:, j, None, None] * S
+        diagonal = np.arange(C.shape[1])
+        C[:, diagonal, diagonal] += noise[:, :, j] + 1e-12 * (trace * theta[:, j])[:, None]
+        force = np.linalg.solve(C, d[:, :, j, None])[..., 0]
+        field = theta[:, j, None] * np.einsum("nfi,fi->nf", P.conj(), force).T
+        for t, term in enumerate(system.terms):
+            own = np.ascontiguousarray(field.T[term.own])
+            energy[t, :, j] = w[t] * np.sum(own.conj() * term.times(own), axis=0).real
+    return np.maximum(energy, 0.0)
+
+
+def localise(
+    problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
+) -> tuple[Suspect, ...]:
+    """Say which quantity of which group or sensor, not among the unknowns, would explain what a fit leaves.
+
+    Parameters
+    ----------
+    problem : Task
+        What was fitted.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    residual : Each
+        The output errors of its parts, with their weights.
+    whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
+        For each part, the residual there over its standard deviation; NaN for what is not there.
+    beyond : float or None
+        How much of the sum of squares the noise does not explain; None: not known, and told from
+        how much is alike from line to line.
+
+    Returns
+    -------
+    tuple of Suspect
+        The best first; empty where nothing explains a tenth.
+    """
+    energy = _energies(problem, x, residual, whitened)
+    tried = _tried(problem, x, energy)
+    if not tried:
+        return ()
+    n = problem.n
+    wide = ParameterSet((*problem.coordinates.parameters.items, *tried))
+    coordinates = replace(problem.coordinates, parameters=wide, box=None)
+    task = together(
+        [
+            replace(p, unknowns=Unknowns.find(p.solver.system, wide), coordinates=coordinates)
+            for p in problem.parts
+        ]
+    )
+    values = np.concatenate([problem.coordinates.to_values(x), [p.start for p in tried]])
+    local = residual.local(task, coordinates.to_x(values))
+    if local is None:
+        return ()
+    # The unknowns come first: below them the triangle holds what is left once they have adapted.
+    R, q = local.R[n:, n:], local.q[n:]
+    power = np.sum(R**2, axis=0)
+    seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)
+    step = np.where(seen, -(R.T @ q) / np.where(seen, power, 1.0), 0.0)
+    gain = step**2 * power
+    whole = max(_alike(whitened) if beyond is None else beyond, float(gain.max()))
+    total = sum(energy.values()) or 1.0
+    shares = [energy.get((p.group, _matrix(p.quantity)), 0.0) / total for p in tried]
+    found = [
+        Suspect(p.group, p.quantity, float(g / whole), float(s), share)
+        for p, g, s, share in zip(tried, gain, step, shares, strict=True)
+        if g >= _LEAST_GAIN and g >= _LEAST_SHARE * whole
+    ]
+    return tuple(sorted(found, key=lambda s: -s.explains)[:_KEPT])
+
+
+def _matrix(quantity: str) -> str:
+    return "stiffness" if quantity == "loss_factor" else quantity
+
+
+def _alike(whitened: Sequence[_Complex]) -> float:
+    """Return how much of the sum of squares neighbouring lines have in common; independent noise has nothing."""
+    products = [np.nansum((e[1:] * e[:-1].conj()).real, axis=0) for e in whitened]
+    return float(sum(np.maximum(p, 0.0).sum() for p in products))
+
+
+def _energies(
+    problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex]
+) -> dict[tuple[str, str], float]:
+    """Return the energy of the breach by group and matrix, each line counted by its misfit."""
+    out: dict[tuple[str, str], float] = {}
+    for i, part in enumerate(problem.parts):
+        square = np.nan_to_num(np.abs(whitened[i]) ** 2)
+        square[part.frf.freq == 0.0] = 0.0
+        worst = np.sort(np.argsort(square.sum(axis=(1, 2)))[::-1][:_MOST_LINES])
+        worst = worst[part.frf.freq[worst] > 0.0]
+        if not worst.size:
+            continue
+        weight = residual.of(i).weight[worst]
+        known = weight > 0.0
+        variance = 2.0 / np.where(known, weight, 1.0) ** 2
+        variance = np.where(known, variance, 1e6 * variance.max(initial=1.0))
+        misfit = np.where(known, part.responses(x)[worst] - part.frf.values[worst], 0.0)
+        few = replace(part, frf=part.frf.select(lines=part.frf.freq[worst]))
+        items = [(x, misfit[at], variance[at], at) for at in few.partition(2 * len(part.rows))]
+        found = np.concatenate(list(few.each(_breach, items)), axis=1)
+        share = found / np.maximum(found.sum(axis=0), np.finfo(float).tiny)
+        counted = np.sum(share * square[worst].sum(axis=1), axis=(1, 2))
+        for term, value in zip(part.solver.system.terms, counted.tolist(), strict=True):
+            key = (term.group, term.quantity)
+            out[key] = out.get(key, 0.0) + value
+    return out
+
+
+def _breach(problem: Problem, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+    return breach(problem, *item)
+
+
+def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
+    """Return the quantities to try: all that are not unknowns, or of very many those with the most energy."""
+    alone = [p.acts_on[0] for p in problem.coordinates.parameters if len(p.acts_on) == 1]
+    free = {(d.group, d.quantity) for d in alone}
+    losses: dict[str, float] = {}
+    for part in problem.parts:
+        state = part.state(x)
+        for t, term in enumerate(part.solver.system.terms):
+            if term.quantity == "stiffness":
+                losses.setdefault(term.group, float(state.loss[t]))
+    ordered = sorted(energy, key=lambda key: -energy[key])
+    items: list[Parameter] = []
+    for group, quantity in ordered:
+        if (group, quantity) not in free:
+            items.append(Parameter(group, quantity, 1.0, 1e-3, 1e3))
+        if quantity == "stiffness" and (group, "loss_factor") not in free and group in losses:
+            loss = max(losses[group], 0.0)
+            items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
+    driven = {
+        d.name
+        for p in problem.coordinates.parameters
+        for d in p.acts_on
+        if d.quantity == "loss_factor"
+    }
+    items = [p for p in items if p.quantity != "loss_factor" or p.name not in driven]
+    return (_sensors(problem, free) + items)[:_MOST_TRIED]
+
+
+def _sensors(problem: Task, free: set[tuple[str, str]]) -> list[Parameter]:
+    """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
+    tried = calibration([part.frf for part in problem.parts], references="all")
+    return (
+        [p for p in tried if (p.group, p.quantity) not in free]
+        if len(tried) <= _MOST_SENSORS
+        else []
+    )

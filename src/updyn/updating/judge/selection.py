@@ -1,0 +1,529 @@
+"""Columns of a Jacobian that can be told apart, and columns that are alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import OptionError, ParameterError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
+from updyn.updating.judge.assessment import local_at_start
+from updyn.updating.judge.identifiability import analyse
+from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.lines import on_lines
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.selection import Selection
+
+__all__ = [
+    "ALIKE",
+    "MAX_COLLINEARITY",
+    "alike",
+    "cluster",
+    "cluster_jointly",
+    "index",
+    "select",
+    "select_jointly",
+    "subset",
+    "unit",
+]
+
+_Vector = NDArray[np.float64]
+_Matrix = NDArray[np.float64]
+
+#: Of the unknowns that explain another, those are named whose share is at least so much of the
+#: largest.
+_SHARE = 0.2
+_NAMED = 3
+
+
+def subset(
+    R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float = 15.0
+) -> tuple[list[int], dict[int, str]]:
+    """Choose columns of a Jacobian by QR factors with column pivoting.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, m)
+        Jacobian or its triangle, in units of one standard deviation of the noise.
+    names : sequence of str
+        Of its columns.
+    n : int, optional
+        How many; by default as many as the noise and `max_collinearity` allow.
+    max_collinearity : float
+        Largest 1 / smallest singular value of the chosen columns at unit length, where `n` is not
+        given.
+
+    Returns
+    -------
+    order : list of int
+        The chosen columns, the most telling first.
+    left_out : dict of int to str
+        Why not the others.
+    """
+    size = np.linalg.norm(R, axis=0)
+    state = _Pivoting(R, names, size)
+    for _ in range(R.shape[1]):
+        if not state.waiting or len(state.order) == n:
+            break
+        i = max(state.waiting, key=lambda j: state.length[j])
+        asked = n is not None and state.length[i] > RANK_TOLERANCE * size[i]
+        reason = "" if asked else state.refused(i, max_collinearity)
+        if reason:
+            state.left_out[i] = reason
+        else:
+            state.take(i)
+        state.waiting.remove(i)
+    for i in state.waiting:
+        state.left_out[i] = f"{n} unknowns were asked for, and these tell more"
+    return state.order, state.left_out
+
+
+class _Pivoting:
+    """The QR factors so far: an orthonormal basis of the chosen columns, and what of the others is not in it."""
+
+    def __init__(self, R: _Matrix, names: Sequence[str], size: _Vector) -> None:
+        self.R, self.names, self.size = R, names, size
+        self.rest = R.copy()
+        self.basis = np.zeros((len(R), 0))
+        self.order: list[int] = []
+        self.left_out: dict[int, str] = {}
+        self.waiting = list(range(R.shape[1]))
+
+    @property
+    def length(self) -> _Vector:
+        return np.asarray(np.linalg.norm(self.rest, axis=0))
+
+    def take(self, i: int) -> None:
+        # Once more against the basis: rounding of the earlier projections counts where columns are
+        # nearly dependent.
+        fresh = self.rest[:, i] - self.basis @ (self.basis.T @ self.rest[:, i])
+        fresh = fresh / np.linalg.norm(fresh)
+        self.basis = np.column_stack([self.basis, fresh])
+        self.rest = self.rest - np.outer(fresh, fresh @ self.rest)
+        self.order.append(i)
+
+    def refused(self, i: int, limit: float) -> str:
+        """Say why a column is not taken; empty where it may be."""
+        if self.size[i] * WIDEST <= 1.0:
+            known = "not at all" if self.size[i] == 0.0 else f"only to ±{1.0 / self.size[i]:.2g}"
+            return f"the data hardly react to it: even alone it would be known {known}"
+        length = float(np.linalg.norm(self.rest[:, i]))
+        gamma = index(np.linalg.svd(unit(self.R[:, [*self.order, i]]), compute_uv=False))
+        if gamma > limit:
+            return (
+                f"its effect is explained by {self.explained_by(i)} (collinearity index"
+                f" {gamma:.3g})"
+            )
+        if length * WIDEST <= 1.0:
+            return f"beside {self.explained_by(i)} it would be known only to ±{1.0 / length:.2g}"
+        return ""
+
+    def explained_by(self, i: int) -> str:
+        weight = np.linalg.lstsq(unit(self.R[:, self.order]), self.R[:, i], rcond=None)[0]
+        most = [
+            j
+            for j in np.argsort(-np.abs(weight))
+            if abs(weight[j]) >= _SHARE * np.abs(weight).max()
+        ][:_NAMED]
+        return ", ".join(self.names[self.order[j]] for j in most)
+
+
+def alike(cosine: _Matrix, kinds: Sequence[str | None], threshold: float) -> list[list[int]]:
+    """Cluster columns of one kind whose cosines are at least a threshold, each with each.
+
+    Parameters
+    ----------
+    cosine : ndarray of float, shape (n, n)
+        Between the columns; nan for a column that is zero.
+    kinds : sequence of str or None
+        Columns of different kinds are not joined, those of kind None not at all.
+    threshold : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    list of list of int
+        Clusters of two or more, ascending.
+    """
+    from scipy.cluster.hierarchy import fcluster, linkage
+    from scipy.spatial.distance import squareform
+
+    out = []
+    for kind in dict.fromkeys(k for k in kinds if k is not None):
+        at = [i for i, k in enumerate(kinds) if k == kind and np.isfinite(cosine[i, i])]
+        if len(at) < 2:
+            continue
+        distance = np.clip(1.0 - cosine[np.ix_(at, at)], 0.0, 2.0)
+        distance = 0.5 * (distance + distance.T)
+        np.fill_diagonal(distance, 0.0)
+        label = fcluster(linkage(squareform(distance), "complete"), 1.0 - threshold, "distance")
+        out += [
+            [at[j] for j in np.flatnonzero(label == c)]
+            for c in np.unique(label)
+            if (label == c).sum() > 1
+        ]
+    return sorted(out)
+
+
+def unit(R: _Matrix) -> _Matrix:
+    """Return a matrix with its columns at unit length; those that are zero stay so."""
+    size = np.linalg.norm(R, axis=0)
+    return np.asarray(R / np.where(size > 0.0, size, 1.0))
+
+
+def index(s: NDArray[np.floating[Any]]) -> float:
+    """Return the collinearity index of unit columns from their singular values, falling; inf for dependent ones."""
+    return float(1.0 / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
+
+
+#: The collinearity index above which unknowns trade against each other: 10 to 15 (Brun, Reichert &
+#: Kuensch 2001).
+MAX_COLLINEARITY = 15.0
+#: Cosine from which two unknowns count as one: a tenth of the effect of either, 8 degrees, is its
+#: own.
+ALIKE = 0.99
+#: Names of joined groups are written one by one up to so many letters.
+_LONG = 40
+
+
+# -- verbs -------------------------------------------------------------------------------------------------
+def select(
+    model: Model,
+    frf: FRF,
+    parameters: ParameterSet | Selection,
+    n: int | Literal["rank"] | None = None,
+    max_collinearity: float = MAX_COLLINEARITY,
+    *,
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float] | str | None = None,
+) -> Selection:
+    """Choose the unknowns that the data can tell apart, before a fit; the others stay at their start.
+
+    Parameters
+    ----------
+    model : Model
+        The model where the unknowns start.
+    frf : FRF
+        The measurement. Its values count only where the noise follows them; the model's own
+        derivatives decide.
+    parameters : ParameterSet or Selection
+        All unknowns that might be fitted; or what `cluster` made of them.
+    n : int or "rank", optional
+        How many to keep: so many; or as many as there are combinations that the data determine
+        above the noise. By default as many as keep the collinearity index at most
+        `max_collinearity`, each known, beside those chosen before it, to better than a factor e (a
+        loss factor: than 1).
+    max_collinearity : float
+        Largest collinearity index of the chosen ones; it does not count where `n` is given.
+    lines, noise
+        As for `updyn.update`. Where nothing says how noisy the data are, 5 % of |H| and a floor of
+        0.1 % of the rms are assumed, as for `updyn check`.
+
+    Returns
+    -------
+    Selection
+        Give it to `updyn.update` as its parameters.
+
+    Raises
+    ------
+    InputError
+        If model, data, unknowns or options do not fit together, or the data see none of the
+        unknowns.
+    SolverError
+        If the model cannot be solved at a line.
+
+    Notes
+    -----
+    QR factors with column pivoting of the Jacobian whitened by the noise (Golub & Van Loan, Matrix
+    Computations, 4th ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese, Proc. IEEE
+    Conf. Control Applications 1995, 991; one by one, too, but by what they explain of a residual,
+    Lallement & Piranda, Proc. IMAC VIII, 1990, 579): each next unknown is the one whose effect is
+    least explained by those before it. One that lifts the collinearity index (Brun, Reichert &
+    Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the
+    index of a larger set is never smaller. Effects are those of a change by a factor e, or of a
+    loss factor by 1.
+    """
+    return select_jointly([Test(model, frf, "", lines, noise)], parameters, n, max_collinearity)
+
+
+def select_jointly(
+    tests: Sequence[Test],
+    parameters: ParameterSet | Selection,
+    n: int | Literal["rank"] | None = None,
+    max_collinearity: float = MAX_COLLINEARITY,
+) -> Selection:
+    """Choose the unknowns that several tests together can tell apart; see `select`.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        At least one; what they hold out counts as data here.
+    parameters, n, max_collinearity
+        As for `select`.
+
+    Returns
+    -------
+    Selection
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together, or the data see none of the
+        unknowns.
+    SolverError
+        If a model cannot be solved at a line.
+    """
+    before = Selection.of(parameters)
+    given = before.parameters
+    if not (
+        n is None
+        or n == "rank"
+        or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))
+    ):
+        raise OptionError(
+            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None"
+        )
+    if isinstance(max_collinearity, bool) or not max_collinearity >= 1.0:
+        raise OptionError(
+            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1"
+        )
+    R = _sensitivity(tests, before)
+    count = analyse(R, given.names).report.rank if n == "rank" else n
+    order, why = subset(R, given.names, count, max_collinearity)
+    if not order:
+        raise ParameterError(
+            f"select: the data see none of the {len(given)} unknowns; nothing would be left to fit"
+        )
+    kept = ParameterSet(tuple(p for i, p in enumerate(given) if i in order))
+    s = np.linalg.svd(unit(R[:, order]), compute_uv=False)
+    return replace(
+        before,
+        parameters=kept,
+        order=tuple(given.names[i] for i in order),
+        left_out={
+            **before.left_out,
+            **{given.names[i]: reason for i, reason in sorted(why.items())},
+        },
+        held=(*before.held, *(given[i] for i in sorted(why))),
+        singular_values=tuple(s.tolist()),
+        collinearity=index(s),
+    )
+
+
+def cluster(
+    model: Model,
+    frf: FRF,
+    parameters: ParameterSet | Selection,
+    threshold: float = ALIKE,
+    *,
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float] | str | None = None,
+) -> Selection:
+    """Join unknowns of one quantity whose effects on the data are alike, each such cluster into one linked unknown.
+
+    Parameters
+    ----------
+    model, frf, parameters
+        As for `select`.
+    threshold : float
+        Cosine between the whitened derivatives from which two unknowns are alike. In a cluster
+        every two are.
+    lines, noise
+        As for `select`.
+
+    Returns
+    -------
+    Selection
+        Its merged unknowns multiply all their groups by one factor (or give them one loss factor).
+        Unknowns with opposite effects, of different quantities, or with different starts are not
+        joined: `remarks` names them.
+
+    Raises
+    ------
+    InputError
+        If model, data, unknowns or options do not fit together.
+    SolverError
+        If the model cannot be solved at a line.
+
+    Notes
+    -----
+    Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index 1 / sqrt(1 -
+    cosine) is 10 at
+    0.99). A merged unknown has the bounds that all its members share and the narrowest of their priors.
+    """
+    return cluster_jointly([Test(model, frf, "", lines, noise)], parameters, threshold)
+
+
+def cluster_jointly(
+    tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = ALIKE
+) -> Selection:
+    """Join unknowns whose effects on the data of several tests together are alike; see `cluster`.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        At least one; what they hold out counts as data here.
+    parameters, threshold
+        As for `cluster`.
+
+    Returns
+    -------
+    Selection
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together.
+    SolverError
+        If a model cannot be solved at a line.
+    """
+    before = Selection.of(parameters)
+    given = before.parameters
+    if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
+        raise OptionError(
+            f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
+            f" {ALIKE}"
+        )
+    R = _sensitivity(tests, before)
+    cosine = _cosines(R)
+    kinds = [None if (kind := _kind(p)) is None else f"{kind} from {p.start!r}" for p in given]
+    clusters = [members for members in alike(cosine, kinds, threshold) if _joinable(given, members)]
+    first = {members[0]: members for members in clusters}
+    inside = {i for members in clusters for i in members}
+    items: list[Parameter] = []
+    columns: list[_Vector] = []
+    merged, least = dict(before.merged), dict(before.cosines)
+    for i, p in enumerate(given):
+        if i in first:
+            p = _joined(given, first[i], {q.name for q in given})
+            merged[p.name] = tuple(given.names[j] for j in first[i])
+            least[p.name] = float(cosine[np.ix_(first[i], first[i])].min())
+            columns.append(R[:, first[i]].sum(axis=1))
+        elif i not in inside:
+            columns.append(R[:, i])
+        if i in first or i not in inside:
+            items.append(p)
+    s = np.linalg.svd(unit(np.stack(columns, axis=1)), compute_uv=False)
+    return replace(
+        before,
+        parameters=ParameterSet(tuple(items)),
+        order=(),
+        merged=merged,
+        cosines=least,
+        remarks=(*before.remarks, *_remarks(given, cosine, threshold, clusters)),
+        singular_values=tuple(s.tolist()),
+        collinearity=index(s),
+    )
+
+
+# -- clusters ----------------------------------------------------------------------------------------------
+def _kind(p: Parameter) -> str | None:
+    """Return the quantity of an unknown that may be joined with others of it; None for sensors and mixed laws."""
+    if p.is_channel:
+        return None
+    quantities = {d.quantity for d in p.acts_on}
+    return (
+        quantities.pop()
+        if len(quantities) == 1 and all(d.power == 1.0 for d in p.acts_on)
+        else None
+    )
+
+
+def _joinable(given: ParameterSet, members: list[int]) -> bool:
+    """Whether unknowns can be one: within bounds that leave room, each group once."""
+    own = [given[i] for i in members]
+    driven = [d.name for p in own for d in p.acts_on]
+    room = max(p.lower for p in own) < min(p.upper for p in own)
+    return room and len(set(driven)) == len(driven)
+
+
+def _joined(given: ParameterSet, members: list[int], taken: set[str]) -> Parameter:
+    own = [given[i] for i in members]
+    quantity = (
+        own[0].quantity if len({p.quantity for p in own}) == 1 else own[0].acts_on[0].quantity
+    )
+    stem = "+".join(p.group for p in own)
+    if len(stem) > _LONG:
+        stem = f"{own[0].group}+{len(own) - 1} more"
+    while f"{stem}.{quantity}" in taken:
+        stem += "+"
+    priors = [p.prior_std for p in own if p.prior_std is not None]
+    shown = {(p.nominal, p.unit) for p in own}
+    nominal, unit = shown.pop() if len(shown) == 1 else (None, "")
+    return Parameter(
+        stem,
+        quantity,
+        own[0].start,
+        max(p.lower for p in own),
+        min(p.upper for p in own),
+        min(priors) if priors else None,
+        tuple(d for p in own for d in p.acts_on),
+        nominal,
+        unit,
+    )
+
+
+def _remarks(
+    given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]
+) -> list[str]:
+    """Name what is alike, or opposite, and was not joined."""
+    home = {i: number for number, members in enumerate(clusters) for i in members}
+    out = [
+        f"the data do not see {p.name}"
+        for i, p in enumerate(given)
+        if not np.isfinite(cosine[i, i])
+    ]
+    seen: set[tuple[int, int]] = set()
+    for i, j in combinations(range(len(given)), 2):
+        # Of a cluster, one pair with an outsider tells it all.
+        pair = (home.get(i, -1 - i), home.get(j, -1 - j))
+        if not abs(cosine[i, j]) >= threshold or pair[0] == pair[1] or pair in seen:
+            continue
+        seen.add(pair)
+        a, b = given[i], given[j]
+        kinds = _kind(a), _kind(b)
+        why = (
+            "opposite effects, the data see only what one does against the other"
+            if cosine[i, j] < 0
+            else (
+                "not of one quantity"
+                if kinds[0] is None or kinds[0] != kinds[1]
+                else (
+                    "they start differently; give them one start to have them joined"
+                    if a.start != b.start
+                    else "not alike with all of the others, or without bounds in common"
+                )
+            )
+        )
+        out.append(f"{a.name} and {b.name} are not joined (cosine {cosine[i, j]:+.4f}): {why}")
+    return out
+
+
+# -- what both need ----------------------------------------------------------------------------------------
+def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
+    """Return the Jacobian of all data at the start, reduced and whitened by the noise."""
+    parameters = before.parameters
+    tests = [replace(t, model=before.start_of(t.model)) for t in tests]
+    check(tests, parameters)
+    parts = [
+        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
+    ]
+    noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
+    return local_at_start(together(parts), noises)[0].R
+
+
+def _cosines(R: _Matrix) -> _Matrix:
+    own, size = unit(R), np.linalg.norm(R, axis=0)
+    cosine = np.asarray(own.T @ own)
+    cosine[size == 0.0, :] = np.nan
+    cosine[:, size == 0.0] = np.nan
+    return cosine

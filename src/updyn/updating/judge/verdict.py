@@ -1,0 +1,157 @@
+"""Status, cause and remedy of a fit, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from updyn.updating.fit.method import Fit
+from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.judge.identifiability import Analysis
+from updyn.updating.judge.rounding import REMEDY, Rounding
+
+__all__ = ["verdict"]
+
+#: A correlation length from which the residual is called model error, in lines.
+_ALIKE = 3.0
+#: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called
+#: weak.
+_WEAK = 0.3
+#: A reduced chi-square from which the noise no longer explains the misfit.
+_MISFIT = 2.0
+#: A typical misfit that is called a miss where nobody says how noisy the data are.
+_FAR = 0.3
+_LOOK = (
+    "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
+    " groups."
+)
+
+
+def verdict(
+    fit: Fit,
+    analysis: Analysis,
+    names: list[str],
+    advice: str,
+    misfit: float = 0.0,
+    adequacy: Mapping[str, Adequacy | None] | None = None,
+    rounding: Rounding | None = None,
+) -> tuple[str, str, str]:
+    """Say how a fit ended.
+
+    Parameters
+    ----------
+    fit : Fit
+        The outcome of the method.
+    analysis : Analysis
+        What the data determine.
+    names : list of str
+        The unknowns.
+    advice : str
+        What would cure open unknowns.
+    misfit : float
+        Median of |H - H_X| / |H_X|.
+    adequacy : mapping of str to Adequacy, optional
+        Whether what is left is noise, by the names of the tests.
+    rounding : Rounding, optional
+        Where rounding is seen in the model's answer.
+
+    Returns
+    -------
+    status, message, remedy : str
+        One of `STATUSES`; the cause; what to do next, empty where all is well.
+    """
+    status, message, remedy = _ended(fit, analysis, names, advice, misfit)
+    if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
+        told = {
+            k: a
+            for k, a in (adequacy or {}).items()
+            if a is not None and a.outcome in ("structure", "excess")
+        }
+        for name, found in told.items():
+            message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
+        if status == "converged" and told:
+            remedy = f"{_free(list(told.values()))} {remedy or _LOOK}".strip()
+    if rounding is not None:
+        message = f"{message} {rounding.message}"
+        remedy = REMEDY if status in ("converged", "stalled") else f"{remedy} {REMEDY}".strip()
+    return status, message, remedy
+
+
+def _free(found: list[Adequacy]) -> str:
+    """Return what to do about an error that would explain what is left; empty where none is known."""
+    suspects = next((a.explained_by for a in found if a.explained_by), ())
+    return f"Free {suspects[0].name} if it can be wrong, and run again." if suspects else ""
+
+
+def _ended(
+    fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float
+) -> tuple[str, str, str]:
+    if fit.reason == "failed":
+        remedy = (
+            "Start closer; or use the default method, or solver 'trust-region' where this one"
+            " has it."
+        )
+        return "failed", f"The fit broke down. {fit.note}".strip(), remedy
+    if fit.reason == "stopped":
+        message = (
+            "Stopped before it had converged and been judged; the values are those of the best step"
+            " so far."
+        )
+        if not fit.R.any():
+            message += " What the data determine is not known."
+        return "stopped", message, "Run it again; with a checkpoint it goes on from here."
+    if fit.reason == "max-iterations":
+        message = "The largest number of steps was reached before convergence."
+        if analysis.report.complete:
+            return "max-iterations", message, "Raise max_iterations."
+        return "max-iterations", f"{message} Besides, {_open(analysis, names)}", advice
+    if not analysis.report.complete:
+        return "not-identifiable", f"The fit ended, but {_open(analysis, names)}", advice
+    if fit.reason == "stalled":
+        message = "No step lowers the misfit although its gradient is not zero."
+        return "stalled", message, "Start elsewhere or loosen bounds."
+    return "converged", *_converged(fit, analysis, names, misfit)
+
+
+def _open(analysis: Analysis, names: list[str]) -> str:
+    report = analysis.report
+    involved = [n for n, i in zip(names, analysis.involved, strict=True) if i]
+    blind = np.isinf(report.condition)
+    how = "without changing anything" if blind else "with no change, above the noise, of anything"
+    return (
+        f"the data determine only {report.rank} of {report.n_parameters} unknowns:"
+        f" {', '.join(involved)} can change together {how} that was measured."
+    )
+
+
+def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) -> tuple[str, str]:
+    message = "The fit converged and the data determine all unknowns."
+    remedy = fit.note
+    std = np.sqrt(np.diag(analysis.covariance))
+    weak = [f"{n} ({100 * s:.0f} %)" for n, s in zip(names, std, strict=True) if s > _WEAK]
+    if weak:
+        message += f" Only weakly: the standard deviation is large for {', '.join(weak)}."
+    # Of several tests: the same for all but the kind of their noise.
+    noise = fit.noise[0] if fit.noise else {}
+    length = float(noise.get("correlation_length", 1.0))
+    if length > _ALIKE:
+        message += (
+            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather"
+            f" than noise; the standard deviations were widened {np.sqrt(length):.2g} times for it."
+        )
+    known = ("stated", "variance", "coherence")
+    if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
+        message += (
+            " But the model still misses the data: half of the values are off by more than"
+            f" {100 * misfit:.0f} %."
+        )
+        remedy = f"{_LOOK} {fit.note}".strip()
+    chi_square = float(noise.get("chi_square", 1.0))
+    if chi_square > _MISFIT:
+        message += (
+            f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
+            " cannot follow the data, and the standard deviations were widened by as much."
+        )
+        remedy = f"{_LOOK} {fit.note}".strip()
+    return message, remedy

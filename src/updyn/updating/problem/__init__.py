@@ -1,0 +1,1 @@
+"""The problem of an update: unknowns, data, noise, frequency lines and residuals."""

@@ -1,0 +1,256 @@
+"""Errors that all values of a channel have in common: a calibration factor for each sensor, as an unknown.
+
+A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor,
+and no noise model of independent values can say that. So the factor is an unknown with a prior, and
+the measurement is compared with
+
+    s_i s_j H_ij
+
+with s_i of the response sensor and s_j of the force sensor (a scale parameter of the measurement
+with a Gaussian prior on its logarithm, as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425,
+sec. 4). The model is left as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import OptionError, ParameterError, suggest
+from updyn.frf import FRF
+from updyn.updating.problem.parameters import CHANNELS, Drive, Parameter, ParameterSet
+
+if TYPE_CHECKING:
+    pass
+
+__all__ = [
+    "Gains",
+    "calibration",
+    "check_channel",
+    "check_method",
+]
+
+_Vector = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_BOUNDS = (0.1, 10.0)
+
+
+def calibration(
+    frf: FRF | Iterable[FRF],
+    *,
+    responses: str | Iterable[str | Dof] = "all",
+    references: str | Iterable[str | Dof] = (),
+    prior_std: float = 0.05,
+    bounds: tuple[float, float] = _BOUNDS,
+    name: str | None = None,
+) -> ParameterSet:
+    """Choose calibration factors of sensors as unknowns, to be added to those of the model with ``+``.
+
+    Each is a positive factor on what its sensor reads: the measurement is compared with the model's
+    FRF times the factors of its two channels. 1.08 says that the sensor reads 8 % too much. The
+    updated model is that without them.
+
+    Parameters
+    ----------
+    frf : FRF or iterable of FRF
+        The measurement, or those of all tests.
+    responses, references : "all" or iterable of str or Dof
+        Which response sensors, and which force sensors, by their labels; the sign does not matter.
+        Sensors that are trusted are left out: they hold the level. A sensor of the same label in
+        several tests has one factor.
+    prior_std : float
+        Standard deviation of the logarithm of each factor before the measurement: 0.05 is about 5
+        %. Without a prior the common level of all sensors would be for the data to say, which know
+        it only as far as masses are known.
+    bounds : (float, float)
+        Of each factor.
+    name : str, optional
+        One factor for all that were chosen, called ``NAME.calibration``: one accelerometer or
+        hammer that roves, one amplifier.
+
+    Returns
+    -------
+    ParameterSet
+        Called ``5:Z.calibration`` for responses, ``5:Z.force_calibration`` for references.
+
+    Raises
+    ------
+    ParameterError
+        If a sensor is not in the measurement, none is chosen, or a number or the name is not
+        usable.
+    DofError
+        If a label cannot be read.
+    """
+    data = [frf] if isinstance(frf, FRF) or not isinstance(frf, Iterable) else list(frf)
+    for one in data:
+        if not isinstance(one, FRF):
+            raise ParameterError(f"calibration: expected an FRF, found {type(one).__name__}")
+    drives = tuple(
+        Drive(label, quantity)
+        for quantity, given in zip(CHANNELS, (responses, references), strict=True)
+        for label in _chosen(data, CHANNELS[quantity], given)
+    )
+    if not drives:
+        raise ParameterError("calibration: no sensor is chosen")
+    if name is None:
+        return ParameterSet(
+            tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives)
+        )
+    if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
+        raise ParameterError(f"calibration: name {name!r}; expected a plain text, such as 'hammer'")
+    return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, drives),))
+
+
+def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
+    there = list(dict.fromkeys(label for frf in data for label in _plain(getattr(frf, f"{kind}s"))))
+    if isinstance(given, str):
+        if given != "all":
+            raise ParameterError(
+                f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list"
+            )
+        return there
+    out = []
+    for dof in given:
+        label = _label(Dof.parse(dof))
+        if label not in there:
+            raise ParameterError(
+                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}"
+            )
+        out.append(label)
+    return out
+
+
+def _label(dof: Dof) -> str:
+    return f"{dof.node}:{dof.direction}"
+
+
+def _plain(dofs: DofSet) -> list[str]:
+    return [_label(d) for d in dofs]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """Which calibration factors act on which channels of some data.
+
+    Attributes
+    ----------
+    rows : ndarray of float, shape (n, n_i)
+        Power of each unknown in the factor of each response.
+    columns : ndarray of float, shape (n, n_j)
+        Likewise of each reference.
+    """
+
+    rows: _Vector
+    columns: _Vector
+
+    @classmethod
+    def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
+        """Look the sensors up in some data; None where none of the unknowns is a calibration factor.
+
+        Parameters
+        ----------
+        parameters : ParameterSet
+            All unknowns.
+        frf : FRF
+            The data. Sensors that they lack have no effect on them.
+        """
+        if not any(p.is_channel for p in parameters):
+            return None
+        places = {
+            quantity: {label: i for i, label in enumerate(_plain(getattr(frf, f"{kind}s")))}
+            for quantity, kind in CHANNELS.items()
+        }
+        powers = {quantity: np.zeros((len(parameters), len(at))) for quantity, at in places.items()}
+        for i, p in enumerate(parameters):
+            for d in p.acts_on if p.is_channel else ():
+                if d.group in places[d.quantity]:
+                    powers[d.quantity][i, places[d.quantity][d.group]] = d.power
+        return cls(*powers.values())
+
+    def factors(self, logs: _Vector) -> _Vector:
+        """Return the factor of each channel, shape (n_i, n_j).
+
+        Parameters
+        ----------
+        logs : ndarray of float, shape (n,)
+            Logarithms of the calibration factors; what stands there for other unknowns does not
+            count.
+        """
+        return np.asarray(np.exp((logs @ self.rows)[:, None] + logs @ self.columns))
+
+    def apply(self, logs: _Vector, H: _Complex, dH: _Complex | None) -> None:
+        """Multiply model and derivatives, as `Block` has them, by the factors, in place.
+
+        Parameters
+        ----------
+        logs : ndarray of float, shape (n,)
+            As for `factors`.
+        H : ndarray of complex, shape (n_f, n_i, n_j)
+            Of the model.
+        dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
+            By the optimiser's coordinates, among them the logarithms of the factors: these are
+            filled in.
+        """
+        factors = self.factors(logs)
+        H *= factors
+        if dH is None:
+            return
+        dH *= factors
+        for i in np.flatnonzero(self.rows.any(axis=1) | self.columns.any(axis=1)):
+            dH[i] = H * (self.rows[i][:, None] + self.columns[i])
+
+
+def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> None:
+    """Check that the sensor of a calibration factor is in one of the tests.
+
+    Parameters
+    ----------
+    label, quantity : str
+        Of the drive.
+    data : iterable of FRF
+        The tests.
+    name : str
+        Of the unknown, for messages.
+
+    Raises
+    ------
+    ParameterError
+        If it is in none.
+    """
+    kind = CHANNELS[quantity]
+    there = [known for frf in data for known in _plain(getattr(frf, f"{kind}s"))]
+    if label not in there:
+        raise ParameterError(
+            f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}"
+        )
+
+
+def check_method(parameters: ParameterSet, name: str, method: object) -> None:
+    """Check that a method knows calibration factors, if there are any.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    name : str
+        Of the method.
+    method : object
+        The method, or its class: it says ``calibrates`` where it compares with the output.
+
+    Raises
+    ------
+    OptionError
+        If it compares with the measurement as it stands.
+    """
+    sensors = [p.name for p in parameters if p.is_channel]
+    if sensors and not getattr(method, "calibrates", False):
+        raise OptionError(
+            f"method {name!r} takes the measurement as it is and knows no calibration factors"
+            f" ({sensors[0]!r}); use 'maximum-likelihood', 'log' or 'output-error'"
+        )

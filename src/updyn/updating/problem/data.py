@@ -1,0 +1,319 @@
+"""Tests of an update: model and measurement of each, held-out data, measurements with gaps."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
+from updyn.frf import FRF, check_lines
+from updyn.geometry import Geometry
+from updyn.model import Model
+from updyn.updating.problem.channels import check_channel
+from updyn.updating.problem.lines import Lines
+from updyn.updating.problem.parameters import ParameterSet
+
+__all__ = [
+    "Split",
+    "Test",
+    "check",
+    "complete_parts",
+    "split_data",
+]
+
+
+#: Cosine of the angle, 1 degree, from which a sensor is worth a warning.
+_ALONG = float(np.cos(np.radians(1.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Test:
+    """One test: the structure in one configuration, and what was measured on it.
+
+    Parameters
+    ----------
+    model : Model
+        The model of that configuration. Groups are told by their names.
+    frf : FRF
+        The measurement.
+    name : str
+        What the test is called.
+    lines, noise, validation
+        As for `updyn.update`.
+    """
+
+    __test__ = False  # not a test, whatever its name suggests to pytest
+
+    model: Model
+    frf: FRF
+    name: str = ""
+    lines: Lines = None
+    noise: Mapping[str, float | str] | str | None = None
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None
+
+
+def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
+    """Check that tests and unknowns fit together.
+
+    Raises
+    ------
+    InputError
+        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is
+        no DOF of its model.
+    """
+    kinds = (
+        [(test.model, Model) for test in tests]
+        + [(test.frf, FRF) for test in tests]
+        + [(parameters, ParameterSet)]
+    )
+    for given, kind in kinds:
+        if not isinstance(given, kind):
+            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+    for p in parameters:
+        for d in p.acts_on:
+            if p.is_channel:
+                check_channel(d.group, d.quantity, [test.frf for test in tests], p.name)
+            elif not any(has_quantity(test.model, d.group, d.quantity) for test in tests):
+                tests[0].model.group(d.group)  # names the nearest where there is none
+                raise ParameterError(
+                    f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
+                )
+    for test in tests:
+        test.model.dofs.match(test.frf.responses, "response")
+        test.model.dofs.match(test.frf.references, "reference")
+        _warn_of_axes(test)
+
+
+def _warn_of_axes(test: Test) -> None:
+    """Warn where the measurement says that a sensor or a force does not point along the DOF of its name."""
+    placed = test.frf.geometry
+    if placed is None or placed.axes is None:
+        return
+    modelled = test.model.geometry
+    for dof in dict.fromkeys([*test.frf.responses, *test.frf.references]):
+        told = _axes_at(placed, dof.node)
+        if told is None:
+            continue
+        own = None if modelled is None else _axes_at(modelled, dof.node)
+        axis = DIRECTIONS.index(dof.direction) % 3
+        cosine = float(told[axis] @ (np.eye(3) if own is None else own)[axis])
+        if cosine < _ALONG:
+            angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            text = (
+                f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as"
+                " it points"
+            )
+            warnings.warn(text, UpdynWarning, stacklevel=4)
+            return
+
+
+def _axes_at(geometry: Geometry, node: int) -> NDArray[np.float64] | None:
+    at = np.flatnonzero(geometry.nodes == node)
+    return None if geometry.axes is None or not at.size else np.asarray(geometry.axes[at[0]])
+
+
+def has_quantity(model: Model, group: str, quantity: str) -> bool:
+    """Return whether a model has a group with a quantity."""
+    return group in model.groups and model.groups[group].has(quantity)
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """Data that are fitted and data that are held out.
+
+    Attributes
+    ----------
+    whole : FRF
+        All data.
+    fitted : FRF
+        What is fitted.
+    responses : tuple of str
+        Labels of the responses that are held out.
+    band : tuple of (float, float) or None
+        Band that is held out, in Hz.
+    held : FRF or None
+        What is held out.
+    """
+
+    whole: FRF
+    fitted: FRF
+    responses: tuple[str, ...] = ()
+    band: tuple[float, float] | None = None
+    held: FRF | None = None
+
+
+def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | None) -> Split:
+    """Hold responses, or a band, out of the data.
+
+    Parameters
+    ----------
+    frf : FRF
+        All data.
+    validation : iterable of str or Dof, or (float, float), optional
+        Responses, or a band in Hz.
+
+    Raises
+    ------
+    DataError
+        If the band or the responses are not understood, or nothing is left to fit.
+    DofError
+        If a response is not in the data.
+    """
+    given = [] if validation is None else list(validation)
+    if not given:
+        return Split(frf, frf)
+    if all(isinstance(v, int | float) for v in given):
+        if len(given) != 2:
+            raise DataError(
+                f"validation {given!r}: expected two frequencies in Hz, or response labels"
+            )
+        low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
+        held = frf.select(band=(low, high))
+        kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
+        if kept.size == 0:
+            raise DataError(
+                f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit"
+            )
+        return Split(frf, frf.select(lines=kept), band=(low, high), held=held)
+    chosen = DofSet(given)  # type: ignore[arg-type]
+    at = np.sort(frf.responses.match(chosen, "validation response").index)
+    rest = np.setdiff1d(np.arange(len(frf.responses)), at)
+    if rest.size == 0:
+        raise DataError("validation holds out all responses: nothing is left to fit")
+    held_set, fitted_set = frf.responses[at], frf.responses[rest]
+    return Split(
+        frf,
+        frf.select(responses=fitted_set),
+        tuple(held_set.labels),
+        held=frf.select(responses=held_set),
+    )
+
+
+def complete_parts(
+    freq: ArrayLike,
+    values: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str,
+    coherence: ArrayLike | None = None,
+    variance: ArrayLike | None = None,
+    averages: int | None = None,
+    geometry: Geometry | None = None,
+    source: str = "",
+) -> tuple[FRF, ...]:
+    """Cut data in which values are missing into FRFs in which none is.
+
+    A sensor that dropped out over some lines, or was not mounted for one of the forces, leaves
+    gaps. No `FRF` has any. What was measured is cut into rectangles of lines, responses and
+    references, in which pairs of response and reference with the same lines stand together. Every
+    value that is there is in one of them, and nothing else. Fit them as tests of one structure
+    (`updyn.update_jointly`).
+
+    Parameters
+    ----------
+    freq : array_like of float, shape (n_f,)
+        Lines in Hz.
+    values : array_like of complex, shape (n_f, n_responses, n_references)
+        As for `updyn.FRF`, but not-a-number, or masked, where a value is missing or not to be used.
+    responses, references, quantity
+        As for `updyn.FRF`.
+    coherence, variance : array_like of float, shape of `values`, optional
+        As for `updyn.FRF`. They count only where `values` has a value, and have to have one there.
+    averages, geometry, source
+        As for `updyn.FRF`.
+
+    Returns
+    -------
+    tuple of FRF
+        The largest first; one, with everything, where there is no gap. Their source says what is
+        missing, in words.
+
+    Raises
+    ------
+    DataError
+        If nothing is left, a value is infinite, or something else than values is missing.
+    DofError
+        If a label cannot be read or stands twice.
+    """
+    lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
+    array = np.ma.filled(np.ma.asarray(values).astype(np.complex128), np.nan)
+    shape = (len(lines), len(rows), len(columns))
+    if array.shape != shape:
+        raise DataError(
+            f"values: expected shape (lines, responses, references) = {shape}, found {array.shape}"
+        )
+    infinite = np.argwhere(np.isinf(array))
+    if len(infinite):
+        i, j, k = infinite[0]
+        raise DataError(
+            f"values at {lines[i]:g} Hz, response {rows[j]}, reference {columns[k]} is infinite;"
+            " what is missing is not-a-number"
+        )
+    there = ~np.isnan(array)
+    if not there.any():
+        raise DataError("values: all are missing")
+    told = f"{source}; {_words(there)}".removeprefix("; ") if not there.all() else source
+    beside = {
+        name: None if a is None else np.asarray(a)
+        for name, a in (("coherence", coherence), ("variance", variance))
+    }
+    for name, given in beside.items():
+        if given is not None and given.shape != shape:
+            raise DataError(
+                f"{name}: expected shape (lines, responses, references) = {shape}, found"
+                f" {given.shape}"
+            )
+
+    def part(at: tuple[NDArray[np.intp], ...]) -> FRF:
+        own: dict[str, Any] = {
+            name: None if a is None else a[np.ix_(*at)] for name, a in beside.items()
+        }
+        return FRF(
+            lines[at[0]],
+            array[np.ix_(*at)],
+            [rows[int(j)] for j in at[1]],
+            [columns[int(k)] for k in at[2]],
+            quantity,
+            averages=averages,
+            geometry=geometry,
+            source=told,
+            **own,
+        )
+
+    parts = [part(at) for at in _rectangles(there)]
+    return tuple(
+        sorted(parts, key=lambda frf: -frf.values.size)
+    )  # sorted keeps the order of equals
+
+
+def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
+    """Return lines, responses and references of rectangles that cover each True once."""
+    by_lines: dict[bytes, dict[int, list[int]]] = {}
+    for j, k in np.ndindex(there.shape[1:]):
+        if there[:, j, k].any():
+            by_lines.setdefault(there[:, j, k].tobytes(), {}).setdefault(j, []).append(k)
+    out: list[tuple[NDArray[np.intp], ...]] = []
+    for lines, pairs in by_lines.items():
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for j, ks in pairs.items():
+            alike.setdefault(tuple(ks), []).append(j)
+        at = np.flatnonzero(np.frombuffer(lines, dtype=bool))
+        out += [(at, np.array(js), np.array(ks)) for ks, js in alike.items()]
+    return out
+
+
+def _words(there: NDArray[np.bool_]) -> str:
+    """Say what is missing: ``1 of 42 channels misses 17 of 400 lines``."""
+    gone = (~there).sum(axis=0).ravel()
+    some, counts = int((gone > 0).sum()), np.unique(gone[gone > 0])
+    few = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return (
+        f"{some} of {gone.size} channels miss{'es' if some == 1 else ''} {few} of {len(there)}"
+        " lines"
+    )

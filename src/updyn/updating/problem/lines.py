@@ -1,0 +1,263 @@
+"""Choosing lines: all, a list, or the ones that tell most about the unknowns."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import OptionError, suggest
+from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.session import Record
+
+__all__ = [
+    "a_optimal",
+    "choose_lines",
+    "d_optimal",
+    "on_lines",
+]
+
+_RELATIVE_FLOOR = 1e-2
+#: Lines are exchanged where there are at most so many times as many as unknowns, at most so often,
+#: and for a rise of log det of at least this.
+_FEW, _EXCHANGES, _RISE = 2, 20, 1e-6
+
+
+def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.intp]:
+    """Return the positions of the lines to use in the problem's data.
+
+    Parameters
+    ----------
+    lines : None, str or array_like of float
+        None: all. ``"d-optimal:40"``: the 40 that tell most of all unknowns together;
+        ``"a-optimal:40"``: the 40 that leave them least uncertain, ``"a-optimal:40:shaft.*"`` those
+        of that name, globs with commas between. Else frequencies in Hz, each a line of the data.
+    problem : Problem
+        Built on all lines.
+
+    Raises
+    ------
+    OptionError
+        If the text is not understood, asks for more lines than there are, or for unknowns that
+        there are not.
+    DataError
+        If a frequency is not a line of the data.
+    """
+    frf = problem.frf
+    if lines is None:
+        return np.arange(len(frf.freq))
+    if isinstance(lines, str):
+        found = re.fullmatch(r"([ad])-optimal:(\d+)(?::(.+))?", lines)
+        if found is None or (found[1] == "d" and found[3]):
+            raise OptionError(
+                f"lines {lines!r}: expected 'd-optimal:N' or 'a-optimal:N' with a whole number N,"
+                " after the latter a colon and names of unknowns where only some count, or"
+                " frequencies in Hz"
+            )
+        count = int(found[2])
+        if not 1 <= count <= len(frf.freq):
+            raise OptionError(
+                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from"
+            )
+        wanted = _wanted(lines, found[3], problem.coordinates.parameters.names)
+        return d_optimal(problem, count) if found[1] == "d" else a_optimal(problem, count, wanted)
+    return frf.find_lines(lines)
+
+
+def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
+    """Choose lines one by one, each the one that raises the determinant of the Fisher information most.
+
+    The information is taken at the start of the unknowns, for noise that is relative with a floor
+    of 1 % of the rms of all data of the same unit, as sensors have. Loss factors are taken as at
+    least 0.02 there, so that a peak that is not yet in its place still draws lines to its flanks.
+
+    Parameters
+    ----------
+    problem : Problem
+        Built on all lines.
+    count : int
+        How many lines to choose.
+
+    Returns
+    -------
+    ndarray of int, shape (count,)
+        Positions, ascending.
+
+    Notes
+    -----
+    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). Up to
+    twice as many lines as unknowns are then exchanged, one for one, as long as that raises it
+    (Fedorov's exchange): with so few the first choices, made before the determinant means much,
+    still count.
+    """
+    return _chosen(
+        problem, f"d-optimal {count}", lambda information: _most_telling(information, count)
+    )
+
+
+def a_optimal(
+    problem: Problem, count: int, wanted: Sequence[int] | None = None
+) -> NDArray[np.intp]:
+    """Choose lines one by one, each the one that lowers the variance of some unknowns most.
+
+    The mean over these unknowns of the variance over that with all lines; for one unknown it is
+    c-optimality. The information is that of `d_optimal`.
+
+    Parameters
+    ----------
+    problem : Problem
+        Built on all lines.
+    count : int
+        How many lines to choose.
+    wanted : sequence of int, optional
+        The unknowns that count, by position; by default all. The others are fitted all the same.
+
+    Returns
+    -------
+    ndarray of int, shape (count,)
+        Positions, ascending.
+
+    Notes
+    -----
+    Greedy minimisation of a weighted trace of the covariance (Fedorov, Theory of Optimal
+    Experiments, 1972, chapter 2).
+    """
+    at = list(range(problem.n)) if wanted is None else list(wanted)
+    return _chosen(
+        problem,
+        f"a-optimal {count} {at}",
+        lambda information: _least_uncertain(information, count, at),
+    )
+
+
+def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | None:
+    """Return the positions of the unknowns that fit the globs."""
+    if names is None:
+        return None
+    at: set[int] = set()
+    for pattern in (text.strip() for text in names.split(",")):
+        fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
+        if not fits:
+            raise OptionError(f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}")
+        at.update(fits)
+    return sorted(at)
+
+
+def _chosen(
+    problem: Problem, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
+) -> NDArray[np.intp]:
+    """Choose by the information of each line, shape (n_f, n, n)."""
+    x = _start(problem)
+    floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
+
+    def compute() -> Record:
+        items = [(x, floor, lines) for lines in problem.partition()]
+        return (choose(np.concatenate(list(problem.each(_information, items)))),)
+
+    return problem.recall("lines", x, compute, kind)[0]
+
+
+def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    information, total = _scaled(information)
+    chosen: list[int] = []
+    left = np.ones(len(information), dtype=np.bool_)
+    for _ in range(count):
+        gain = np.linalg.slogdet(total + information)[1]
+        gain[~left] = -np.inf
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        left[best] = False
+        total = total + information[best]
+    if count <= _FEW * information.shape[1]:
+        chosen = _exchanged(information, total, chosen)
+    return np.sort(np.array(chosen, dtype=np.intp))
+
+
+def _exchanged(
+    information: NDArray[np.float64], total: NDArray[np.float64], chosen: list[int]
+) -> list[int]:
+    """Exchange one chosen line at a time for one that is not, the best pair first, as long as log det rises."""
+    chosen = list(chosen)
+    for _ in range(_EXCHANGES):
+        others = np.setdiff1d(np.arange(len(information)), chosen)
+        if not others.size:
+            break
+        now = np.linalg.slogdet(total)[1]
+        rises = [
+            np.linalg.slogdet(total - information[c] + information[others])[1] - now for c in chosen
+        ]
+        out, into = np.unravel_index(int(np.argmax(rises)), (len(chosen), len(others)))
+        if rises[out][into] < _RISE:
+            break
+        total = total - information[chosen[out]] + information[others[into]]
+        chosen[out] = int(others[into])
+    return chosen
+
+
+def _least_uncertain(
+    information: NDArray[np.float64], count: int, wanted: list[int]
+) -> NDArray[np.intp]:
+    information, total = _scaled(information)
+    unit = np.broadcast_to(np.eye(len(total)), information.shape)
+
+    def variances(of: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.einsum("fpp->fp", np.linalg.solve(of, unit[: len(of)]))[:, wanted])
+
+    least = variances((total + information.sum(axis=0))[None])[0]
+    chosen: list[int] = []
+    left = np.ones(len(information), dtype=np.bool_)
+    for _ in range(count):
+        cost = (variances(total + information) / least).mean(axis=1)
+        cost[~left] = np.inf
+        best = int(np.argmin(cost))
+        chosen.append(best)
+        left[best] = False
+        total = total + information[best]
+    return np.sort(np.array(chosen, dtype=np.intp))
+
+
+def _scaled(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the information in units of that of all lines, and what each unknown is given for a beginning."""
+    scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
+    return information / scale[:, None] / scale, 1e-9 * np.eye(len(scale))
+
+
+def _start(problem: Problem) -> NDArray[np.float64]:
+    coordinates = problem.coordinates
+    x = coordinates.to_x(coordinates.parameters.start)
+    highest = coordinates.to_x(coordinates.parameters.upper)
+    return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
+
+
+def _information(
+    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+) -> NDArray[np.float64]:
+    """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
+    x, floor, lines = item
+    block = problem.block(x, lines)
+    assert block.dH is not None
+    weight = 1.0 / np.hypot(np.abs(block.H), floor)
+    J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
+    return np.asarray(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
+
+
+Lines = str | ArrayLike | None
+
+
+def on_lines(problem: Problem, lines: Lines) -> Problem:
+    """Return the problem on chosen lines of its data.
+
+    Raises
+    ------
+    InputError
+        If the choice is not understood, or a line is not in the data.
+    """
+    at = choose_lines(lines, problem)
+    if len(at) == len(problem.frf.freq):
+        return problem
+    return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))

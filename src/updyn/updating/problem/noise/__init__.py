@@ -1,0 +1,164 @@
+"""Noise models: how uncertain each measured value is, given or estimated; one file each.
+
+Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half
+of it each. Where the noise is proportional the model's |H| is used, not the measured one, as
+weights made from noisy data bias the estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from updyn.errors import OptionError, suggest
+from updyn.frf import FRF
+from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
+from updyn.updating.problem.noise.known import (
+    ASSUMED,
+    Assumed,
+    Coherence,
+    NoiseModel,
+    Stated,
+    Variance,
+    level_by_unit,
+)
+from updyn.updating.problem.noise.repeats import average
+from updyn.updating.problem.noise.robust import FREEDOM, Robust
+
+__all__ = [
+    "ASSUMED",
+    "Assumed",
+    "Coherence",
+    "Estimated",
+    "EstimatedByChannel",
+    "NoiseModel",
+    "Robust",
+    "Stated",
+    "Variance",
+    "average",
+    "choose_noise",
+    "level_by_unit",
+    "noise_of_record",
+]
+
+NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
+
+#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of
+#: freedom.
+SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
+    "variance": lambda frf, tails: Variance(),
+    "coherence": lambda frf, tails: Coherence.of(frf),
+    "estimated": lambda frf, tails: Estimated(tails=tails),
+    "estimated-by-channel": lambda frf, tails: EstimatedByChannel(tails),
+}
+_NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
+
+
+def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
+    """Choose the noise model.
+
+    Parameters
+    ----------
+    noise : None, str or mapping
+        None: from the data's variance, else their coherence (of two averages or more), else
+        estimated. ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"``
+        force one. A mapping with ``relative`` and/or ``floor`` states it; one with ``source``
+        forces one as the text does; in both ``robust = "student-t"`` gives less weight to outliers,
+        and alone keeps the default source.
+    frf : FRF
+        The data of the fit.
+
+    Raises
+    ------
+    OptionError
+        If a name or key is not known, a number is not usable, or the data lack what is asked for.
+    """
+    if not isinstance(noise, Mapping):
+        return _sourced(noise, frf)
+    for key in noise:
+        if key not in _KEYS:
+            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), _KEYS)}")
+    robust = noise.get("robust")
+    if robust not in (None, Robust.name):
+        raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
+    numbers = {key: noise[key] for key in _NUMBERS if key in noise}
+    if numbers and "source" in noise:
+        raise OptionError(
+            "noise: relative and floor state it, source takes it from elsewhere; give one of"
+            " the two"
+        )
+    tails = np.inf if robust is None else FREEDOM
+    stated = numbers or not (robust or "source" in noise)
+    made = _stated(numbers) if stated else _sourced(noise.get("source"), frf, tails)
+    return made if robust is None else Robust(made)
+
+
+def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
+    if source is None:
+        single = frf.averages == 1  # its coherence is 1 whatever the noise
+        usable = frf.coherence is not None and not single
+        source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
+    if source not in SOURCES:
+        raise OptionError(
+            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor"
+        )
+    if source in ("variance", "coherence") and getattr(frf, source) is None:
+        raise OptionError(f"noise {source!r}: the data carry no {source}")
+    if source == "coherence" and frf.averages == 1:
+        raise OptionError(
+            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing"
+        )
+    return SOURCES[source](frf, tails)
+
+
+def _stated(noise: Mapping[str, float | str]) -> Stated:
+    usable: dict[str, float] = {}
+    for key, value in noise.items():
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not np.isfinite(value)
+            or value < 0
+        ):
+            raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
+        usable[key] = float(value)
+    stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
+    if stated.relative == stated.floor == 0.0:
+        raise OptionError(
+            "noise: relative and floor are both 0; data without noise need no noise model, leave"
+            " it out"
+        )
+    return stated
+
+
+def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
+    """Return the noise model that a result tells of, with nothing left to estimate but what a robust one weighs.
+
+    Parameters
+    ----------
+    record : mapping
+        ``noise`` of a result.
+    frf : FRF
+        The data that the fit could see, lines that it left out included.
+
+    Raises
+    ------
+    OptionError
+        If the data lack what the record speaks of.
+    """
+    base: NoiseModel
+    if record.get("kind") in ("variance", "coherence"):
+        base = _sourced(record["kind"], frf)
+    elif "relative_by_channel" in record:
+        relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
+        lacking = [label for label in frf.responses.labels if label not in relative]
+        if lacking:
+            raise OptionError(f"noise by channel: nothing is known of response {lacking[0]}")
+        names = tuple(frf.responses.labels)
+        a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
+        base = EstimatedByChannel(relative=a, floor=b, names=names, held=True)
+    else:
+        base = Stated(float(record.get("relative", 0.0)), float(record.get("floor", 0.0)))
+    return Robust(base) if record.get("robust") == Robust.name else base

@@ -1,0 +1,117 @@
+"""Repeated measurements: their mean, and how far apart they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from updyn.dofs import DofSet
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.updating.problem.noise.known import level_by_unit, steady
+
+__all__ = ["average"]
+
+
+def average(repeats: Iterable[FRF]) -> FRF:
+    """Return the mean of repeated measurements, with the variance of the mean.
+
+    Parameters
+    ----------
+    repeats : iterable of FRF
+        At least two, of the same lines, responses, references and quantity, in the same order:
+        nothing is reordered, converted or interpolated (`FRF.select` and `FRF.converted` do). Each
+        counts the same.
+
+    Returns
+    -------
+    FRF
+        The mean of the values. Its variance E|dH|^2 is sum |H - mean|^2 / (m (m - 1)) over m
+        repeats, which with few of them scatters by 1 / sqrt(m - 1); it is made steady along the
+        lines of each channel, as weights have to be. Geometry is that of the first that has one.
+        Coherence and averages of the single repeats are left out: the variance holds what they say,
+        and what differs from repeat to repeat besides.
+
+    Raises
+    ------
+    DataError
+        If there are fewer than two, they do not agree, or two hold the same values.
+
+    Notes
+    -----
+    The variance of n complex values about their mean has n - 1 complex degrees of freedom (Bendat &
+    Piersol, Random Data, 4th ed. 2010, section 4.2, for one real variable). An error that all
+    repeats share (calibration, the mass of a sensor) does not show.
+    """
+    listed = list(repeats)
+    for number, frf in enumerate(listed, 1):
+        if not isinstance(frf, FRF):
+            raise DataError(
+                f"average: expected FRFs, found {type(frf).__name__} as number {number}"
+            )
+    if len(listed) < 2:
+        raise DataError(f"average: expected at least two repeats, found {len(listed)}")
+    first = listed[0]
+    for number, other in enumerate(listed[1:], 2):
+        _check(first, other, number)
+    for i, one in enumerate(listed):
+        for j in range(i):
+            if np.array_equal(one.values, listed[j].values):
+                raise DataError(
+                    f"average: repeats {j + 1} and {i + 1} hold the same values; each test counts"
+                    " once"
+                )
+    values = np.array([frf.values for frf in listed])
+    mean, m = values.mean(axis=0), len(listed)
+    least = (1e-9 * np.abs(mean)) ** 2 + (1e-9 * level_by_unit(replace(first, values=mean))) ** 2
+    spread = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
+    variance = steady(spread + least, np.abs(mean), m - 1).at(np.abs(mean))
+    return replace(
+        first,
+        values=mean,
+        variance=variance,
+        coherence=None,
+        averages=None,
+        geometry=next((frf.geometry for frf in listed if frf.geometry is not None), None),
+        source=f"mean of {m}: "
+        + ", ".join(dict.fromkeys(frf.source or "unnamed" for frf in listed)),
+    )
+
+
+def _check(first: FRF, other: FRF, number: int) -> None:
+    if other.quantity != first.quantity:
+        raise DataError(
+            f"average: repeat {number} holds {other.quantity}, the first {first.quantity};"
+            " convert one"
+        )
+    if len(other.freq) != len(first.freq) or (other.freq != first.freq).any():
+        what = f"has {len(other.freq)} lines, the first {len(first.freq)}"
+        if len(other.freq) == len(first.freq):
+            at = int(np.flatnonzero(other.freq != first.freq)[0])
+            what = (
+                f"has line {at + 1} at {other.freq[at]:.9g} Hz, the first at"
+                f" {first.freq[at]:.9g} Hz"
+            )
+        raise DataError(f"average: repeat {number} {what}; lines are not interpolated")
+    for what in ("responses", "references"):
+        _check_labels(getattr(first, what), getattr(other, what), what, number)
+
+
+def _check_labels(wanted: DofSet, found: DofSet, what: str, number: int) -> None:
+    ours, theirs = list(wanted.labels), list(found.labels)
+    if ours == theirs:
+        return
+    lacking = [label for label in ours if label not in theirs]
+    more = [label for label in theirs if label not in ours]
+    if lacking or more:
+        parts = [f"lacks {', '.join(lacking[:3])}"] * bool(lacking) + [
+            f"has {', '.join(more[:3])} besides"
+        ] * bool(more)
+        raise DataError(
+            f"average: {what} of repeat {number}: {' and '.join(parts)}; select what all have"
+        )
+    raise DataError(
+        f"average: {what} of repeat {number} stand in another order; `select` brings them into one"
+    )

@@ -1,0 +1,116 @@
+"""Noise with outliers: values that the model and the other values make unlikely count less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.problem.noise.known import NoiseModel
+
+__all__ = ["FREEDOM", "Robust"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Degrees of freedom of Student's distribution: it costs 7 % of efficiency where the noise is
+#: Gaussian.
+FREEDOM = 5.0
+#: Weights below this share of the largest are reported: values beyond 4.7 standard deviations; and
+#: where half are so, lines and channels.
+_SMALL = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robust:
+    """Another noise model, with the tails of Student's distribution instead of the Gaussian ones.
+
+    A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v,
+    and the weight (nu + 2) / (nu + 2 |r|^2 / v), renewed with those of the noise (iteratively
+    reweighted least squares; Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 3).
+    The bulk sets the level: where it is estimated, it is taken such that the median of |r|^2 is
+    that of Gaussian noise. The weights are divided by one number, so that the Jacobian weighted by
+    them gives the covariance of an M-estimate, E psi^2 / (E psi')^2 (Huber, Robust Statistics,
+    1981, eq. 6.4 of chapter 7), with both means taken from the residual.
+
+    Parameters
+    ----------
+    base : NoiseModel
+        The noise without its outliers.
+    factor : float
+        On its variance, where its level is not known.
+    weight : ndarray of float, shape (n_f, n_i, n_j), optional
+        What the variance is divided by, once a residual was seen.
+    seen : dict
+        For the record: what was down-weighted.
+    """
+
+    base: NoiseModel
+    factor: float = 1.0
+    weight: _Real | None = None
+    seen: dict[str, Any] = field(default_factory=dict)
+    name: ClassVar[str] = "student-t"
+
+    @property
+    def kind(self) -> str:
+        """How the noise is known."""
+        return self.base.kind
+
+    @property
+    def scale_known(self) -> bool:
+        """Whether the variance is known absolutely: it is, at the latest once a residual was seen."""
+        return True
+
+    def variance(self, H: _Complex, frf: FRF) -> _Real:
+        """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
+        plain = self.factor * self.base.variance(H, frf)
+        return (
+            plain
+            if self.weight is None or self.weight.shape != plain.shape
+            else plain / self.weight
+        )
+
+    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
+        """Return the model with weights from the residual frf - H."""
+        base = self.base.refit(H, frf, n_parameters)
+        if 2 * H.size <= n_parameters:  # no residual is left that could tell
+            return Robust(base)
+        squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
+        power = squared / base.variance(H, frf)  # |r|^2 / v
+        bulk = float(np.median(power) / np.log(2.0))
+        follows = not base.scale_known or base.kind.startswith("estimated")
+        factor = bulk if follows and bulk > 0.0 else 1.0
+        power = power / factor
+        weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)
+        slope = (
+            FREEDOM / (FREEDOM + 2.0) * float(np.mean(weight**2))
+        )  # of psi, the mean over both parts
+        spread = float(np.mean(weight**2 * power)) / slope**2
+        level = max(float(np.mean(weight)) * spread, 1e-12)
+        small = weight * FREEDOM / (FREEDOM + 2.0) < _SMALL
+        seen = {
+            "robust": self.name,
+            "chi_square": 1.0 if follows else bulk,
+            "down_weighted": float(np.mean(small)),
+            "down_weighted_lines": [float(f) for f in frf.freq[small.mean(axis=(1, 2)) >= 0.5]],
+            "down_weighted_channels": [
+                f"{frf.responses[i]} / {frf.references[j]}"
+                for i, j in np.argwhere(small.mean(axis=0) >= 0.5)
+            ],
+        }
+        return replace(self, base=base, factor=factor, weight=weight / level, seen=seen)
+
+    def figures(self) -> dict[str, Any]:
+        """Return those of the noise in the bulk, and what was down-weighted."""
+        plain = self.base.figures()
+        scale = float(np.sqrt(self.factor))
+        level: dict[str, Any] = {
+            k: float(v * scale) for k, v in plain.items() if k in ("relative", "floor")
+        }
+        for key in ("relative_by_channel", "floor_by_channel"):
+            if key in plain:
+                level[key] = {name: value * scale for name, value in plain[key].items()}
+        return {**plain, **level, **self.seen}

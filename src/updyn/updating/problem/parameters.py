@@ -1,0 +1,693 @@
+"""The unknowns: what may change, from where, how far, and what each acts on."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import ParameterError, suggest
+from updyn.group import GROUP_QUANTITIES, VALUES
+from updyn.model import Model
+
+__all__ = [
+    "CHANNELS",
+    "DEFAULT_BOUNDS",
+    "Drive",
+    "Parameter",
+    "ParameterSet",
+    "finite",
+    "link",
+    "parameters",
+]
+
+#: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is
+#: one of.
+CHANNELS = {"calibration": "response", "force_calibration": "reference"}
+_QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What an unknown acts on.
+
+    Parameters
+    ----------
+    group, quantity : str
+        Where; of a calibration factor (`updyn.calibration`) the label of the sensor. What is a
+        value (loss factor, Rayleigh coefficients) is set to the unknown's; anything else is
+        multiplied by value**power.
+    power : float
+        The exponent; 1 for a value.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for
+        a value.
+    """
+
+    group: str
+    quantity: str
+    power: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.quantity not in _QUANTITIES:
+            raise ParameterError(
+                f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
+            )
+        object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
+        if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
+            said = self.quantity.replace("_", " ")
+            expected = (
+                f"1, as a {said} is a value" if self.quantity in VALUES else "a number other than 0"
+            )
+            raise ParameterError(f"{self.name!r}: power {self.power:g}; expected {expected}")
+
+    @property
+    def name(self) -> str:
+        """``group.quantity``."""
+        return f"{self.group}.{self.quantity}"
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One unknown.
+
+    Parameters
+    ----------
+    group, quantity : str
+        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start;
+        ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a
+        linked unknown: what it is called.
+    start, lower, upper : float
+        Start and bounds, in the unit of the unknown.
+    prior_std : float, optional
+        Standard deviation of a Gaussian prior about `start`, in its unit; of the logarithm for a
+        factor, so that 0.3 means about 30 %.
+    drives : tuple of Drive
+        What a linked unknown acts on (`updyn.link`); empty: on its own group and quantity.
+    nominal : float, optional
+        What a factor of 1 stands for, in `unit` (a modulus, a thickness); reports show the product.
+    unit : str
+        Unit of `nominal`.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity is not known, a number is not finite, bounds are out of order or do not fit
+        the quantity, the start lies outside, or the drives do not fit together.
+    """
+
+    group: str
+    quantity: str
+    start: float
+    lower: float
+    upper: float
+    prior_std: float | None = None
+    drives: tuple[Drive, ...] = ()
+    nominal: float | None = None
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "drives", tuple(self.drives))
+        self._check_drives()
+        for what in ("start", "lower", "upper"):
+            object.__setattr__(
+                self, what, finite(getattr(self, what), f"unknown {self.name!r}: {what}")
+            )
+        if not self.lower < self.upper:
+            raise ParameterError(
+                f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the"
+                " lower one first"
+            )
+        if not self.lower <= self.start <= self.upper:
+            raise ParameterError(
+                f"unknown {self.name!r} starts at {self.start:g}, outside its bounds"
+                f" ({self.lower:g}, {self.upper:g})"
+            )
+        if self.is_factor and self.lower <= 0:
+            raise ParameterError(
+                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0"
+            )
+        if not self.is_factor and self.lower < 0:
+            raise ParameterError(
+                f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound"
+                f" {self.lower:g}"
+            )
+        if self.prior_std is not None:
+            object.__setattr__(
+                self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std")
+            )
+            if self.prior_std <= 0:
+                raise ParameterError(
+                    f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number"
+                    " above 0"
+                )
+        elif self.is_channel:
+            raise ParameterError(
+                f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05"
+            )
+        if self.nominal is not None:
+            object.__setattr__(
+                self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal")
+            )
+            if not self.is_factor or self.nominal <= 0:
+                expected = (
+                    "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
+                )
+                raise ParameterError(
+                    f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}"
+                )
+
+    def _check_drives(self) -> None:
+        if not self.drives and self.quantity not in _QUANTITIES:
+            raise ParameterError(
+                f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
+            )
+        names = [d.name for d in self.drives]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ParameterError(
+                f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers"
+            )
+        if len({d.quantity in CHANNELS for d in self.drives}) > 1:
+            raise ParameterError(
+                f"unknown {self.name!r} acts on sensors and on the model; use two unknowns"
+            )
+        kinds = {d.quantity if d.quantity in VALUES else "" for d in self.drives}
+        if len(kinds) > 1:
+            value = max(kinds).replace("_", " ")
+            raise ParameterError(
+                f"unknown {self.name!r} acts on {value}s and on other quantities; use two unknowns"
+            )
+
+    @property
+    def name(self) -> str:
+        """``group.quantity``."""
+        return f"{self.group}.{self.quantity}"
+
+    @property
+    def acts_on(self) -> tuple[Drive, ...]:
+        """What the unknown acts on."""
+        return self.drives or (Drive(self.group, self.quantity),)
+
+    @property
+    def law(self) -> str:
+        """What a linked unknown acts on, in words: ``"skin.stiffness, bend.stiffness^3"``; empty for others."""
+        return ", ".join(d.name + (f"^{d.power:g}" if d.power != 1.0 else "") for d in self.drives)
+
+    def physical(self, value: float, std: float = math.nan) -> str:
+        """Return a value of the unknown as the quantity that it stands for; empty where `nominal` is not given.
+
+        Parameters
+        ----------
+        value, std : float
+            In the unit of the unknown; the deviation may be nan or inf.
+        """
+        if self.nominal is None:
+            return ""
+        spread = f" ± {std * self.nominal:.2g}" if math.isfinite(std) else ""
+        return f"{value * self.nominal:.6g}{spread} {self.unit}".rstrip()
+
+    @property
+    def is_factor(self) -> bool:
+        """Whether the unknown is a positive factor, treated in its logarithm inside the optimiser."""
+        return self.value_of is None
+
+    @property
+    def is_channel(self) -> bool:
+        """Whether the unknown is a calibration factor of sensors, which no model knows."""
+        return self.acts_on[0].quantity in CHANNELS
+
+    @property
+    def value_of(self) -> str | None:
+        """Which value the unknown is: ``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None: a factor."""
+        quantity = self.acts_on[0].quantity
+        return quantity if quantity in VALUES else None
+
+    @property
+    def value_unit(self) -> str:
+        """Unit of the unknown itself; empty for factors and loss factors."""
+        return VALUES.get(self.value_of or "", "")
+
+    @property
+    def _said(self) -> str:
+        return (self.value_of or "factor").replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet(Sequence[Parameter]):
+    """An ordered, immutable set of unknowns.
+
+    Parameters
+    ----------
+    items : tuple of Parameter
+        The unknowns, each group and quantity once.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or one stands twice.
+    """
+
+    items: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "items", tuple(self.items))
+        names = Counter(p.name for p in self.items)
+        twice = [name for name, count in names.items() if count > 1]
+        if twice:
+            raise ParameterError(f"unknown {twice[0]!r} stands twice")
+        values: dict[str, str] = {}
+        for p in self.items:
+            for d in p.acts_on:
+                if d.quantity in VALUES and values.setdefault(d.name, p.name) != p.name:
+                    raise ParameterError(
+                        f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}"
+                    )
+        if not names:
+            raise ParameterError("there is nothing to update: no unknown is chosen")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @overload
+    def __getitem__(self, item: int) -> Parameter: ...
+    @overload
+    def __getitem__(self, item: slice) -> ParameterSet: ...
+    def __getitem__(self, item: int | slice) -> Parameter | ParameterSet:
+        return ParameterSet(self.items[item]) if isinstance(item, slice) else self.items[item]
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.items)
+
+    def __add__(self, other: ParameterSet) -> ParameterSet:
+        return ParameterSet(self.items + other.items)
+
+    @property
+    def names(self) -> list[str]:
+        """Names, in order."""
+        return [p.name for p in self.items]
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Start values, shape (n,)."""
+        return np.array([p.start for p in self.items])
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower bounds, shape (n,)."""
+        return np.array([p.lower for p in self.items])
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper bounds, shape (n,)."""
+        return np.array([p.upper for p in self.items])
+
+    @property
+    def is_factor(self) -> NDArray[np.bool_]:
+        """Which unknowns are positive factors, not values of damping; shape (n,)."""
+        return np.array([p.is_factor for p in self.items])
+
+    def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
+        """Return a copy that starts elsewhere.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n,), or mapping of str to float
+            New starts; a mapping may name only some unknowns.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns with the same bounds.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not here, the length is wrong, or a value lies outside its bounds.
+        """
+        if isinstance(values, Mapping):
+            names = self.names
+            for name in values.keys() - set(names):
+                raise ParameterError(f"no unknown {name!r}; {suggest(str(name), names)}")
+            new = [values.get(p.name, p.start) for p in self.items]
+        else:
+            new = self._vector(values, "start values").tolist()
+        return ParameterSet(
+            tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True))
+        )
+
+    def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
+        """Return a copy in which some factors stand for quantities.
+
+        Parameters
+        ----------
+        nominal : mapping of str to float
+            By unknown, what a factor of 1 stands for.
+        unit : str
+            Their unit.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not here, or a number is not above 0.
+        """
+        for name in nominal.keys() - set(self.names):
+            raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
+        return ParameterSet(
+            tuple(
+                replace(p, nominal=nominal[p.name], unit=unit) if p.name in nominal else p
+                for p in self.items
+            )
+        )
+
+    def apply(self, model: Model, values: ArrayLike) -> Model:
+        """Return `model` with the unknowns at `values`; calibration factors are none of its business.
+
+        Parameters
+        ----------
+        model : Model
+            The model as it starts: factors count from it.
+        values : array_like of float, shape (n,)
+            The unknowns, in order. Bounds are not looked at.
+
+        Returns
+        -------
+        Model
+            The changed copy.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        ModelError
+            If the model lacks a group or a quantity, or a value is not finite.
+        """
+        return model.scaled(self.changes(values))
+
+    def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
+        """Return what the unknowns at `values` do to each group, as `Model.scaled` takes it; sensors are left out.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n,)
+            The unknowns, in order.
+
+        Returns
+        -------
+        dict of str to dict of str to float
+            By group and quantity: factors, and values of damping.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        """
+        changes: dict[str, dict[str, float]] = {}
+        for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
+            for d in () if parameter.is_channel else parameter.acts_on:
+                change = changes.setdefault(d.group, {})
+                if d.quantity in VALUES:
+                    change[d.quantity] = float(value)
+                else:
+                    change[d.quantity] = change.get(d.quantity, 1.0) * float(value) ** d.power
+        return changes
+
+    def _vector(self, values: ArrayLike, what: str) -> NDArray[np.float64]:
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"{what}: expected {len(self)} numbers ({error})") from error
+        if array.shape != (len(self),):
+            raise ParameterError(f"{what}: expected {len(self)}, found shape {array.shape}")
+        return array
+
+
+def finite(given: Any, what: str) -> float:
+    """Return a number, or refuse what is none or not finite as `what`."""
+    number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(
+        given, bool
+    )
+    if not (number and np.isfinite(given)):
+        raise ParameterError(f"{what}: expected a finite number, found {given!r}")
+    return float(given)
+
+
+#: Bounds where the user gives none. Factors may change a hundredfold; a loss factor of 10 is beyond
+#: any material, and so are Rayleigh coefficients that amount to it at 10 kHz (mass) or at 0.1 Hz
+#: (stiffness).
+DEFAULT_BOUNDS = {
+    "stiffness": (0.01, 100.0),
+    "mass": (0.01, 100.0),
+    "viscous": (0.001, 1000.0),
+    "loss_factor": (0.0, 10.0),
+    "mass_damping": (0.0, 6e5),
+    "stiffness_damping": (0.0, 16.0),
+}
+_LINKED = (
+    0.1,
+    10.0,
+)  # a factor that drives others by powers: ten times a thickness is a thousand times its bending
+
+
+def parameters(
+    model: Model,
+    *,
+    stiffness: str | Iterable[str] = (),
+    mass: str | Iterable[str] = (),
+    loss_factor: str | Iterable[str] = (),
+    viscous: str | Iterable[str] = (),
+    mass_damping: str | Iterable[str] = (),
+    stiffness_damping: str | Iterable[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior_std: Mapping[str, float] | None = None,
+) -> ParameterSet:
+    """Choose the unknowns: one for each group and quantity.
+
+    Parameters
+    ----------
+    model : Model
+        The model to update.
+    stiffness, mass, loss_factor, viscous, mass_damping, stiffness_damping : str or iterable of str
+        Group names or globs (``"gear*"``), or ``"all"``. A glob stands for those of its groups that
+        have the quantity, ``"all"`` for every group that has it. Stiffness, mass and viscous
+        unknowns are factors on the group's start (1 = unchanged). The others are values, and start
+        from the group's own: loss factors and stiffness damping (s) relative to the updated
+        stiffness, mass damping (1/s) to the updated mass.
+    bounds : mapping of str to (float, float), optional
+        By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns;
+        the most special wins (unknown, then the first glob that fits, then quantity). Damping whose
+        own value lies outside starts on the nearer bound.
+    prior_std : mapping of str to float, optional
+        Standard deviation of a prior about the start, by the same keys.
+
+    Returns
+    -------
+    ParameterSet
+        Ordered by group, then mass, stiffness, loss factor, viscous, mass damping, stiffness
+        damping as far as chosen.
+
+    Raises
+    ------
+    ParameterError
+        If a glob fits no group, a group lacks the quantity, a key of `bounds` or `prior_std` fits
+        no unknown, or nothing is chosen.
+    """
+    wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
+    wanted |= {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
+    chosen = {quantity: _groups(model, quantity, patterns) for quantity, patterns in wanted.items()}
+    items = []
+    for name, group in model.groups.items():
+        for quantity in wanted:
+            if name in chosen[quantity]:
+                low, high = DEFAULT_BOUNDS[quantity]
+                start = group.value(quantity)
+                items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
+    bounds = _table("bounds", bounds, items)
+    prior_std = _table("prior_std", prior_std, items)
+    out = []
+    for p in items:
+        if (pair := _most_special(bounds, p)) is not None:
+            low, high = _pair(pair, f"bounds of {p.name!r}")
+            start = p.start
+            if (
+                p.quantity in VALUES and low < high
+            ):  # the group's own value yields to the user's bounds
+                start = min(max(start, low), high)
+            p = Parameter(p.group, p.quantity, start, low, high)
+        out.append(replace(p, prior_std=_most_special(prior_std, p)))
+    return ParameterSet(tuple(out))
+
+
+def link(
+    model: Model,
+    name: str,
+    drives: Mapping[str, float] | Iterable[str],
+    *,
+    start: float | None = None,
+    bounds: tuple[float, float] | None = None,
+    prior_std: float | None = None,
+    nominal: float | None = None,
+    unit: str = "",
+) -> ParameterSet:
+    """Choose one unknown that acts on several groups by stated laws.
+
+    A thickness drives membrane stiffness and mass in proportion, bending stiffness with its cube; a
+    modulus drives every property of its material; a symmetric pair shares one stiffness. As the
+    model stays affine in the coefficients of its groups, the derivatives stay exact.
+
+    Parameters
+    ----------
+    model : Model
+        The model to update.
+    name : str
+        What the unknown is called, with one dot, such as ``"dish.thickness"``.
+    drives : mapping of str to float, or iterable of str
+        ``group.quantity``, or a glob over these, and the power with which the unknown enters:
+        ``{"skin.stiffness": 1, "bend.stiffness": 3, "skin.mass": 1}``. Without powers, 1 each. A
+        quantity that several unknowns drive is multiplied by all.
+    start : float, optional
+        1 where nothing is said; for loss factors and Rayleigh coefficients, that of the groups,
+        which has to be the same.
+    bounds : (float, float), optional
+        On the unknown itself; 0.1 to 10 for factors, 0 to 10 for loss factors, as in
+        `updyn.parameters` for others.
+    prior_std : float, optional
+        Standard deviation of a prior about the start; of the logarithm for a factor.
+    nominal : float, optional
+        What a factor of 1 stands for (2e-3 for a thickness of 2 mm in m); reports show the product.
+    unit : str
+        Unit of `nominal`.
+
+    Returns
+    -------
+    ParameterSet
+        One unknown; sets are added with ``+``.
+
+    Raises
+    ------
+    ParameterError
+        If a name fits nothing in the model, the drives do not fit together, or a number is not
+        usable.
+    """
+    stem, dot, quantity = name.rpartition(".") if isinstance(name, str) else ("", "", "")
+    if not dot or not stem.strip() or not quantity.strip() or set(name) & set("*?[]\n\t"):
+        raise ParameterError(
+            f"unknown {name!r}: expected a name of two parts, such as 'dish.thickness'"
+        )
+    named = [drives] if isinstance(drives, str) else drives
+    powers = named if isinstance(named, Mapping) else dict.fromkeys(named, 1.0)
+    acts = tuple(
+        drive for key, power in powers.items() for drive in _drives(model, name, key, power)
+    )
+    if not acts:
+        raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty")
+    if kinds := sorted({d.quantity for d in acts} & set(VALUES)):
+        values = sorted(
+            {model.group(d.group).value(d.quantity) for d in acts if d.quantity == kinds[0]}
+        )
+        if start is None and len(values) > 1:
+            raise ParameterError(
+                f"unknown {name!r}: its {kinds[0].replace('_', ' ')}s start at {values}; give start"
+            )
+        first, limits = values[0], DEFAULT_BOUNDS[kinds[0]]
+    else:
+        first, limits = 1.0, _LINKED
+    low, high = limits if bounds is None else _pair(bounds, f"bounds of {name!r}")
+    begin = first if start is None else finite(start, f"unknown {name!r}: start")
+    return ParameterSet(
+        (Parameter(stem, quantity, begin, low, high, prior_std, acts, nominal, unit),)
+    )
+
+
+def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
+    """Return the drives that a key of `link` stands for."""
+    able = [
+        f"{g}.{q}" for g, group in model.groups.items() for q in GROUP_QUANTITIES if group.has(q)
+    ]
+    found = [a for a in able if isinstance(key, str) and fnmatch.fnmatchcase(a, key)]
+    if not found:
+        raise ParameterError(
+            f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}"
+        )
+    return [Drive(a.rpartition(".")[0], a.rpartition(".")[2], power) for a in found]
+
+
+def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
+    able = [name for name, group in model.groups.items() if group.has(quantity)]
+    if isinstance(patterns, str) and patterns == "all":
+        if not able:
+            raise ParameterError(f"no group of the model has {quantity}")
+        return set(able)
+    if not isinstance(patterns, Iterable):
+        raise ParameterError(
+            f"{quantity}: expected group names, globs or 'all', found {patterns!r}"
+        )
+    found: set[str] = set()
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        if not isinstance(pattern, str):
+            raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
+        fits = [name for name in model.groups if fnmatch.fnmatchcase(name, pattern)]
+        if not fits:
+            raise ParameterError(
+                f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}"
+            )
+        lacking = [f for f in fits if f not in able]
+        if lacking and (pattern in model.groups or len(lacking) == len(fits)):
+            raise ParameterError(
+                f"{quantity}: group {lacking[0]!r} has no {GROUP_QUANTITIES[quantity]};"
+                f" {suggest(pattern, able)}"
+            )
+        found.update(f for f in fits if f in able)
+    return found
+
+
+def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
+    if parameter.name in table:
+        return table[parameter.name]
+    for key, value in table.items():
+        if key not in GROUP_QUANTITIES and fnmatch.fnmatchcase(parameter.name, key):
+            return value
+    return table.get(parameter.quantity)
+
+
+def _table(
+    what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]
+) -> Mapping[str, Any]:
+    """Return `given` after checking that each of its keys fits an unknown."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise ParameterError(
+            f"{what}: expected a mapping by quantity, unknown or glob, found {given!r}"
+        )
+    known = dict.fromkeys([*(p.quantity for p in items), *(p.name for p in items)])
+    for key in given:
+        if key in known or (
+            isinstance(key, str) and any(fnmatch.fnmatchcase(p.name, key) for p in items)
+        ):
+            continue
+        raise ParameterError(
+            f"{what}: {key!r} is neither a quantity nor an unknown that is chosen;"
+            f" {suggest(str(key), known)}"
+        )
+    return given
+
+
+def _pair(given: Any, what: str) -> tuple[float, float]:
+    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
+        raise ParameterError(f"{what}: expected (lower, upper), found {given!r}")
+    return finite(given[0], what), finite(given[1], what)

@@ -1,0 +1,552 @@
+"""A model, the data that were chosen from a measurement, and the unknowns, brought to one set of indices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
+from updyn.frf import FRF, QUANTITIES
+from updyn.model import Model
+from updyn.sensitivity import Unknowns
+from updyn.updating.problem.channels import Gains
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.session import Record, Session, digest
+
+__all__ = [
+    "Block",
+    "Coordinates",
+    "Joint",
+    "Problem",
+    "Task",
+    "together",
+]
+
+_Vector = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_RELAXED = -0.5
+
+T = TypeVar("T", bound="tuple[Any, ...]")
+R = TypeVar("R")
+
+#: A block of lines stays in the processor's cache; it is also what the user may have to wait for
+#: after Ctrl-C.
+_BLOCK_BYTES = 6 * 2**20
+#: Operations of one evaluation from which spreading its lines pays, and from which it is long to
+#: wait for; some tenth of a second and some ten seconds.
+_SPREAD, _LONG = 5e8, 5e10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """The optimiser's coordinates x: logarithms of positive factors; for damping, the loss factor that it amounts to.
+
+    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
+    frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
+    size of one, whatever the band.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    box : (ndarray, ndarray), optional
+        Narrower bounds in x, each of shape (n,).
+    within : ndarray of float, shape (n, k), optional
+        Orthonormal directions: x moves from the unknowns' start along them only.
+    unit : float, optional
+        The standard deviation against which priors count, where the spread of a residual would say
+        it.
+    omega : float
+        That frequency in rad/s.
+    centre : ndarray of float, shape (n,), optional
+        Centres of the priors in x, where they are not at the unknowns' start.
+    """
+
+    parameters: ParameterSet
+    box: tuple[_Vector, _Vector] | None = None
+    within: NDArray[np.float64] | None = None
+    unit: float | None = None
+    omega: float = 1.0
+    centre: _Vector | None = None
+    _factor: NDArray[np.bool_] = field(init=False, repr=False)
+    _unit: _Vector = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
+        object.__setattr__(self, "_factor", self.parameters.is_factor)
+        object.__setattr__(
+            self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters])
+        )
+
+    def to_x(self, values: _Vector) -> _Vector:
+        """Return x for the unknowns' values, both shape (n,)."""
+        return np.where(
+            self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit
+        )
+
+    def to_values(self, x: _Vector) -> _Vector:
+        """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
+        return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
+
+    def slope(self, x: _Vector) -> _Vector:
+        """Return d values / d x, shape (n,)."""
+        return np.where(self._factor, self.to_values(x), self._unit)
+
+    @property
+    def bounds(self) -> tuple[_Vector, _Vector]:
+        """Bounds in x, each shape (n,)."""
+        return self._boxed(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
+
+    @property
+    def relaxed_lower(self) -> _Vector:
+        """Lower bounds in x that let damping turn negative on the way, shape (n,).
+
+        The true loss factor of a lightly damped part lies on its bound at zero, and a search that
+        may not step across gets caught there.
+        """
+        lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
+        return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
+
+    def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
+        if self.box is None:
+            return lower, upper
+        # A box that begins outside the bounds still leaves their nearest point.
+        low, high = np.clip(self.box[0], lower, upper), np.clip(self.box[1], lower, upper)
+        return low, high
+
+    @property
+    def prior(self) -> tuple[_Vector, _Vector]:
+        """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
+        weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
+        centre = self.to_x(self.parameters.start) if self.centre is None else self.centre
+        return centre, np.array(weight) * self._unit
+
+    def moved(self, x: _Vector) -> Coordinates:
+        """Return a copy whose unknowns start at x; priors stay where they are."""
+        own = self.parameters
+        start = np.clip(self.to_values(x), own.lower, own.upper)
+        return replace(self, parameters=own.with_start(start), centre=self.prior[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Model and measurement at a block of lines, in the measured quantity and signs.
+
+    Attributes
+    ----------
+    lines : slice
+        Which lines.
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        The model's.
+    dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
+        Derivatives by the optimiser's coordinates.
+    measured : ndarray of complex, shape (n_f, n_i, n_j)
+        The data.
+    """
+
+    lines: slice
+    H: _Complex
+    dH: _Complex | None  # noqa: N815
+    measured: _Complex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """What an update works on.
+
+    Attributes
+    ----------
+    solver : FieldSolver
+        The compiled model and how it is solved.
+    unknowns : Unknowns
+        Where the unknowns act.
+    coordinates : Coordinates
+        The optimiser's coordinates.
+    frf : FRF
+        The data of the fit: chosen lines, responses and references.
+    rows, columns : ndarray of int
+        Model DOFs of responses and references.
+    sign : ndarray of float, shape (n_i, n_j)
+        Product of the signs of response and reference.
+    session : Session
+        Where the lines are solved, and what is remembered of them. A copy sent to another process
+        has a plain one.
+    name : str
+        Which test, where there are several.
+    as_read : bool
+        Whether the model's FRFs are those that the sensors read, times their calibration factors;
+        else those of the structure.
+    """
+
+    solver: FieldSolver
+    unknowns: Unknowns
+    coordinates: Coordinates
+    frf: FRF
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    sign: NDArray[np.float64]
+    session: Session = field(default_factory=Session, repr=False)
+    name: str = ""
+    as_read: bool = True
+    _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
+    _gains: Gains | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
+        object.__setattr__(self, "_gains", gains)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
+        return Problem, (self.solver, *about, Session(), self.name, self.as_read)
+
+    @classmethod
+    def build(
+        cls,
+        model: Model,
+        frf: FRF,
+        parameters: ParameterSet,
+        *,
+        tier: str | None = None,
+        backend: str | None = None,
+        session: Session | None = None,
+        name: str = "",
+    ) -> Problem:
+        """Bring model, data and unknowns together.
+
+        Raises
+        ------
+        DofError
+            If a response or a reference is not in the model.
+        OptionError
+            If the tier or the backend is not known.
+        """
+        system = AffineSystem.compile(model)
+        rows = model.dofs.match(frf.responses, "response")
+        columns = model.dofs.match(frf.references, "reference")
+        return cls(
+            LineSolver.choose(system, tier, backend),
+            Unknowns.find(system, parameters),
+            Coordinates(parameters, omega=_middle(frf.freq)),
+            frf,
+            rows.index,
+            columns.index,
+            rows.sign[:, None] * columns.sign,
+            session or Session(),
+            name,
+        )
+
+    def with_data(self, frf: FRF) -> Problem:
+        """Return the problem on other data, whose responses and references are DOFs of the model too."""
+        rows = self.solver.system.dofs.match(frf.responses, "response")
+        columns = self.solver.system.dofs.match(frf.references, "reference")
+        sign = rows.sign[:, None] * columns.sign
+        return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
+
+    def thinned(self, largest: int) -> Problem:
+        """Return the problem on every second, third, ... line, so that at most `largest` lines are left.
+
+        Parameters
+        ----------
+        largest : int
+            Number of lines.
+
+        Returns
+        -------
+        Problem
+            Itself where it has no more lines than that.
+        """
+        stride = -(-len(self.frf.freq) // largest)
+        return (
+            self
+            if stride <= 1
+            else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
+        )
+
+    def lowest(self, share: float) -> Problem:
+        """Return the problem on a share of its lines, from the lowest; at least four of them."""
+        n = max(4, round(share * self.n_lines))
+        return (
+            self
+            if n >= self.n_lines
+            else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
+        )
+
+    @property
+    def parts(self) -> tuple[Problem, ...]:
+        """The tests that are fitted together: this one."""
+        return (self,)
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return len(self.coordinates.parameters)
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values."""
+        return int(self.frf.values.size)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of lines."""
+        return len(self.frf.freq)
+
+    def with_session(self, session: Session) -> Problem:
+        """Return the problem with another session."""
+        return replace(self, session=session)
+
+    def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
+        """Return the problem with narrower bounds in x."""
+        return replace(self, coordinates=replace(self.coordinates, box=box))
+
+    def values(self, x: _Vector) -> _Vector:
+        """Return the unknowns' values at x, shape (n,)."""
+        return self.coordinates.to_values(x)
+
+    def state(self, x: _Vector) -> State:
+        """Return the state of the compiled model at x."""
+        return self.unknowns.state(self.solver.system, self.values(x))
+
+    @property
+    def work(self) -> float:
+        """Rough number of floating-point operations of one evaluation with derivatives."""
+        n, n_values = self.solver.system.n, self.sign.size
+        columns = len(self.rows) + len(self.columns)
+        # Sparse: as measured on three-dimensional solids of 10k to 300k DOFs.
+        solve = (
+            8.0 / 3.0 * n**3 + 8.0 * n**2 * columns
+            if self.solver.tier != "sparse"
+            else 50.0 * n**1.75
+        )
+        return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
+
+    @property
+    def spreads(self) -> bool:
+        """Whether the lines of one evaluation are worth spreading over workers; else whole descents are."""
+        return self.work > _SPREAD
+
+    @property
+    def is_long(self) -> bool:
+        """Whether an evaluation is too long to be begun when the user wants to stop."""
+        return self.work > _LONG
+
+    def partition(self, n_columns: int | None = None) -> list[slice]:
+        """Return the blocks of lines in which the problem is worked on; they depend on the problem alone.
+
+        Parameters
+        ----------
+        n_columns : int, optional
+            Columns of the fields; by default one for each response and reference.
+        """
+        n, n_values = self.solver.system.n, self.sign.size
+        n_columns = len(self.rows) + len(self.columns) if n_columns is None else n_columns
+        stored = n * n if self.solver.tier != "sparse" else len(self.solver.system.indices)
+        size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
+        allowed = self.solver.block_size(n_columns + self.n * n_values // n)
+        return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
+
+    def each(self, function: Callable[[Problem, T], R], items: Sequence[T]) -> Iterator[R]:
+        """Yield ``function(problem, item)`` for tuples that end with their block of lines, in their order.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module: it may run in another process.
+        items : sequence of tuple
+            Small; the last part of each is the slice of lines that it is about.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        results = self.session.map(function, self, items, spread=self.spreads, long=self.is_long)
+        for item, result in zip(items, results, strict=True):
+            self.session.lines_solved += item[-1].stop - item[-1].start
+            yield result
+
+    def key(self, kind: str, x: _Vector, *about: object) -> list[object]:
+        """Return what an evaluation at x follows from, within a run."""
+        if not self._digest:
+            frf = self.frf
+            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            self._digest.append(digest((self.name, self.solver.label, *parts)))
+        return [kind, self._digest[0], x, *about]
+
+    def recall(
+        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+    ) -> Record:
+        """Return the result of an evaluation at x, from memory where it is known.
+
+        Parameters
+        ----------
+        kind : str
+            What is evaluated.
+        x : ndarray of float, shape (n,)
+            Where.
+        compute : callable
+            The evaluation.
+        *about : bytes, str or ndarray
+            What else it follows from.
+        """
+        return (
+            compute()
+            if self.session.memory is None
+            else self.session.recall(self.key(kind, x, *about), compute)
+        )
+
+    def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
+        """Return model and measurement at a block of lines; calibration factors are on the model's side.
+
+        Raises
+        ------
+        SolverError
+            If the model is singular at a line.
+        """
+        freq = self.frf.freq[lines]
+        H, dH = sensitivity.receptance(
+            self.solver,
+            self.unknowns,
+            self.values(x),
+            freq,
+            self.rows,
+            self.columns,
+            derivatives=derivatives,
+        )
+        factor = self.sign * ((2j * np.pi * freq) ** QUANTITIES[self.frf.quantity])[:, None, None]
+        if dH is not None:
+            dH *= self.coordinates.slope(x)[:, None, None, None] * factor
+        H = H * factor
+        if self._gains is not None:
+            self._gains.apply(x, H, dH)
+        return Block(lines, H, dH, self.frf.values[lines])
+
+    def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[Block]:
+        """Yield model and measurement block by block of lines, in order; solved here.
+
+        Raises
+        ------
+        SolverError
+            If the model is singular at a line.
+        """
+        for lines in self.partition():
+            yield self.block(x, lines, derivatives=derivatives)
+
+    def responses(self, x: _Vector) -> _Complex:
+        """Return the model's FRF at all lines as the sensors read it, shape (n_f, n_i, n_j), in the measured quantity.
+
+        Raises
+        ------
+        SolverError
+            If the model is singular at a line.
+        """
+
+        def compute() -> Record:
+            return (
+                np.concatenate(
+                    list(self.each(_responses, [(x, lines) for lines in self.partition()]))
+                ),
+            )
+
+        return self.recall("responses", x, compute)[0]
+
+
+def _middle(freq: NDArray[np.float64]) -> float:
+    """Return the geometric middle of a band in rad/s."""
+    moving = freq[freq > 0]
+    return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max())) if moving.size else 1.0
+
+
+def _responses(problem: Problem, item: tuple[_Vector, slice]) -> _Complex:
+    x, lines = item
+    return problem.block(x, lines, derivatives=False).H
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """Problems with the same unknowns and the same session.
+
+    Attributes
+    ----------
+    parts : tuple of Problem
+        One for each test; their names differ.
+    """
+
+    parts: tuple[Problem, ...]
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """The optimiser's coordinates, the same for all parts."""
+        return self.parts[0].coordinates
+
+    @property
+    def session(self) -> Session:
+        """Where the lines of all parts are solved."""
+        return self.parts[0].session
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return self.parts[0].n
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values of all parts."""
+        return sum(part.n_values for part in self.parts)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of lines of all parts."""
+        return sum(part.n_lines for part in self.parts)
+
+    @property
+    def spreads(self) -> bool:
+        """Whether the lines of one evaluation are worth spreading over workers; else whole descents are."""
+        return any(part.spreads for part in self.parts)
+
+    def thinned(self, largest: int) -> Joint:
+        """Return the parts on at most `largest` lines each."""
+        return Joint(tuple(part.thinned(largest) for part in self.parts))
+
+    def lowest(self, share: float) -> Joint:
+        """Return the parts on a share of their lines, from the lowest."""
+        return Joint(tuple(part.lowest(share) for part in self.parts))
+
+    def with_session(self, session: Session) -> Joint:
+        """Return the parts with another session."""
+        return Joint(tuple(part.with_session(session) for part in self.parts))
+
+    def with_box(self, box: tuple[_Vector, _Vector]) -> Joint:
+        """Return the parts with narrower bounds in x."""
+        return Joint(tuple(part.with_box(box) for part in self.parts))
+
+    def recall(
+        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+    ) -> Record:
+        """Return the result of an evaluation of all parts at x, from memory where it is known."""
+        if self.session.memory is None:
+            return compute()
+        return self.session.recall(
+            [k for part in self.parts for k in part.key(kind, x, *about)], compute
+        )
+
+
+#: What a method works on.
+Task: TypeAlias = "Problem | Joint"
+
+
+def together(problems: Sequence[Problem]) -> Task:
+    """Return one problem as it is, several as one, in the coordinates of the first."""
+    first = problems[0]
+    rest = (
+        p if p.coordinates is first.coordinates else replace(p, coordinates=first.coordinates)
+        for p in problems
+    )
+    return first if len(problems) == 1 else Joint(tuple(rest))

@@ -1,0 +1,362 @@
+"""Residuals between model and measurement, each a small object, and their reduction block by block.
+
+A residual turns a block of lines into real residuals and their Jacobian. The blocks are stacked by
+QR factors, so that the Jacobian of all lines need never be held, and the normal equations are never
+formed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.errors import DataError, SolverError
+from updyn.frf import QUANTITIES
+from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
+from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.session import Record
+
+__all__ = [
+    "Each",
+    "EachOf",
+    "EquationError",
+    "LogError",
+    "OutputError",
+    "Residual",
+    "is_solved",
+    "solved",
+    "with_prior",
+]
+
+_Vector = NDArray[np.float64]
+_Matrix = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+
+class Residual(Protocol):
+    """What a residual offers: the local least-squares problem at x, and its name."""
+
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+
+
+class _ByLine(Residual, Protocol):
+    """A residual that is evaluated block by block of lines, anywhere."""
+
+    @property
+    def mark(self) -> object:
+        """What tells it from others of its name."""
+
+    def of(self, part: int) -> _ByLine:
+        """Return the residual of one of several tests."""
+
+    def on(self, problem: Problem, lines: slice) -> _ByLine:
+        """Return what of it a block of lines needs."""
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogError:
+    """r = ln(H_A / H_X): difference of log magnitude and of phase.
+
+    Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide.
+    Values that are exactly zero on either side have no logarithm and are given weight zero.
+    """
+
+    name: str = "log"
+    mark: ClassVar[str] = ""
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        return _local(self, problem, x)
+
+    def of(self, part: int) -> LogError:
+        """Return itself."""
+        return self
+
+    def on(self, problem: Problem, lines: slice) -> LogError:
+        """Return itself."""
+        return self
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition()
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines."""
+        block = problem.block(x, lines)
+        assert block.dH is not None
+        usable = (block.measured != 0) & (block.H != 0)
+        H = np.where(usable, block.H, 1.0)
+        return np.log(H / np.where(usable, block.measured, 1.0)), block.dH * np.where(
+            usable, 1.0 / H, 0.0
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutputError:
+    """r = (H_A - H_X) / sigma.
+
+    Parameters
+    ----------
+    weight : ndarray of float, shape (n_f, n_i, n_j)
+        1 / sigma of the real and of the imaginary part of each value, in the unit of the data.
+    name : str
+        How the report calls it.
+    """
+
+    weight: NDArray[np.float64]
+    name: str = "output-error"
+
+    @property
+    def mark(self) -> NDArray[np.float64]:
+        """The weights."""
+        return self.weight
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        return _local(self, problem, x)
+
+    def of(self, part: int) -> OutputError:
+        """Return itself: it is of one test."""
+        return self
+
+    def on(self, problem: Problem, lines: slice) -> OutputError:
+        """Return it with the weights of a block of lines."""
+        return OutputError(self.weight[lines], self.name)
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition()
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines, whose weights these are."""
+        block = problem.block(x, lines)
+        assert block.dH is not None
+        return self.weight * (block.H - block.measured), block.dH * self.weight
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+
+
+E = TypeVar("E", bound=_Named)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EachOf(Generic[E]):
+    """Residuals of several tests, each with what is its own.
+
+    Parameters
+    ----------
+    errors : tuple
+        One for each test, each of them evaluated block by block of lines.
+    """
+
+    errors: tuple[E, ...]
+
+    @property
+    def name(self) -> str:
+        """How the report calls it."""
+        return self.errors[0].name
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        return _local(self, problem, x)
+
+    def of(self, part: int) -> E:
+        """Return the residual of one of the tests."""
+        return self.errors[part]
+
+
+class Each(EachOf[OutputError]):
+    """The output errors of several tests, each with weights of its own."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EquationError:
+    """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
+
+    Every reference has to be measured as a response too: its unit force stands on a retained DOF.
+    With measured noise the estimate is biased, as H_X stands on both sides. Where translations and
+    rotations were measured, forces and moments are brought to one scale by the levels of the data
+    (`_same_unit`); otherwise it is the paper's as it stands.
+    """
+
+    name: str = "equation-error"
+    mark: ClassVar[str] = ""
+
+    def local(self, problem: Task, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        for part in problem.parts:
+            self.check(part)
+        return _local(self, problem, x)
+
+    @staticmethod
+    def check(problem: Problem) -> None:
+        """Check that the data have what the equation error needs.
+
+        Raises
+        ------
+        DataError
+            If they lack the drive point of a reference, or hold no receptance at 0 Hz.
+        """
+        driven = _drive_points(problem).any(axis=0)
+        if not driven.all():
+            missing = problem.frf.references[int(np.flatnonzero(~driven)[0])]
+            raise DataError(
+                f"equation error: reference {missing} is not among the responses; the force has to"
+                " stand on a retained DOF. Measure the drive point, or use another method"
+            )
+        quantity = problem.frf.quantity
+        if QUANTITIES[quantity] and problem.frf.freq[0] == 0.0:
+            raise DataError(
+                f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
+            )
+
+    def blocks(self, problem: Problem, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
+
+        Raises
+        ------
+        DataError
+            If the data lack what it needs.
+        SolverError
+            If the model cannot be condensed at a line.
+        """
+        self.check(problem)
+        return problem.each(_block, [(self, x, lines) for lines in self.partition(problem)])
+
+    def of(self, part: int) -> EquationError:
+        """Return itself."""
+        return self
+
+    def on(self, problem: Problem, lines: slice) -> EquationError:
+        """Return itself."""
+        return self
+
+    def partition(self, problem: Problem) -> list[slice]:
+        """Return the blocks of lines."""
+        return problem.partition(2 * len(problem.rows))
+
+    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual and derivatives at a block of lines."""
+        freq, slope = problem.frf.freq[lines], problem.coordinates.slope(x)
+        unit = _drive_points(problem)
+        weight = _same_unit(problem, unit)
+        factor = (
+            problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
+        )
+        product, derivative = sensitivity.condensed_product(
+            problem.solver,
+            problem.unknowns,
+            problem.values(x),
+            freq,
+            problem.rows,
+            problem.frf.values[lines] * factor,
+        )
+        assert derivative is not None
+        return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
+
+
+def _drive_points(problem: Problem) -> _Matrix:
+    """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
+    return np.asarray(problem.rows[:, None] == problem.columns[None, :], dtype=np.float64)
+
+
+def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
+    """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
+
+    The residual at a rotation is a moment per force. Times the level of the motion there, over the
+    level of the motion at the force, it becomes a share of work, whatever the unit of length.
+    """
+    level = level_by_unit(problem.frf)[0]
+    return np.asarray(level / (unit * level).sum(axis=0))
+
+
+def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
+    """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
+    centre, weight = problem.coordinates.prior
+    if not weight.any():
+        return local
+    residual = weight * (x - centre)
+    return joined(
+        [local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n
+    )
+
+
+def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
+    """Return the reduced problem at x.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved, or its answer is not finite.
+    """
+
+    def compute() -> Record:
+        items = [(residual.on(problem, lines), x, lines) for lines in residual.partition(problem)]
+        local = reduce(problem.each(_block_triangle, items), problem.n)
+        if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
+            raise SolverError(f"{residual.name}: the model's answer is not finite")
+        return np.array(local.cost), local.R, local.q
+
+    cost, R, q = problem.recall(_kind(residual), x, compute, residual.mark)
+    return Local(float(cost), R, q)
+
+
+def is_solved(residual: LogError, problem: Task, x: _Vector) -> bool:
+    """Return whether the reduced problem at x is in memory."""
+    keys = [part.key(_kind(residual), x, residual.mark) for part in problem.parts]
+    return all(problem.session.knows(key) for key in keys)
+
+
+def _kind(residual: _ByLine) -> str:
+    return type(residual).__name__
+
+
+def _local(residual: _ByLine | EachOf[Any], problem: Task, x: _Vector) -> Local | None:
+    try:
+        return joined(
+            [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
+        )
+    except SolverError:
+        return None
+
+
+def _block(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Complex, _Complex]:
+    residual, x, lines = item
+    return residual.block(problem, x, lines)
+
+
+def _block_triangle(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
+    return qr_triangle(_stack(*_block(problem, item)))
+
+
+def _stack(r: _Complex, J: _Complex) -> _Matrix:
+    """Return [J r] with real over imaginary parts (eq. 12), shape (2 m, n + 1), stored by columns."""
+    n, m = len(J), r.size
+    flat = np.empty((n + 1, 2 * m))
+    columns = J.reshape(n, m)
+    flat[:n, :m], flat[:n, m:] = columns.real, columns.imag
+    flat[n, :m], flat[n, m:] = r.real.ravel(), r.imag.ravel()
+    return flat.T

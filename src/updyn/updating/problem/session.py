@@ -1,0 +1,226 @@
+"""What a run carries along: where its work is done, what it remembers of it, and whether it is to stop.
+
+Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
+So a run is repeated exactly by answering its evaluations from memory: after an interruption
+(`updyn.updating.fit.journal`), or with what other processes have evaluated ahead (`Session.remember`).
+No method needs to know.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.engines import Engine, Serial
+
+__all__ = ["Memory", "Recent", "Record", "Session", "Stopped", "digest"]
+
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+#: The result of an evaluation.
+Record: TypeAlias = "tuple[NDArray[Any], ...]"
+
+_RECENT_BYTES = 64 * 2**20
+_SERIAL = Serial()
+
+
+class Stopped(Exception):  # noqa: N818
+    """The user wants to stop while an evaluation is under way. It never leaves `updyn.updating`."""
+
+
+class Memory(Protocol):
+    """What keeps the results of evaluations."""
+
+    def get(self, key: bytes) -> Record | None:
+        """Return what was kept under a key, or None."""
+
+    def put(self, key: bytes, record: Record) -> None:
+        """Keep a result."""
+
+
+class Recent:
+    """Keeps the latest results.
+
+    Parameters
+    ----------
+    limit : float
+        Bytes beyond which the oldest are forgotten; the latest is always kept.
+    """
+
+    def __init__(self, limit: float = _RECENT_BYTES) -> None:
+        self._limit = limit
+        self._bytes = 0
+        self._kept: OrderedDict[bytes, Record] = OrderedDict()
+
+    def get(self, key: bytes) -> Record | None:
+        """Return what was kept under a key, or None."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+        return self._kept.get(key)
+
+    def put(self, key: bytes, record: Record) -> None:
+        """Keep a result."""
+        if key in self._kept:
+            return
+        self._kept[key] = record
+        self._bytes += _size(record)
+        while self._bytes > self._limit and len(self._kept) > 1:
+            self._bytes -= _size(self._kept.popitem(last=False)[1])
+
+    @property
+    def items(self) -> list[tuple[bytes, Record]]:
+        """All that is kept, the oldest first."""
+        return list(self._kept.items())
+
+
+@dataclass(slots=True, eq=False)
+class Session:
+    """The side of a run that is not mathematics. A copy sent to another process is a new, plain one.
+
+    Attributes
+    ----------
+    engine : Engine
+        Where lines are solved.
+    memory : Memory or None
+        What keeps the results of evaluations.
+    wants_stop : callable or None
+        Asked between blocks of lines whether to stop.
+    stopped : bool
+        Whether the user has asked to stop.
+    lines_solved : int
+        So far.
+    """
+
+    engine: Engine = _SERIAL
+    memory: Memory | None = None
+    wants_stop: Callable[[], bool] | None = None
+    stopped: bool = False
+    lines_solved: int = 0
+
+    def __reduce__(self) -> tuple[type[Session], tuple[()]]:
+        return Session, ()
+
+    def recall(self, key: Iterable[object], compute: Callable[[], Record]) -> Record:
+        """Return a result from memory, or compute and keep it.
+
+        Parameters
+        ----------
+        key : iterable of bytes, str or ndarray
+            All that the result follows from, apart from what is the same throughout a run.
+        compute : callable
+            Returns the result; what it raises is not remembered.
+        """
+        if self.memory is None:
+            return compute()
+        at = digest(key)
+        found = self.memory.get(at)
+        if found is None:
+            found = compute()
+            for array in found:
+                array.flags.writeable = False
+            self.memory.put(at, found)
+        return found
+
+    def knows(self, key: Iterable[object]) -> bool:
+        """Return whether a result is in memory."""
+        return self.memory is not None and self.memory.get(digest(key)) is not None
+
+    def remember(self, found: Iterable[tuple[bytes, Record]]) -> None:
+        """Keep results that were computed elsewhere."""
+        if self.memory is not None:
+            for key, record in found:
+                self.memory.put(key, record)
+
+    def map(
+        self,
+        function: Callable[[S, T], R],
+        shared: S,
+        items: Sequence[T],
+        *,
+        spread: bool,
+        long: bool = False,
+    ) -> Generator[R, None, None]:
+        """Yield ``function(shared, item)`` in the order of the items, and ask in between whether to stop.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module.
+        shared, items
+            As for `Engine.map`.
+        spread : bool
+            Whether the engine is to be used; else it is done here, with the same results.
+        long : bool
+            Whether this takes so long that it is not to be begun once the user wants to stop.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        if self.stopped and long:
+            raise Stopped
+        asked_before = (
+            self.stopped
+        )  # what is short and begun after that is what the user still wants to see
+        results = (self.engine if spread else _SERIAL).map(function, shared, items)
+        try:
+            for i, result in enumerate(results, 1):
+                yield result
+                if i < len(items) and not asked_before and self._asked():
+                    raise Stopped
+        finally:
+            close = getattr(results, "close", None)
+            if close is not None:
+                close()
+
+    def check(self) -> None:
+        """Ask whether to stop, where no block of lines ends.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        if self._asked():
+            raise Stopped
+
+    def _asked(self) -> bool:
+        if self.wants_stop is not None and self.wants_stop():
+            self.stopped = True
+        return self.stopped
+
+
+def digest(parts: Iterable[object]) -> bytes:
+    """Return 16 bytes that stand for bytes, texts and arrays, in their order.
+
+    Parameters
+    ----------
+    parts : iterable of bytes, str or ndarray
+        Arrays count with type and shape.
+    """
+    hashed = blake2b(digest_size=16)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            about = f"{part.dtype.str}{part.shape}"
+            content: Any = (
+                np.ascontiguousarray(part).reshape(-1).view(np.uint8).data if part.size else b""
+            )
+        else:
+            content = part if isinstance(part, bytes) else str(part).encode()
+            about = str(len(content))
+        hashed.update(about.encode() + b";")
+        hashed.update(content)
+    return hashed.digest()
+
+
+def _size(record: Record) -> int:
+    return sum(array.nbytes for array in record)
