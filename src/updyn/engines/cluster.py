@@ -58,6 +58,15 @@ class Cluster(Remote):
     def from_option(cls, option: object) -> Engine | None:
         """Return the engine for a Client; None for anything else.
 
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+
         Raises
         ------
         OptionError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 __all__ = [
     "Engine",
@@ -71,8 +71,17 @@ class EngineKind(Protocol):
     #: These values in words, for messages.
     expects: str
 
-    def from_option(self, option: Any, /) -> Engine | None:
+    def from_option(self, option: object) -> Engine | None:
         """Return the engine for a value of ``engine=``; None if it is for another kind.
+
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
 
         Raises
         ------
@@ -88,7 +97,17 @@ class Serial:
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
-        """Return the engine where none is asked for; None for anything else."""
+        """Return the engine where none is asked for; None for anything else.
+
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+        """
         return cls() if option is None else None
 
     @property

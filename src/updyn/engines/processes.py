@@ -87,6 +87,15 @@ class Processes(Remote):
     def from_option(cls, option: object) -> Engine | None:
         """Return the engine for a number of processes (1: this one); None for another type.
 
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+
         Raises
         ------
         OptionError
