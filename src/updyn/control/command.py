@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from updyn.cli.commands import engine
+from updyn.cli.commands import open_engine
 from updyn.cli.terminal import DONE, NOT_DETERMINED, note, say
 from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
 from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
@@ -48,7 +48,7 @@ def plant(
     loaded = load_job(job)
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
     ready = prepare(loaded)
-    with engine(workers, cluster) as where:
+    with open_engine(workers, cluster) as where:
         made = plant_job(
             loaded,
             folder,
