@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from models import SOLIDS, sensors, solid
 
 import updyn
-from updyn.linalg.solver import BACKENDS, _module
+from updyn.linalg.solver import BACKENDS
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -52,7 +52,7 @@ def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tup
     loaded = np.unique(np.concatenate([problem.rows, problem.columns]))
     loads = np.zeros((model.n_dofs, len(loaded)), dtype=np.complex128, order="F")
     loads[loaded, np.arange(len(loaded))] = 1.0
-    bare = getattr(_module(backend), BACKENDS[backend][1])(matrices[0])
+    bare = BACKENDS[backend](matrices[0])
     residual = LogError()
     residual.local(Problem.of([problem]), x)  # the analysis, once
     times = [
@@ -81,7 +81,7 @@ def main() -> None:
     for size in given.sizes:
         model = solid(SOLIDS[size])
         for backend in given.backends:
-            if not _module(backend).available() or (
+            if not BACKENDS[backend].available() or (
                 backend == "superlu" and model.n_dofs > SUPERLU_LIMIT
             ):
                 continue
