@@ -53,11 +53,7 @@ def results_table(found: Comparison) -> str:
 def _result(row: Row) -> str:
     cells = [f"`{row.method}`", row.status]
     if row.applies:
-        gone = row.status == "failed"
-        misfit = "" if gone else _number(row.fitted["after"]["db_error_median"])
-        error = (
-            "" if gone else "open" if row.status == "not-identifiable" else _number(row.error_max)
-        )
+        misfit, error = _figures(row)
         cells += [
             f"{len(row.updated)} of {len(row.updated) + len(row.left)}",
             misfit,
@@ -65,6 +61,16 @@ def _result(row: Row) -> str:
             _fewest(row),
         ]
     return "| " + " | ".join([*cells, *[""] * (6 - len(cells))]) + " |"
+
+
+def _figures(row: Row) -> tuple[str, str]:
+    """Return misfit and largest error in digits that every processor finds, or in words."""
+    if row.status == "failed":
+        return "", ""
+    if row.status == "max-iterations":  # where it is by then depends on the rounding of each step
+        return "not settled", "not settled"
+    misfit = _number(row.fitted["after"]["db_error_median"])
+    return misfit, "open" if row.status == "not-identifiable" else _number(row.error_max)
 
 
 def _fewest(row: Row) -> str:

@@ -10,7 +10,7 @@ import pytest
 from pages import ROOT
 
 import updyn
-from updyn.demos.gear_train import starting_model, true_model
+from updyn.demos.gear_train import starting_model, true_model, true_values
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, method_class, options_of
@@ -146,5 +146,8 @@ def test_steps_on_the_gear_train() -> None:
         eight = np.array([5, 10, 20, 30, 50, 75, 100, 150]) / (2 * np.pi)
         data = updyn.response(true, eight, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
         found = updyn.update(start, data, unknowns, method="complex-rfm", expand=True)
-        assert (found.status, found.iterations) == ("converged", 7)
-    assert "all 18 in seven steps" in section("complex-rfm")
+        assert found.status == "converged"
+        # The sixth step and those after it are rounding: how many there are depends on the processor.
+        assert 6 <= found.iterations <= 12
+        assert found.values == pytest.approx(true_values(reading), rel=1e-6, abs=1e-6)
+    assert "all 18 in about eight steps" in section("complex-rfm")

@@ -92,6 +92,17 @@ def test_basic_solution_leaves_what_is_not_determined():
     assert not basic_solution(np.zeros((2, 2)), np.ones(2)).any()
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_which_of_two_parallel_columns_is_used_does_not_depend_on_rounding(seed):
+    rng = np.random.default_rng(seed)
+    A = np.random.default_rng(99).standard_normal((20, 5))
+    A[:, 3] = A[:, 1]
+    A = A / np.linalg.norm(A, axis=0) * (1.0 + 1e-14 * rng.standard_normal(A.shape))
+    found = basic_solution(A, np.arange(20.0))
+    assert found[3] == 0.0
+    assert found[1] != 0.0
+
+
 def test_separate_steps_are_taken_in_turn(chain12, full):
     """Stiffness first, mass with the stiffness found, damping with both (Gauss-Seidel, not Jacobi)."""
     problem = Problem.build(

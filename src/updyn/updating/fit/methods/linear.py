@@ -46,6 +46,8 @@ _ABSURD = 1e9
 _ROUNDING = 1e-6
 #: How often a step is halved before it is given up.
 _HALVINGS = 20
+#: Columns whose lengths differ by less than this share are equally long but for rounding.
+_TIE = 1e-6
 
 
 class ByLine(Protocol):
@@ -268,12 +270,14 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     b : ndarray of float, shape (m,)
         Right-hand side.
     """
-    Q, R, order = scipy.linalg.qr(A, mode="economic", pivoting=True)
+    # Of columns that are equally long but for rounding, the first is taken on every processor.
+    weight = 1.0 - _TIE * np.arange(A.shape[1])
+    Q, R, order = scipy.linalg.qr(A * weight, mode="economic", pivoting=True)
     size = np.abs(np.diag(R))
     rank = int((size > 1e-13 * size[0]).sum()) if size.size else 0
     out = np.zeros(A.shape[1])
     out[order[:rank]] = scipy.linalg.solve_triangular(R[:rank, :rank], (Q.T @ b)[:rank])
-    return out
+    return out * weight
 
 
 def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
