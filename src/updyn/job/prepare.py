@@ -11,7 +11,7 @@ import numpy as np
 
 from updyn.dofs import Dof, DofSet
 from updyn.elements import MODEL_KINDS
-from updyn.errors import DataError, DofError, InputError, JobError, OptionError, suggest
+from updyn.errors import DataError, DofError, JobError, OptionError, key_path, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.job.configuration import configured, damped
@@ -282,9 +282,9 @@ def _check_method(job: Job, fitted: FRF) -> None:
         if job.method.tier is not None and job.method.tier not in TIERS:
             raise OptionError(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}")
         is_reduced(job.method.tier, 0, 0, job.method.name)
-    with key_path("method", "backend"):
+    with key_path("method"):
         check_backend(job.method.backend)
-    with key_path("method" if job.test.noise is None else "test", "noise"):
+    with key_path("method" if job.test.noise is None else "test"):
         choose_noise(job.noise, fitted)
     if isinstance(job.method.lines, tuple):
         with key_path("method", "lines"):

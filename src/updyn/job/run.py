@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from updyn.updating.problem.selection import Selection
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["as_tests", "job_identifiability", "job_selection", "update_keys", "run_job"]
+__all__ = ["as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")

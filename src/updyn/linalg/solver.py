@@ -89,9 +89,12 @@ def check_backend(name: str | None) -> str:
     if name is None:
         return next(b for b in BACKENDS if _module(b).available())
     if name not in BACKENDS:
-        raise OptionError(f"backend {name!r}: {suggest(str(name), BACKENDS)}")
+        raise OptionError(f"backend {name!r}: {suggest(str(name), BACKENDS)}", key=("backend",))
     if not _module(name).available():
-        raise OptionError(f"backend {name!r} is not installed; {_INSTALL[name]}, or use 'superlu'")
+        raise OptionError(
+            f"backend {name!r} is not installed; {_INSTALL[name]}, or use 'superlu'",
+            key=("backend",),
+        )
     return name
 
 

@@ -264,7 +264,9 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
         )
     if given is not None and said and given not in said:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}", path
+            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}",
+            path,
+            key=("quantity",),
         )
     silent = [f for f in measured if _one_quantity(f, path) is None]
     if silent and given is None:
