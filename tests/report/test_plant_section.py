@@ -17,8 +17,8 @@ from updyn.control.report.plant_page import write_plant_page
 from updyn.control.report.plant_sections import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
+from updyn.report.plots import log_frequency, phases, with_peaks
 from updyn.report.section import Content, sections_of
-from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
 [model]

@@ -44,8 +44,7 @@ def configured(job: Job, model: Model) -> Model:
 
 def _loaded(job: Job, model: Model) -> Model:
     """Return the model with the masses of the job's test."""
-    from updyn.elements.constraints import add_masses
-    from updyn.elements.sensor_masses import add_sensor_masses
+    from updyn.elements.masses import add_masses, add_sensor_masses
 
     if job.test.masses:
         with key_path("test", "masses"):

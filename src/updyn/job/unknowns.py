@@ -120,7 +120,7 @@ def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> b
 
 def _sensor_mass(job: Job, group: str) -> float | None:
     """Return the nominal mass of a sensor's group; None of any other."""
-    from updyn.elements.sensor_masses import sensor_group
+    from updyn.elements.masses import sensor_group
 
     given = set()
     for part in job.parts:

@@ -8,10 +8,10 @@ from typing import Any
 
 from updyn.errors import OptionError, suggest
 from updyn.report import markup as m
+from updyn.report.agreement import agreement_figures
+from updyn.report.head import head, joint_head
 from updyn.report.plots import Figure
 from updyn.report.section import Content, objects_shown, sections_of
-from updyn.report.sections import agreement_figures, head
-from updyn.report.sections_tests import joint_head
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult

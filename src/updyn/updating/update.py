@@ -25,7 +25,7 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem, together
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import run
+from updyn.updating.run import RunOptions, run
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -124,9 +124,7 @@ def update(
         If the model cannot be solved at a line where it starts.
     """
     test = Test(model, frf, "", lines, noise, validation)
-    (result,) = run(
-        [test],
-        parameters,
+    how = RunOptions(
         method,
         options,
         engine=engine,
@@ -139,6 +137,7 @@ def update(
         resume=resume,
         regularise=regularise,
     )
+    (result,) = run([test], parameters, how)
     return result
 
 
@@ -202,9 +201,7 @@ def update_jointly(
     ]
     if twice:
         raise OptionError(f"update_jointly: two tests are called {twice[0]!r}")
-    results = run(
-        named,
-        parameters,
+    how = RunOptions(
         method,
         options,
         engine=engine,
@@ -217,6 +214,7 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
+    results = run(named, parameters, how)
     return JointResult(
         {test.name: result for test, result in zip(named, results, strict=True)}, title
     )

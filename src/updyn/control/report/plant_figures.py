@@ -7,8 +7,8 @@ import numpy as np
 from updyn.control.job.plant_result import Planted
 from updyn.control.plant import Plant
 from updyn.control.weight import UncertaintyWeight
-from updyn.report.plots import Figure
-from updyn.report.stacked import (
+from updyn.report.plots import (
+    Figure,
     Panel,
     band_traces,
     curve,

@@ -16,8 +16,8 @@ from updyn.control.report.plant_figures import (
     unit_of,
     weight_name,
 )
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
 

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from updyn.control.plant import Plant
 from updyn.control.report.plant_figures import degree_axis
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
-from updyn.report.plots import Figure, label, numbers
-from updyn.report.stacked import (
+from updyn.report.plots import (
+    Figure,
     Panel,
     band_traces,
     curve,
+    label,
     log_frequency,
     log_range,
+    numbers,
     stacked,
     with_peaks,
 )

@@ -11,8 +11,8 @@ from updyn.control.report.servo_figures import servo_figures
 from updyn.control.servo.drive_figures import DriveFigures
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
 
