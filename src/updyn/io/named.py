@@ -308,7 +308,6 @@ def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: st
         raise FormatError(
             f"{name}: the argument {option!r} contradicts the file, which says {stored!r}",
             path,
-            key=(option,),
         )
     return stored
 

@@ -160,11 +160,15 @@ def _choose(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter
         # may move the start of a loss factor onto a bound
         items = parameters(model, **chosen, bounds={table.quantity: bounds})
     elif table.start is not None:
-        stated: dict[str, float] = {"start": table.start}
+        stated: dict[str, Any] = {"start": table.start}
         if bounds is not None:
             stated |= {"lower": bounds[0], "upper": bounds[1]}
         items = [replace(p, **stated) for p in items]
-    common = {"prior_std": table.prior_std, "nominal": table.nominal, "unit": table.unit}
+    common: dict[str, Any] = {
+        "prior_std": table.prior_std,
+        "nominal": table.nominal,
+        "unit": table.unit,
+    }
     items = [replace(p, **common) for p in items]
     if table.quantity != "mass" or table.nominal is not None:
         return items

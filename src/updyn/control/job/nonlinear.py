@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from updyn.control.job.servo import located_in
 from updyn.control.job.servo_tables import NonlinearTable, ServoTable
-from updyn.errors import UpdynError
+from updyn.errors import UpdynError, key_path
 from updyn.job.schema import Job
 from updyn.model import Model
 
@@ -127,7 +126,7 @@ def _one(
         "position": servo.position,
     }
     name = _unused(table.kind, plant)
-    with located_in(job, *place):
+    with key_path(*place):
         if table.kind == "friction":
             assert table.level is not None
             law: Nonlinearity = CoulombFriction(table.level, table.breakaway)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from updyn.control.job.servo_tables import ServoTable
-from updyn.errors import InputError, JobError
+from updyn.errors import key_path
 from updyn.job.schema import Job
 from updyn.model import Model
 
@@ -17,7 +15,7 @@ if TYPE_CHECKING:
     from updyn.control.servo.drive_figures import DriveFigures
     from updyn.control.servo.record import Servo
 
-__all__ = ["drive_of", "located_in", "servo_of"]
+__all__ = ["drive_of", "servo_of"]
 
 
 def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
@@ -42,7 +40,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
         return None
     from updyn.control.servo.drive import drive_figures
 
-    with located_in(job, "servo"):
+    with key_path("servo"):
         return drive_figures(model, wish.motor, wish.load, ratio=wish.ratio, band=band)
 
 
@@ -70,9 +68,9 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
     torque = nominal.inputs[0] if wish.torque is None else wish.torque
     assert wish.velocity is not None
-    with located_in(job, "servo", "controller"):
+    with key_path("servo", "controller"):
         controller = wish.controller.controller(nominal, torque, wish.velocity, wish.position)
-    with located_in(job, "servo"):
+    with key_path("servo"):
         return servo(
             plant,
             controller,
@@ -86,14 +84,3 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
             wind=None if wish.wind is None else wish.wind.wind(),
             duration=wish.duration,
         )
-
-
-@contextmanager
-def located_in(job: Job, *place: str | int) -> Iterator[None]:
-    """Give an error the line of the key of a table that it is about."""
-    try:
-        yield
-    except JobError:
-        raise
-    except InputError as error:
-        raise job.error_about(str(error), *place) from error

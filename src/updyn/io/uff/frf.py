@@ -611,7 +611,7 @@ class _Chosen:
             self.kept = held
             return
         self.kept = chosen(wanted, f"{self.what}s", self.path)
-        with placed(self.path, f"{self.what}s"):
+        with placed(self.path, f"{self.what}s"), key_path(f"{self.what}s"):
             held.match(self.kept, self.what)
 
     def __contains__(self, dof: Dof) -> bool:

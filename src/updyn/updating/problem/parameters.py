@@ -132,7 +132,7 @@ class Parameter:
             raise ParameterError(
                 f"unknown {self.name!r} starts at {self.start:g}, outside its bounds"
                 f" ({self.lower:g}, {self.upper:g})",
-                key=("start",),
+                key=("bounds",),
             )
         if self.is_factor and self.lower <= 0:
             raise ParameterError(
