@@ -47,7 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
-from updyn.errors import FormatError, InputError, OptionError, UpdynWarning
+from updyn.errors import FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import chosen, placed
