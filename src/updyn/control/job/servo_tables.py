@@ -57,7 +57,7 @@ class NotchTable(Table):
         if dampings or self.width is None:
             raise OptionError(
                 f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios",
-                key=("width",),
+                key=("depth",) if self.width is None else tuple(dampings)[:1],
             )
         return Notch.of_width(self.frequency, self.width, self.depth or 0.0)
 
