@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.tables import PlantTable, ServoTable
+from updyn.control.ports import port_matrix
 from updyn.errors import JobError, key_path, suggest
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -159,7 +159,6 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     table = job.table(PlantTable)
     if table is None:
         return
-    from updyn.control.ports import port_matrix
 
     servo = job.table(ServoTable)
 
