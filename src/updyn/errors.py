@@ -144,6 +144,10 @@ def key_path(*key: str | int, otherwise: Sequence[str | int] = ()) -> Iterator[N
         Where what is worked on inside comes from.
     otherwise : sequence of str or int
         The rest of the path where the error states none.
+
+    Yields
+    ------
+    None
     """
     try:
         yield
