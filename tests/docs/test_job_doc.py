@@ -14,11 +14,13 @@ from typing import Any
 import pytest
 
 from updyn.cli import main
-from updyn.control.job.plant_tables import PlantTable, PortTable, SamplingTable
-from updyn.control.job.servo_tables import (
+from updyn.control.job.tables import (
     ControllerTable,
     NonlinearTable,
     NotchTable,
+    PlantTable,
+    PortTable,
+    SamplingTable,
     ServoTable,
     WindTable,
 )

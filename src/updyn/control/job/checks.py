@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.tables import PlantTable, ServoTable
+from updyn.control.ports import port_matrix
 from updyn.errors import InputError, JobError, suggest
 from updyn.job.located import located
 from updyn.job.schema import Job
@@ -134,7 +134,6 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     table = job.table(PlantTable)
     if table is None:
         return
-    from updyn.control.ports import port_matrix
 
     servo = job.table(ServoTable)
 

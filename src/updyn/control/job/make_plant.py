@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from updyn.control.job.checks import part_of_plant
-from updyn.control.job.plant_files import PLANT_PAGE, plant_outputs, write_plant_files
+from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
 from updyn.control.job.plant_result import Planted, planted_of
-from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
     MARK,

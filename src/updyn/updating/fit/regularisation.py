@@ -24,7 +24,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Coordinates, Task, together
+from updyn.updating.problem.problem import Coordinates, Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -364,11 +364,13 @@ class Regularised:
     max_iterations: int
     tolerance: float
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return where to begin, shape (n,): where the method begins by itself."""
         return self.method.search(problem, monitor)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x, choosing how strongly they are held.
 
         Raises
@@ -403,7 +405,7 @@ class _Run:
 
     Attributes
     ----------
-    problem : Task
+    problem : Problem
         Model, data and unknowns.
     method : Method
         What fits.
@@ -417,7 +419,7 @@ class _Run:
         that.
     """
 
-    problem: Task
+    problem: Problem
     method: Method
     monitor: Monitor
     free: NDArray[np.bool_]
@@ -584,8 +586,8 @@ class _Run:
         )
 
     # -- what both need ------------------------------------------------------------------------------------
-    def _with(self, coordinates: Coordinates) -> Task:
-        return together([replace(part, coordinates=coordinates) for part in self.problem.parts])
+    def _with(self, coordinates: Coordinates) -> Problem:
+        return Problem.of([replace(part, coordinates=coordinates) for part in self.problem.parts])
 
     def _after(self, fit: Fit) -> _Run:
         return replace(self, unit=fit.unit)

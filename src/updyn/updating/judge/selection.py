@@ -20,7 +20,7 @@ from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.lines import on_lines
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 
 __all__ = [
@@ -514,11 +514,9 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    parts = [
-        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
-    ]
+    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
     noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
-    return local_at_start(together(parts), noises)[0].R
+    return local_at_start(Problem.of(parts), noises)[0].R
 
 
 def _cosines(R: _Matrix) -> _Matrix:
