@@ -198,7 +198,7 @@ def test_the_example_runs(folder: Path) -> None:
     result = run_job(
         loaded,
         folder / "out",
-        report=lambda result, path, found, planted: path.write_text("report"),
+        report=lambda result, path, **further: path.write_text("report"),
     )
     assert result.status == "converged"
     written = {path.name for path in (folder / "out").iterdir()}

@@ -101,7 +101,7 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     """
     refused = _NEED_EXACT.get(method or "")
     if tier == "reduced" and refused:
-        raise OptionError(refused)
+        raise OptionError(refused, key=("tier",))
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
 
 

@@ -294,7 +294,8 @@ def check_regularise(
         if regularise not in CHOICES and re.fullmatch(r"tsvd:[1-9]\d*", regularise) is None:
             raise OptionError(
                 f"regularise {regularise!r}: {suggest(regularise, CHOICES)}; or 'tsvd:N' with a"
-                " whole number N, or a strength above 0"
+                " whole number N, or a strength above 0",
+                key=("regularise",),
             )
     elif (
         isinstance(regularise, bool)
@@ -303,16 +304,19 @@ def check_regularise(
     ):
         raise OptionError(
             f"regularise = {regularise!r}: expected a strength above 0, or one of"
-            f" {', '.join(CHOICES)}"
+            f" {', '.join(CHOICES)}",
+            key=("regularise",),
         )
     if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
         raise OptionError(
             f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
-            " where its basis was made; use tier 'sparse', or 'gcv'"
+            " where its basis was made; use tier 'sparse', or 'gcv'",
+            key=("regularise",),
         )
     if method not in METHODS:
         raise OptionError(
-            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}"
+            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}",
+            key=("regularise",),
         )
 
 
@@ -382,7 +386,8 @@ class Regularised:
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
             raise OptionError(
-                "regularise: every unknown has a prior of its own; nothing is left to regularise"
+                "regularise: every unknown has a prior of its own; nothing is left to regularise",
+                key=("regularise",),
             )
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
         run = _Run(problem, once, monitor, free)
@@ -391,7 +396,8 @@ class Regularised:
             if number is not None and number > free.sum():
                 raise OptionError(
                     f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
-                    " unknown without a prior"
+                    " unknown without a prior",
+                    key=("regularise",),
                 )
             return run.truncated(noises, x, number)
         if isinstance(self.how, str):

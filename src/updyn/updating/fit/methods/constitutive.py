@@ -82,7 +82,8 @@ class ConstitutiveMethod:
     def __post_init__(self) -> None:
         if not 0.0 < self.weight <= 1.0:
             raise OptionError(
-                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1"
+                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1",
+                key=("weight",),
             )
 
     def search(self, problem: Problem, monitor: Monitor) -> _Vector:

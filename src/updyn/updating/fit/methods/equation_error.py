@@ -49,7 +49,10 @@ class EquationErrorMethod:
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
     def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
@@ -66,7 +69,8 @@ class EquationErrorMethod:
         if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
             raise OptionError(
                 "solver 'gauss-newton' is the plain iteration and knows no priors; use"
-                " 'trust-region'"
+                " 'trust-region'",
+                key=("solver",),
             )
         residual = EquationError()
         with monitor.stage("equation-error"):

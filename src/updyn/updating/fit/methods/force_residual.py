@@ -79,7 +79,10 @@ class ForceResidualMethod:
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
     def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the start of the unknowns, shape (n,): there is no search."""

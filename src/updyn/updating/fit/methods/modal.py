@@ -98,16 +98,20 @@ class ModalMethod:
     def __post_init__(self) -> None:
         if self.shapes and not self.shape_weight > 0:
             raise OptionError(
-                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out"
+                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out",
+                key=("shape_weight",),
             )
         if self.mac > 1.0:
-            raise OptionError(f"option mac = {self.mac:g}: expected a number from 0 to 1")
+            raise OptionError(
+                f"option mac = {self.mac:g}: expected a number from 0 to 1", key=("mac",)
+            )
         given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
         for one in given:
             if one is not None and not isinstance(one, ModeSet):
                 raise OptionError(
                     f"option modes: expected a ModeSet, found {type(one).__name__}; read one with"
-                    " updyn.read_modes, or name the file in a job: [test] modes"
+                    " updyn.read_modes, or name the file in a job: [test] modes",
+                    key=("modes",),
                 )
 
     def search(self, problem: Problem, monitor: Monitor) -> _Vector:
@@ -182,11 +186,14 @@ class ModalMethod:
     def _check_names(self, names: Sequence[str]) -> None:
         if isinstance(self.modes, ModeSet) and len(names) > 1:
             raise OptionError(
-                "option modes: there are several tests; give modes by the name of the test"
+                "option modes: there are several tests; give modes by the name of the test",
+                key=("modes",),
             )
         for name in self.modes if isinstance(self.modes, Mapping) else ():
             if name not in names:
-                raise OptionError(f"option modes: no test {name!r}; {suggest(str(name), names)}")
+                raise OptionError(
+                    f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
+                )
 
     def _measured(self, part: Part) -> ModeSet:
         given = self.modes.get(part.name) if isinstance(self.modes, Mapping) else self.modes
