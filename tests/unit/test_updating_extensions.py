@@ -22,8 +22,8 @@ class SquareRoot(LineResidual):
     reference: ClassVar[str] = "Test 2026"
     calibrates: ClassVar[bool] = True
 
-    def block(self, problem, x, lines):
-        block = problem.block(x, lines)
+    def block(self, part, x, lines):
+        block = part.block(x, lines)
         root = np.sqrt(block.H / block.measured)
         return root - 1.0, 0.5 * root / block.H * block.dH
 

@@ -15,7 +15,7 @@ from updyn.updating.fit.null_space import null_space
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError, Residual, is_cached, with_prior
 from updyn.updating.problem.session import Stopped
 
@@ -138,7 +138,7 @@ class Method:
     instead : str
         What to do about an unknown of such a quantity, for the message.
     calibrates : bool
-        Whether it knows calibration factors: it compares with `Problem.block`, which applies them.
+        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
     can_regularise : bool
         Whether it minimises one sum of squares within bounds, to which a pull can be added.
     is_likelihood : bool
@@ -164,24 +164,26 @@ class Method:
     is_likelihood: ClassVar[bool] = False
     states_noise: ClassVar[bool] = False
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return where to begin, shape (n,): by default the start of the unknowns.
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Model, data and unknowns.
         monitor : Monitor
             Records the steps.
         """
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x.
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Model, data and unknowns.
         noises : sequence of NoiseModel
             How uncertain the data of each part are.
@@ -198,7 +200,7 @@ class Method:
 
 
 def descend(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: _Vector,
     monitor: Monitor,
@@ -275,7 +277,7 @@ def descend(
 
 
 def descend_to_scale(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: _Vector,
     monitor: Monitor,
@@ -344,12 +346,12 @@ def in_units(local: Local, sigma: float) -> Local:
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
-def stopped_at(problem: Task, x: _Vector) -> Fit:
+def stopped_at(problem: Problem, x: _Vector) -> Fit:
     """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What the log error was evaluated on.
     x : ndarray of float, shape (n,)
         The best point so far.
@@ -368,7 +370,7 @@ def stopped_at(problem: Task, x: _Vector) -> Fit:
 
 
 def known_length(
-    problem: Task,
+    problem: Problem,
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
@@ -376,7 +378,7 @@ def known_length(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     x : ndarray of float, shape (n,)
         The estimate.

@@ -20,7 +20,7 @@ from updyn.frf import QUANTITIES
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -49,7 +49,7 @@ class Residual(Protocol):
     def name(self) -> str:
         """How the report calls it."""
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
@@ -68,7 +68,7 @@ class LineResidual:
     needs_exact : str
         Why it cannot be evaluated in a reduced model; empty: it can.
     calibrates : bool
-        Whether it knows calibration factors: it compares with `Problem.block`, which applies them.
+        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
     """
 
     __slots__ = ()
@@ -80,7 +80,7 @@ class LineResidual:
     calibrates: ClassVar[bool] = False
 
     @classmethod
-    def of_data(cls, problem: Problem) -> Self:
+    def of_data(cls, part: Part) -> Self:
         """Return the residual for the data of a test, weighted in equal parts where it has weights."""
         return cls()
 
@@ -89,7 +89,7 @@ class LineResidual:
         """Bytes, text or array that differs between residuals of one class."""
         return ""
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
@@ -97,15 +97,15 @@ class LineResidual:
         """Return the residual of one of several tests."""
         return self
 
-    def on(self, problem: Problem, lines: slice) -> Self:
+    def on(self, part: Part, lines: slice) -> Self:
         """Return the residual with what a block of lines needs of it."""
         return self
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition()
+        return part.partition()
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
         raise NotImplementedError
 
@@ -120,9 +120,9 @@ class LogError(LineResidual):
 
     name: str = "log"
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines."""
-        block = problem.block(x, lines)
+        block = part.block(x, lines)
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
         H = np.where(usable, block.H, 1.0)
@@ -146,22 +146,22 @@ class OutputError(LineResidual):
     name: str = "output-error"
 
     @classmethod
-    def of_data(cls, problem: Problem) -> Self:
+    def of_data(cls, part: Part) -> Self:
         """Return the residual with equal weight for all values of one unit."""
-        return cls(np.broadcast_to(1.0 / level_by_unit(problem.frf), problem.frf.values.shape))
+        return cls(np.broadcast_to(1.0 / level_by_unit(part.frf), part.frf.values.shape))
 
     @property
     def cache_key(self) -> NDArray[np.float64]:
         """The weights."""
         return self.weight
 
-    def on(self, problem: Problem, lines: slice) -> Self:
+    def on(self, part: Part, lines: slice) -> Self:
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines, whose weights these are."""
-        block = problem.block(x, lines)
+        block = part.block(x, lines)
         assert block.dH is not None
         return self.weight * (block.H - block.measured), block.dH * self.weight
 
@@ -186,7 +186,7 @@ class EachOf(Generic[E]):
         """How the report calls it."""
         return self.errors[0].name
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
@@ -213,14 +213,14 @@ class EquationError(LineResidual):
 
     name: str = "equation-error"
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         for part in problem.parts:
             self.check(part)
         return _local(self, problem, x)
 
     @staticmethod
-    def check(problem: Problem) -> None:
+    def check(part: Part) -> None:
         """Check that the data have what the equation error needs.
 
         Raises
@@ -228,20 +228,20 @@ class EquationError(LineResidual):
         DataError
             If they lack the drive point of a reference, or hold no receptance at 0 Hz.
         """
-        driven = _drive_points(problem).any(axis=0)
+        driven = _drive_points(part).any(axis=0)
         if not driven.all():
-            missing = problem.frf.references[int(np.flatnonzero(~driven)[0])]
+            missing = part.frf.references[int(np.flatnonzero(~driven)[0])]
             raise DataError(
                 f"equation error: reference {missing} is not among the responses; the force has to"
                 " stand on a retained DOF. Measure the drive point, or use another method"
             )
-        quantity = problem.frf.quantity
-        if QUANTITIES[quantity] and problem.frf.freq[0] == 0.0:
+        quantity = part.frf.quantity
+        if QUANTITIES[quantity] and part.frf.freq[0] == 0.0:
             raise DataError(
                 f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
             )
 
-    def blocks(self, problem: Problem, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+    def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
 
         Raises
@@ -251,49 +251,47 @@ class EquationError(LineResidual):
         SolverError
             If the model cannot be condensed at a line.
         """
-        self.check(problem)
-        return problem.each(_block, [(self, x, lines) for lines in self.partition(problem)])
+        self.check(part)
+        return part.each(_block, [(self, x, lines) for lines in self.partition(part)])
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition(2 * len(problem.rows))
+        return part.partition(2 * len(part.rows))
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines."""
-        freq, slope = problem.frf.freq[lines], problem.coordinates.slope(x)
-        unit = _drive_points(problem)
-        weight = _same_unit(problem, unit)
-        factor = (
-            problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
-        )
+        freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
+        unit = _drive_points(part)
+        weight = _same_unit(part, unit)
+        factor = part.sign / ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
         product, derivative = sensitivity.condensed_product(
-            problem.solver,
-            problem.unknowns,
-            problem.values(x),
+            part.solver,
+            part.unknowns,
+            part.values(x),
             freq,
-            problem.rows,
-            problem.frf.values[lines] * factor,
+            part.rows,
+            part.frf.values[lines] * factor,
         )
         assert derivative is not None
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
 
 
-def _drive_points(problem: Problem) -> _Matrix:
+def _drive_points(part: Part) -> _Matrix:
     """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
-    return np.asarray(problem.rows[:, None] == problem.columns[None, :], dtype=np.float64)
+    return np.asarray(part.rows[:, None] == part.columns[None, :], dtype=np.float64)
 
 
-def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
+def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
     """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
 
     The residual at a rotation is a moment per force. Times the level of the motion there, over the
     level of the motion at the force, it becomes a share of work, whatever the unit of length.
     """
-    level = level_by_unit(problem.frf)[0]
+    level = level_by_unit(part.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
-def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
+def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
@@ -304,7 +302,7 @@ def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     )
 
 
-def solved(residual: LineResidual, problem: Problem, x: _Vector) -> Local:
+def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
     """Return the reduced problem at x.
 
     Raises
@@ -314,17 +312,17 @@ def solved(residual: LineResidual, problem: Problem, x: _Vector) -> Local:
     """
 
     def compute() -> Record:
-        items = [(residual.on(problem, lines), x, lines) for lines in residual.partition(problem)]
-        local = reduce(problem.each(_block_triangle, items), problem.n)
+        items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
+        local = reduce(part.each(_block_triangle, items), part.n)
         if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
             raise SolverError(f"{residual.name}: the model's answer is not finite")
         return np.array(local.cost), local.R, local.q
 
-    cost, R, q = problem.recall(_kind(residual), x, compute, residual.cache_key)
+    cost, R, q = part.recall(_kind(residual), x, compute, residual.cache_key)
     return Local(float(cost), R, q)
 
 
-def is_cached(residual: LogError, problem: Task, x: _Vector) -> bool:
+def is_cached(residual: LogError, problem: Problem, x: _Vector) -> bool:
     """Return whether the reduced problem at x is in the memory of the session."""
     keys = [part.key(_kind(residual), x, residual.cache_key) for part in problem.parts]
     return all(problem.session.knows(key) for key in keys)
@@ -334,7 +332,7 @@ def _kind(residual: LineResidual) -> str:
     return type(residual).__name__
 
 
-def _local(residual: LineResidual | EachOf[Any], problem: Task, x: _Vector) -> Local | None:
+def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
     try:
         return joined(
             [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
@@ -343,15 +341,13 @@ def _local(residual: LineResidual | EachOf[Any], problem: Task, x: _Vector) -> L
         return None
 
 
-def _block(
-    problem: Problem, item: tuple[LineResidual, _Vector, slice]
-) -> tuple[_Complex, _Complex]:
+def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Complex, _Complex]:
     residual, x, lines = item
-    return residual.block(problem, x, lines)
+    return residual.block(part, x, lines)
 
 
-def _block_triangle(problem: Problem, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
-    return qr_triangle(_stack(*_block(problem, item)))
+def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
+    return qr_triangle(_stack(*_block(part, item)))
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:

@@ -15,7 +15,7 @@ from updyn.updating.fit.methods.least_squares import judged
 from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
 __all__ = ["FrfSensitivityMethod"]
@@ -63,7 +63,11 @@ class FrfSensitivityMethod(Method):
     )
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
         check_unknowns(problem, self)

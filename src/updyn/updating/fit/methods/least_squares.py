@@ -30,7 +30,7 @@ from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import (
     Each,
     EachOf,
@@ -85,7 +85,7 @@ class LogMethod(Method):
     can_regularise: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
@@ -105,7 +105,11 @@ class LogMethod(Method):
         return x
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
@@ -142,7 +146,11 @@ class OutputMethod(Method):
     states_noise: ClassVar[bool] = True
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
         residual = Each(tuple(OutputError.of_data(part) for part in problem.parts))
@@ -193,7 +201,11 @@ class LeastSquares(Method):
         return type(f"{residual.__name__}Method", (cls,), {"__slots__": (), **stated})
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         residual = EachOf(tuple(self.residual.of_data(part) for part in problem.parts))
@@ -209,7 +221,7 @@ class LeastSquares(Method):
 
 
 def _descend(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: np.ndarray,
     monitor: Monitor,
@@ -221,7 +233,7 @@ def _descend(
 
 
 def judged(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: NDArray[np.float64],
     reason: str,
@@ -234,7 +246,7 @@ def judged(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     residual : Residual
         Log error or output error.
@@ -317,7 +329,7 @@ class Sandwich:
 
 
 def sandwich(
-    problem: Task,
+    problem: Problem,
     residual: LogError | Each,
     local: Local,
     x: NDArray[np.float64],
@@ -334,7 +346,7 @@ def sandwich(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     residual : LogError or Each
         Its residual.
@@ -357,7 +369,7 @@ def sandwich(
 
 
 def _sandwich(
-    problem: Task,
+    problem: Problem,
     residual: LogError | Each,
     local: Local,
     x: NDArray[np.float64],

@@ -15,7 +15,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 from updyn.updating.problem.session import Stopped
 
@@ -65,7 +65,7 @@ class MaximumLikelihood(Method):
     is_likelihood: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
@@ -91,7 +91,11 @@ class MaximumLikelihood(Method):
         return x
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x, weighted by the noise."""
         with monitor.stage(self.name):
@@ -102,7 +106,11 @@ class MaximumLikelihood(Method):
             return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
 
     def _weighted(
-        self, problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64], monitor: Monitor
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: NDArray[np.float64],
+        monitor: Monitor,
     ) -> tuple[NDArray[np.float64], str, tuple[Sequence[NoiseModel], Each] | None]:
         """Return the estimate, why it ended, and the noise and weights of its last descent."""
         left, reason = self.max_iterations, "converged"
@@ -129,7 +137,7 @@ class MaximumLikelihood(Method):
 
     def _judge(
         self,
-        problem: Task,
+        problem: Problem,
         x: NDArray[np.float64],
         noises: Sequence[NoiseModel],
         residual: Each,
@@ -161,7 +169,7 @@ class MaximumLikelihood(Method):
 
 
 def _weigh(
-    problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
     """Return the noise models after a look at the residual, and the weights that follow from them at x."""
     looked, errors = [], []

@@ -88,15 +88,21 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         return _sourced(noise, frf)
     for key in noise:
         if key not in _KEYS:
-            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), _KEYS)}")
+            raise OptionError(
+                f"noise: no key {key!r}; {suggest(str(key), _KEYS)}", key=("noise", key)
+            )
     robust = noise.get("robust")
     if robust not in (None, Robust.name):
-        raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
+        raise OptionError(
+            f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}",
+            key=("noise", "robust"),
+        )
     numbers = {key: noise[key] for key in _NUMBERS if key in noise}
     if numbers and "source" in noise:
         raise OptionError(
             "noise: relative and floor state it, source takes it from elsewhere; give one of"
-            " the two"
+            " the two",
+            key=("noise",),
         )
     tails = np.inf if robust is None else FREEDOM
     stated = numbers or not (robust or "source" in noise)
@@ -112,11 +118,12 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     if source not in NOISE_MODELS:
         raise OptionError(
             f"noise {source!r}: {suggest(str(source), NOISE_MODELS)}, or a table with relative and"
-            " floor"
+            " floor",
+            key=("noise",),
         )
     model = NOISE_MODELS[source]
     if model.needs and getattr(frf, model.needs) is None:
-        raise OptionError(f"noise {source!r}: the data carry no {model.needs}")
+        raise OptionError(f"noise {source!r}: the data carry no {model.needs}", key=("noise",))
     return model.of_data(frf, tails)
 
 
@@ -129,13 +136,16 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
             or not np.isfinite(value)
             or value < 0
         ):
-            raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
+            raise OptionError(
+                f"noise: {key} = {value!r}; expected a number of at least 0", key=("noise", key)
+            )
         usable[key] = float(value)
     stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
     if stated.relative == stated.floor == 0.0:
         raise OptionError(
             "noise: relative and floor are both 0; data without noise need no noise model, leave"
-            " it out"
+            " it out",
+            key=("noise",),
         )
     return stated
 
@@ -171,6 +181,8 @@ def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
     names = tuple(frf.responses.labels)
     lacking = [label for label in names if label not in relative]
     if lacking:
-        raise OptionError(f"noise by channel: nothing is known of response {lacking[0]}")
+        raise OptionError(
+            f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
+        )
     a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
     return EstimatedByChannel(relative=a, floor=b, names=names, held=True)

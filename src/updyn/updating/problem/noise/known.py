@@ -201,7 +201,8 @@ class Coherence(NoiseModel):
         if frf.averages == 1:
             raise OptionError(
                 "noise 'coherence': that of a single average is 1 whatever the noise; it says"
-                " nothing"
+                " nothing",
+                key=("noise",),
             )
         return cls(frf.averages is not None, frf.freq, _learn(frf))
 
