@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from updyn.dynamics.condensation import condense as condense
     from updyn.dynamics.modes import modes as modes
     from updyn.dynamics.response import response as response
-    from updyn.elements.sensor_masses import sensor_masses as sensor_masses
     from updyn.errors import UpdynError as UpdynError
     from updyn.errors import UpdynWarning as UpdynWarning
     from updyn.frf import FRF as FRF
@@ -87,6 +86,7 @@ if TYPE_CHECKING:
     from updyn.updating.problem.parameters import link as link
     from updyn.updating.problem.parameters import parameters as parameters
     from updyn.updating.problem.selection import Selection as Selection
+    from updyn.updating.problem.sensor_masses import sensor_masses as sensor_masses
     from updyn.updating.result import JointResult as JointResult
     from updyn.updating.result import UpdateResult as UpdateResult
     from updyn.updating.update import update as update
@@ -152,7 +152,7 @@ _WHERE = {
     "sampled": "updyn.control.sampled",
     "select": "updyn.updating.judge.selection",
     "select_jointly": "updyn.updating.judge.selection",
-    "sensor_masses": "updyn.elements.sensor_masses",
+    "sensor_masses": "updyn.updating.problem.sensor_masses",
     "to_control": "updyn.control.python_control",
     "to_frd": "updyn.control.python_control",
     "to_scipy": "updyn.control.python_control",

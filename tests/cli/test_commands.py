@@ -362,7 +362,7 @@ def test_demo_of_no_such_name(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["demo", "chian"]) == 2
-    assert "no demo 'chian'; did you mean 'chain'?" in capsys.readouterr().err
+    assert "demo 'chian': did you mean 'chain'?" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

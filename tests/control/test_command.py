@@ -13,9 +13,9 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.control.files.plant_file import PLANT_FORMATS
-from updyn.control.job.plant_tables import PLANT_SUFFIXES
+from updyn.control.job.tables import PLANT_SUFFIXES
 from updyn.demos import find_demo
-from updyn.elements.constraints import add_masses
+from updyn.elements.masses import add_masses
 
 JOB = """[model]
 file = "chain.h5"

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.elements.drivetrain import drivetrain_from_table
-from updyn.elements.drivetrain.build import TABLES
+from updyn.elements.drivetrain import PARTS, drivetrain_from_table
 from updyn.job import load_job
 from updyn.model import Model
 
@@ -82,9 +81,9 @@ def test_the_keys_are_those_of_the_parts() -> None:
     rows = re.findall(
         r"^\| `\[\[model\.(\w+)\]\]` \| `(\w+)` \| (.*) \| (.*) \|$", TEXT, re.MULTILINE
     )
-    assert {table: kind for table, kind, _, _ in rows} == {k: v.__name__ for k, v in TABLES.items()}
+    assert {table: kind for table, kind, _, _ in rows} == {k: v.__name__ for k, v in PARTS.items()}
     for table, _, required, optional in rows:
-        fields = {f.name: f.default for f in dataclasses.fields(TABLES[table])}
+        fields = {f.name: f.default for f in dataclasses.fields(PARTS[table])}
         assert re.findall(r"`(\w+)`", required) == [
             k for k, d in fields.items() if d is dataclasses.MISSING
         ], table

@@ -11,7 +11,8 @@ import pytest
 
 import updyn
 from updyn.demos import chain
-from updyn.elements.constraints import add_masses, constrain
+from updyn.elements.constraints import constrain
+from updyn.elements.masses import add_masses
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
 from updyn.job import job_identifiability, load_job, prepare, run_job

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.report.page import render
-from updyn.report.uncertain import band_figure, intervals_figure
+from updyn.report.uncertainty import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Hump, Profile, Profiles
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from updyn.job import Job, Prepared
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["check", "compare", "convert", "correlate", "demo", "engine", "info", "run"]
+__all__ = ["check", "compare", "convert", "correlate", "demo", "info", "open_engine", "run"]
 
 
 def run(
@@ -29,6 +29,7 @@ def run(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
@@ -46,6 +47,8 @@ def run(
     cluster
         Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its
         workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     resume
         Go on with the run in that folder that was stopped or interrupted, with the same result as
         if it had not been.
@@ -53,7 +56,7 @@ def run(
     from updyn.job import load_job
 
     loaded = load_job(job)
-    with engine(workers, cluster) as chosen:
+    with open_engine(workers, cluster, engine) as chosen:
         return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 
@@ -231,18 +234,17 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     unit
         Unit of length of a model's deck, which does not say it: m, mm or in.
     """
-    from updyn.cli.describe import describe
-    from updyn.cli.reading import KINDS, read_anything
+    from updyn.cli.reading import FILE_KINDS, read_anything
 
     if quantity is not None and unit is not None:
         raise InputError("--unit is about a model, --quantity about a measurement")
-    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
+    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else None
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     options = {
         kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
     }
-    _, content = read_anything(file, kinds, options)
-    say(describe(content))
+    kind, content = read_anything(file, kinds, options)
+    say(FILE_KINDS[kind].describe(content))
     return DONE
 
 
@@ -283,6 +285,7 @@ def compare(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
 ) -> int:
     """Run every method on the inputs of a job: one table here, compare.html and compare.json in DIR.
@@ -310,6 +313,8 @@ def compare(
         Processes on this machine to spread the work over.
     cluster
         Address of a Dask scheduler to spread the work over its workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     list_
         List the methods, what they cannot update and where they come from, and do nothing.
     """
@@ -331,7 +336,7 @@ def compare(
     )
     folder = check_comparison_out(loaded, default_comparison_out(loaded) if out is None else out)
     ready = prepare(loaded)
-    with engine(workers, cluster) as where, watch(stderr()) as watching:
+    with open_engine(workers, cluster, engine) as where, watch(stderr()) as watching:
         found = compare_job(
             loaded,
             folder,
@@ -424,8 +429,10 @@ _PATIENCE_S = 10
 
 
 @contextmanager
-def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
-    """Give the engine that is asked for, and close it.
+def open_engine(
+    workers: int | None, cluster: str | None, registered: str | None = None
+) -> Iterator[Engine]:
+    """Open the engine that the options name, and close it afterwards.
 
     Parameters
     ----------
@@ -433,11 +440,14 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         Number of processes.
     cluster : str, optional
         Address of a Dask scheduler.
+    registered : str, optional
+        Text that an engine of another package is registered for.
 
     Raises
     ------
     OptionError
-        If both are given, the number is not one of processes, or no scheduler answers.
+        If more than one is given, the number is not one of processes, no scheduler answers, or no
+        engine is registered for the text.
     """
     from updyn.engines import choose_engine
 
@@ -447,8 +457,15 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         )
     if workers is not None and workers < 1:
         raise OptionError(f"--workers {workers}: expected a number of processes from 1 up")
+    if registered is not None and not (workers is None and cluster is None):
+        raise OptionError("--engine excludes --workers and --cluster")
     with ExitStack() as ending:
-        made = choose_engine(workers if cluster is None else ending.enter_context(_client(cluster)))
+        option: int | str | Client | None = workers
+        if registered is not None:
+            option = registered
+        elif cluster is not None:
+            option = ending.enter_context(_client(cluster))
+        made = choose_engine(option)
         ending.callback(made.close)
         yield made
 

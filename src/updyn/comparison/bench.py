@@ -26,7 +26,7 @@ from updyn.updating.problem.data import Test, check, split_data
 from updyn.updating.problem.lines import choose_lines, d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.update import update, update_jointly
@@ -290,14 +290,14 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
 
-def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Problem:
+def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
     """Return what lines are chosen by; it is not kept, as a large model takes room."""
     tier = (
         "sparse"
         if is_reduced(running["tier"], test.model.n_dofs, len(frf.freq))
         else running["tier"]
     )
-    return Problem.build(
+    return Part.build(
         test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
     )
 

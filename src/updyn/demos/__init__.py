@@ -1,12 +1,13 @@
-"""Shipped examples: each writes its inputs and a job file, and runs as any job does.
+"""Shipped demos: each writes its inputs and a job file, and runs as any job does.
 
-Adding one is a module here with ``write_inputs(folder) -> path of the job file``; where one run is
-not all, ``next_job(results, folder) -> path or None``, asked after every run; where there is more
-to say than the summaries, ``epilogue(results, folder) -> text``; and one line in `DEMOS`. A module
-is loaded when its demo is run.
+A demo is a module with ``write_inputs(folder) -> path of the job file``. Where it has several runs,
+``next_job(results, folder) -> path or None`` is called after each run; where it has more to say
+than the summaries, ``epilogue(results, folder) -> text``. It is registered in `DEMOS`, and its
+module is imported when it runs. Another package adds one by ``DEMOS.register``, or by an entry
+point of the group ``updyn.demos`` that names a `Demo`.
 
-What a demo comes to is what its last run comes to: an example may well begin with a run that the
-data cannot determine.
+The outcome of a demo is that of its last run: a demo may begin with a run whose unknowns the data
+do not determine.
 """
 
 from __future__ import annotations
@@ -17,23 +18,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import InputError, suggest
+from updyn.registry import Registry
 
 __all__ = ["DEMOS", "Demo", "find_demo"]
 
 
 @dataclass(frozen=True, slots=True)
 class Demo:
-    """One example.
+    """A shipped example.
 
     Parameters
     ----------
     name : str
-        What users call it.
+        Name on the command line.
     description : str
-        In a line.
+        One line for the list of demos.
     module : str
-        Where it is.
+        Its module, dotted.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Demo:
         Parameters
         ----------
         folder : Path
-            Where to; it exists.
+            Folder to write to; it exists.
 
         Returns
         -------
@@ -56,26 +57,28 @@ class Demo:
         return Path(importlib.import_module(self.module).write_inputs(folder))
 
     def next_job(self, results: Sequence[Any], folder: Path) -> Path | None:
-        """Return the job to run next, if the example has another.
+        """Return the job to run next, or None after the last run.
 
         Parameters
         ----------
         results : sequence of UpdateResult or JointResult
             Of the runs so far, in order.
         folder : Path
-            Where its inputs are; the job, and what it names, may be written now.
+            Where its inputs are; the job and the files that it names may be written now.
 
         Returns
         -------
         Path or None
             The job file; None after the last run.
         """
-        go_on = getattr(importlib.import_module(self.module), "next_job", None)
-        job = None if go_on is None else go_on(results, folder)
-        return None if job is None else Path(job)
+        module = importlib.import_module(self.module)
+        if not hasattr(module, "next_job"):
+            return None
+        job: Path | None = module.next_job(results, folder)
+        return job
 
     def epilogue(self, results: Sequence[Any], folder: Path) -> str:
-        """Return what the example has to say about its results beyond their summaries.
+        """Return text about the results that their summaries do not hold.
 
         Parameters
         ----------
@@ -87,13 +90,18 @@ class Demo:
         Returns
         -------
         str
-            Text; empty where there is nothing to say.
+            Text, possibly empty.
         """
-        speak = getattr(importlib.import_module(self.module), "epilogue", None)
-        return "" if speak is None else str(speak(results, folder))
+        module = importlib.import_module(self.module)
+        if not hasattr(module, "epilogue"):
+            return ""
+        return str(module.epilogue(results, folder))
 
 
-_ALL = (
+#: Demos by name, the default first.
+DEMOS: Registry[Demo] = Registry("demo", "updyn.demos", {})
+
+for _demo in (
     Demo("beam", "a free-free steel beam, measured by impact hammer", "updyn.demos.beam"),
     Demo(
         "gear-train",
@@ -103,17 +111,15 @@ _ALL = (
     Demo(
         "antenna",
         "a 4 m antenna with its drives, rotors locked and free: two tests, one model",
-        "updyn.demos.antenna",
+        "updyn.control.demo",
     ),
     Demo(
         "chain",
         "a 12-DOF damped chain, synthetic data with 1 % noise: 12 unknowns recovered",
         "updyn.demos.chain",
     ),
-)
-
-#: By name, the default first.
-DEMOS = {d.name: d for d in _ALL}
+):
+    DEMOS.register(_demo.name, _demo)
 
 
 def find_demo(name: str) -> Demo:
@@ -122,18 +128,15 @@ def find_demo(name: str) -> Demo:
     Parameters
     ----------
     name : str
-        Its name.
+        Its name in `DEMOS`.
 
     Returns
     -------
     Demo
-        The one of that name.
 
     Raises
     ------
-    InputError
-        If there is none of that name; the nearest are named.
+    OptionError
+        If there is none of that name; the nearest is named.
     """
-    if name not in DEMOS:
-        raise InputError(f"no demo {name!r}; {suggest(name, DEMOS)}")
-    return DEMOS[name]
+    return DEMOS.find(name)

@@ -28,7 +28,6 @@ __all__ = [
     "Equation",
     "RigidLink",
     "about_axis",
-    "add_masses",
     "along_axis",
     "constrain",
     "join",
@@ -348,38 +347,6 @@ def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
     return Equation(
         dof, {f"{node}:{name}": float(a) for name, a in zip(names, unit, strict=True) if a != 0.0}
     )
-
-
-def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
-    """Return the model with masses on some of its DOFs, a group of their own: sensors, trial masses.
-
-    Parameters
-    ----------
-    model : Model
-        The model without them.
-    masses : mapping of str to float
-        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all
-        directions is named for each of them.
-    name : str
-        Of the group.
-
-    Raises
-    ------
-    ModelError
-        If a mass is not a number above 0, or the model has a group of that name.
-    DofError
-        If a DOF is not in the model.
-    """
-    if name in model.groups:
-        raise ModelError(f"the model has a group {name!r} already")
-    for dof, mass in masses.items():
-        if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0.0 < mass < np.inf:
-            raise ModelError(f"mass at {dof}: {mass!r}; expected a number above 0")
-    at = model.dofs.match(masses, "DOF of a mass").index
-    M = sp.csr_array(
-        (np.array(list(masses.values()), dtype=np.float64), (at, at)), shape=(model.n_dofs,) * 2
-    )
-    return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)
 
 
 def join(models: Iterable[Model], title: str = "") -> Model:

@@ -8,7 +8,7 @@ from typing import Any
 from updyn import __version__
 from updyn.comparison import Comparison, Fewest, Row
 from updyn.io.atomic import write_json
-from updyn.store.values import plain
+from updyn.store.values import plain, plain_fields
 
 __all__ = ["comparison_to_json", "write_comparison_json"]
 
@@ -37,46 +37,45 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         "title": comparison.title,
         "unknowns": comparison.parameters.names,
         "truth": plain(dict(comparison.truth)) or None,
-        "tolerance": plain(comparison.tolerance),
-        "rule": comparison.rule,
-        "stopped": comparison.stopped,
-        "not_run": list(comparison.not_run),
+        **plain_fields(comparison, "tolerance", "rule", "stopped", "not_run"),
         "rows": [_row(row) for row in comparison],
         "versions": {"updyn": __version__},
     }
 
 
 def _row(row: Row) -> dict[str, Any]:
-    said = (
-        "method",
-        "reference",
-        "status",
-        "message",
-        "cannot",
-        "needs",
-        "updated",
-        "left",
-        "values",
-        "std",
-        "errors",
-    )
-    counted = (
-        "error_max",
-        "error_rms",
-        "error_max_updated",
-        "rank",
-        "iterations",
-        "lines_solved",
-        "n_lines",
-        "seconds",
-    )
     return {
-        **{key: plain(getattr(row, key)) for key in said},
+        **plain_fields(row, *_OUTCOME),
         "n_unknowns": len(row.updated),
         "correlation": {"fitted": plain(row.fitted), "held_out": plain(row.held_out)},
-        **{key: plain(getattr(row, key)) for key in counted},
+        **plain_fields(row, *_FIGURES),
         "fewest": None if row.fewest is None else _fewest(row.fewest),
     }
+
+
+_OUTCOME = (
+    "method",
+    "reference",
+    "status",
+    "message",
+    "cannot",
+    "needs",
+    "updated",
+    "left",
+    "values",
+    "std",
+    "errors",
+)
+_FIGURES = (
+    "error_max",
+    "error_rms",
+    "error_max_updated",
+    "rank",
+    "iterations",
+    "lines_solved",
+    "n_lines",
+    "seconds",
+)
 
 
 def _fewest(fewest: Fewest) -> dict[str, Any]:

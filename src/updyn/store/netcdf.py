@@ -1,16 +1,260 @@
-"""What is read from an open dataset, or missed in it with the nearest name."""
+"""A record as netCDF-4 (HDF5): each field of a dataclass by a `Kept`, which says how a file keeps it.
+
+A layout names the fields in the order in which they are written::
+
+    LAYOUT = {"status": Text(STATUSES), "options": Mixed(), "lines": Array("line", variable="line")}
+
+`put_fields` writes the fields of a record into a dataset of xarray and `take_fields` returns them;
+`write_dataset` and `read_dataset` are the file around it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
 
 from updyn.errors import FormatError, suggest
+from updyn.io.atomic import atomic_path
+from updyn.io.hdf5 import check_kind, put_kind
+from updyn.io.items import existing, library
+from updyn.store.values import from_text, to_text
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["text_of", "variable"]
+__all__ = [
+    "Array",
+    "Arrays",
+    "Kept",
+    "Mixed",
+    "Number",
+    "Text",
+    "Texts",
+    "put_fields",
+    "read_dataset",
+    "take_fields",
+    "texts",
+    "variable",
+    "write_dataset",
+]
+
+
+class Kept(Protocol):
+    """How a dataset keeps one field of a record."""
+
+    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+        """Write the field of that name."""
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+        """Return the field of that name.
+
+        Raises
+        ------
+        FormatError
+            If it is missing or not what was written; `path` is the file.
+        """
+
+
+def put_fields(data: xr.Dataset, record: Any, layout: Mapping[str, Kept]) -> None:
+    """Write the fields of a record that a layout names."""
+    for name, kept in layout.items():
+        kept.put(data, name, getattr(record, name))
+
+
+def take_fields(data: xr.Dataset, layout: Mapping[str, Kept], path: Path) -> dict[str, Any]:
+    """Return the fields that a layout names."""
+    return {name: kept.take(data, name, path) for name, kept in layout.items()}
+
+
+# -- how fields are kept -----------------------------------------------------------------------------------
+class Text:
+    """A text, as an attribute.
+
+    Parameters
+    ----------
+    choices : sequence of str, optional
+        What it may be.
+    """
+
+    def __init__(self, choices: Sequence[str] = ()) -> None:
+        self._choices = choices
+
+    def put(self, data: xr.Dataset, name: str, value: str) -> None:
+        """Write the text."""
+        data.attrs[name] = value
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> str:
+        """Return the text."""
+        value = data.attrs.get(name)
+        if not isinstance(value, str):
+            raise FormatError(f"attribute {name!r} is {value!r}; expected a text", path)
+        if self._choices and value not in self._choices:
+            raise FormatError(f"{name} {value!r}; {suggest(value, self._choices)}", path)
+        return value
+
+
+class Number:
+    """A number or a flag, as an attribute.
+
+    Parameters
+    ----------
+    kind : type
+        ``float`` or ``bool``, which is stored as 0 or 1.
+    """
+
+    def __init__(self, kind: type) -> None:
+        self._kind = kind
+
+    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+        """Write the number."""
+        data.attrs[name] = int(value) if self._kind is bool else value
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+        """Return the number."""
+        if name not in data.attrs:
+            raise FormatError(f"no attribute {name!r}", path)
+        return self._kind(data.attrs[name])
+
+
+class Mixed:
+    """Mixed values as JSON text (`updyn.store.values`).
+
+    Parameters
+    ----------
+    kind : type, optional
+        Dataclass of the field, whose fields are kept by name; None for plain values.
+    is_attribute : bool
+        Whether the text is an attribute, not a variable.
+    """
+
+    def __init__(self, kind: Callable[..., Any] | None = None, *, is_attribute: bool = False):
+        self._kind = kind
+        self._is_attribute = is_attribute
+
+    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+        """Write the values."""
+        fields = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        text = to_text(fields, name)
+        if self._is_attribute:
+            data.attrs[name] = text
+        else:
+            data[name] = ((), text)
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+        """Return the values."""
+        if self._is_attribute:
+            text = Text().take(data, name, path)
+        else:
+            text = str(variable(data, name, path)[()])
+        value = from_text(text, name, path)
+        if self._kind is None:
+            return value
+        try:
+            return self._kind(**value)
+        except TypeError as error:
+            raise FormatError(f"{name}: {error}", path) from error
+
+
+class Texts:
+    """A tuple of texts, as the coordinate of a dimension.
+
+    Parameters
+    ----------
+    dim : str
+        The dimension.
+    """
+
+    def __init__(self, dim: str) -> None:
+        self._dim = dim
+
+    def put(self, data: xr.Dataset, name: str, value: Iterable[str]) -> None:
+        """Write the texts."""
+        data.coords[self._dim] = (self._dim, texts(value))
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[str, ...]:
+        """Return the texts."""
+        return tuple(str(text) for text in variable(data, self._dim, path))
+
+
+class Array:
+    """A number array, as a variable.
+
+    Parameters
+    ----------
+    *dims : str
+        Its dimensions. One that is in the dataset already has to have the length that it has there.
+    variable : str, optional
+        Name of the variable, where it is not that of the field.
+    unit : str, optional
+        Unit, as an attribute of the variable.
+    is_flag : bool
+        Whether the entries are true or false, stored as 0 and 1.
+    """
+
+    def __init__(
+        self,
+        *dims: str,
+        variable: str | None = None,
+        unit: str | None = None,
+        is_flag: bool = False,
+    ) -> None:
+        self._dims = dims
+        self._variable = variable
+        self._attributes = {} if unit is None else {"units": unit}
+        self._is_flag = is_flag
+
+    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+        """Write the array."""
+        stored = value.astype(np.int8) if self._is_flag else value
+        data[self._variable or name] = (self._dims, stored, self._attributes)
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+        """Return the array."""
+        called = self._variable or name
+        value = variable(data, called, path)
+        # The dimension ``parameter_other`` is the second one of a square table over ``parameter``.
+        expected = tuple(data.sizes[dim.removesuffix("_other")] for dim in self._dims)
+        if value.shape != expected:
+            raise FormatError(f"{called}: found shape {value.shape}, expected {expected}", path)
+        return value.astype(np.bool_) if self._is_flag else value
+
+
+class Arrays:
+    """Number arrays by name, as variables whose names have a prefix.
+
+    Parameters
+    ----------
+    prefix : str
+        The prefix.
+    *dims : str
+        Dimensions of each.
+    """
+
+    def __init__(self, prefix: str, *dims: str) -> None:
+        self._prefix = prefix
+        self._dims = dims
+
+    def put(self, data: xr.Dataset, name: str, value: Mapping[str, Any]) -> None:
+        """Write the arrays."""
+        for key, array in value.items():
+            data[self._prefix + key] = (self._dims, array)
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> dict[str, Any]:
+        """Return the arrays."""
+        found = {}
+        for key in map(str, data.data_vars):
+            if key.startswith(self._prefix):
+                found[key.removeprefix(self._prefix)] = data[key].values
+        return found
+
+
+def texts(items: Iterable[str]) -> Any:
+    """Return texts as an array that xarray writes."""
+    return np.array(list(items), dtype=object)
 
 
 def variable(data: xr.Dataset, name: str, path: Path) -> Any:
@@ -26,15 +270,77 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
     return data[name].values
 
 
-def text_of(data: xr.Dataset, name: str, path: Path) -> str:
-    """Return an attribute that is a text.
+# -- the file ----------------------------------------------------------------------------------------------
+def write_dataset(
+    data: xr.Dataset,
+    path: str | Path,
+    kind: str,
+    put_more: Callable[[Any], None] | None = None,
+) -> None:
+    """Write a dataset as a file of updyn, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        What the root of the file holds.
+    path : path
+        File to write.
+    kind : str
+        What it is, for `updyn.io.hdf5.check_kind`.
+    put_more : callable, optional
+        Takes the open `h5py.File` and writes what is no variable of xarray.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary:
+        data.to_netcdf(temporary, engine="h5netcdf")
+        with h5py.File(temporary, "r+") as file:
+            put_kind(file, kind)
+            if put_more is not None:
+                put_more(file)
+
+
+def read_dataset(
+    path: str | Path,
+    kind: str,
+    what: str,
+    take_more: Callable[[Any], Any] | None = None,
+) -> tuple[xr.Dataset, Any]:
+    """Read a file that `write_dataset` wrote.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : str
+        What it has to be.
+    what : str
+        That in words, for messages.
+    take_more : callable, optional
+        Takes the open `h5py.File` and returns what is no variable of xarray.
+
+    Returns
+    -------
+    xarray.Dataset
+        The root of the file, in memory.
+    object
+        What `take_more` returned.
 
     Raises
     ------
     FormatError
-        If it is not there, or something else.
+        If the file is not there, is damaged, or holds something else (the right reader is named).
     """
-    value = data.attrs.get(name)
-    if not isinstance(value, str):
-        raise FormatError(f"attribute {name!r} is {value!r}; expected a text", path)
-    return value
+    import h5py
+    import xarray as xr
+
+    path = existing(path)
+    more = None
+    with library(path, f"{what} (NetCDF-4)"):
+        with h5py.File(path, "r") as file:
+            check_kind(file, path, kind)
+            if take_more is not None:
+                more = take_more(file)
+        with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
+            data.load()
+    return data, more

@@ -20,8 +20,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.modal.mode_set import ModeSet
 
-__all__ = ["from_text", "plain", "to_text"]
-
+__all__ = ["from_text", "plain", "plain_fields", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
 
@@ -141,3 +140,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
     return str(value)
+
+
+def plain_fields(record: Any, *names: str) -> dict[str, Any]:
+    """Return attributes of a record by name, as strict JSON values."""
+    return {name: plain(getattr(record, name)) for name in names}

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from updyn import __version__
+from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
@@ -24,14 +25,14 @@ from updyn.updating.fit.methods import make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
-from updyn.updating.judge.assessment import judge
+from updyn.updating.judge.assessment import Judgement, judge
 from updyn.updating.judge.verdict import verdict
 from updyn.updating.problem.channels import check_method
 from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult
@@ -39,31 +40,68 @@ from updyn.updating.result import UpdateResult
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = [
-    "run",
-]
+__all__ = ["RunOptions", "run"]
 
 #: How far the start is moved, relative to each unknown, where the model is singular there.
 _ASIDE = 1e-3
 
 
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How an update is run, whatever the tests and the unknowns; each field is that of `updyn.update`.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    method_options : mapping of str to object
+        Options of the method.
+    engine : None, int, dask.distributed Client or Engine
+        Where lines, and the tries of the search, are worked on.
+    callback : callable or None
+        Called with a `Progress` after every step and between blocks of lines.
+    title : str
+        For the record.
+    tier : {"dense", "sparse", "reduced"} or None
+        How the model is solved.
+    backend : str or None
+        Sparse factorisation.
+    accuracy : float
+        Of the reduced tier.
+    checkpoint : path or None
+        File that receives every evaluation.
+    resume : bool
+        Whether the run that `checkpoint` holds goes on.
+    regularise : None, str or float
+        How the unknowns are regularised.
+    """
+
+    method: str = "maximum-likelihood"
+    method_options: Mapping[str, Any] = field(default_factory=dict)
+    engine: int | Client | Engine | None = None
+    callback: Callable[[Progress], bool | None] | None = None
+    title: str = ""
+    tier: str | None = None
+    backend: str | None = None
+    accuracy: float = ACCURACY
+    checkpoint: str | Path | None = None
+    resume: bool = False
+    regularise: str | float | None = None
+
+
 def run(
-    tests: Sequence[Test],
-    parameters: ParameterSet | Selection,
-    method: str,
-    options: Mapping[str, Any],
-    *,
-    engine: int | Client | Engine | None,
-    callback: Callable[[Progress], bool | None] | None,
-    title: str,
-    tier: str | None,
-    backend: str | None,
-    accuracy: float,
-    checkpoint: str | Path | None,
-    resume: bool,
-    regularise: str | float | None = None,
+    tests: Sequence[Test], parameters: ParameterSet | Selection, options: RunOptions
 ) -> list[UpdateResult]:
-    """Fit the unknowns to all tests; the parameters are those of `updyn.update`.
+    """Fit the unknowns to all tests and return one result for each.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        At least one.
+    parameters : ParameterSet or Selection
+        The unknowns.
+    options : RunOptions
+        How the update is run.
 
     Raises
     ------
@@ -74,118 +112,77 @@ def run(
         If a model cannot be solved at a line where it starts.
     """
     begun = time.perf_counter()
-    strategy = make_method(method, options)
-    driver = regularised(strategy, method, regularise)
-    chosen = Selection.of(parameters)
-    parameters, tests = (
-        chosen.parameters,
-        [replace(test, model=chosen.start_of(test.model)) for test in tests],
-    )
-    check(tests, parameters)
-    check_method(parameters, method, strategy)
-    held: list[Any] = [None if t.validation is None else list(t.validation) for t in tests]
-    splits = [split_data(test.frf, v) for test, v in zip(tests, held, strict=True)]
+    strategy = make_method(options.method, options.method_options)
+    driver = regularised(strategy, options.method, options.regularise)
+    selection = Selection.of(parameters)
+    unknowns = selection.parameters
+    tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
+    check(tests, unknowns)
+    check_method(unknowns, options.method, strategy)
+    # A validation that can be iterated only once is read here, for the fit and for the fingerprint.
+    tests = [
+        test if test.validation is None else replace(test, validation=list(test.validation))  # type: ignore[arg-type]
+        for test in tests
+    ]
+    splits = [split_data(test.frf, test.validation) for test in tests]
     noises = [
         choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)
     ]
     with ExitStack() as ending:
-        session = Session(_engine(engine, ending), Recent())
+        session = Session(_engine(options.engine, ending), Recent())
         largest = max(test.model.n_dofs for test in tests)
-        reducing = is_reduced(tier, largest, sum(len(test.frf.freq) for test in tests), method)
-        check_regularise(regularise, method, reducing=reducing)
+        n_lines = sum(len(test.frf.freq) for test in tests)
+        reducing = is_reduced(options.tier, largest, n_lines, options.method)
+        check_regularise(options.regularise, options.method, reducing=reducing)
         problems = [
-            Problem.build(
+            Part.build(
                 test.model,
                 split.fitted,
-                parameters,
-                tier="sparse" if reducing else tier,
-                backend=backend,
+                unknowns,
+                tier="sparse" if reducing else options.tier,
+                backend=options.backend,
                 session=session,
                 name=test.name,
             )
             for test, split in zip(tests, splits, strict=True)
         ]
-        whole = together(problems)
-        all_data = together(
-            [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
-        )
-        reduced = Reducing(all_data, accuracy) if reducing else None
+        whole = Problem.of(problems)
+        reduced = None
+        if reducing:
+            all_data = [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
+            reduced = Reducing(Problem.of(all_data), options.accuracy)
         used = [
-            {
-                **{k: getattr(strategy, k) for k in options_of(method)},
-                "lines": (
-                    test.lines if isinstance(test.lines, str) or test.lines is None else "list"
-                ),
-                "tier": "reduced" if reducing else problem.solver.tier,
-                "backend": problem.solver.backend if problem.solver.tier == "sparse" else "lapack",
-            }
+            _used(strategy, test, problem, options, reducing=reducing)
             for test, problem in zip(tests, problems, strict=True)
         ]
-        if checkpoint is not None:
-            decisive: dict[str, object] = {
-                k: v for k, v in used[0].items() if k != "max_iterations"
-            }
-            decisive |= {"method": method, "accuracy": accuracy}
-            decisive |= {} if regularise is None else {"regularise": regularise}
-            decisive["lines"] = [_listed(test.lines) for test in tests]
-            decisive |= {"noise": [test.noise for test in tests], "validation": held}
-            told = fingerprint(whole, [test.frf for test in tests], decisive)
-            session.memory = Journal(Path(checkpoint), told, resume=resume)
+        if options.checkpoint is not None:
+            key = fingerprint(
+                whole, [test.frf for test in tests], _decisive(tests, used[0], options)
+            )
+            session.memory = Journal(Path(options.checkpoint), key, resume=options.resume)
             ending.callback(session.memory.close)
-        elif resume:
+        elif options.resume:
             raise OptionError("resume: name the checkpoint to go on from")
-        monitor = Monitor(whole, callback)
-        problem, fit = _fitted(
-            whole, [test.lines for test in tests], driver, noises, monitor, reduced
-        )
+        monitor = Monitor(whole, options.callback)
+        lines = [test.lines for test in tests]
+        problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage("judge"):
             found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
         if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
             session.memory.keep()
-    fit = found.fit
-    status, message, remedy = verdict(
-        fit,
-        found.analysis,
-        parameters.names,
-        found.advice,
-        found.misfit,
-        {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
-        found.rounding,
-    )
-    notes = [chosen.note, "" if fit.pull is None else fit.pull.note]
-    message = " ".join([message, *(note for note in notes if note)])
-    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    common = _common(problem, found, selection, options, monitor)
+    common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
+    values = np.array(list(common["values"].values()))
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
-    changes = parameters.changes(np.where(parameters.is_factor, values, np.maximum(values, 0.0)))
-    more = chosen.option | ({} if fit.pull is None else {"regularisation": dict(fit.pull.record)})
-    more |= {} if regularise is None else {"regularise": regularise}
-    common: dict[str, Any] = {
-        "status": status,
-        "message": message,
-        "remedy": remedy,
-        "method": method,
-        "parameters": parameters,
-        "values": dict(zip(parameters.names, values.tolist(), strict=True)),
-        "std": dict(
-            zip(parameters.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
-        ),
-        "covariance": found.covariance,
-        "at_bound": found.at_bound,
-        "identifiability": replace(found.analysis.report, advice=found.advice),
-        "history": tuple(monitor.history),
-        "timing_s": {**monitor.timing_s, "total": time.perf_counter() - begun},
-        "versions": {
-            "updyn": __version__,
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "python": platform.python_version(),
-            "platform": platform.platform(terse=True),
-        },
-    }
+    changes = unknowns.changes(np.where(unknowns.is_factor, values, np.maximum(values, 0.0)))
+    fit = found.fit
+    more = _more(selection, fit, options)
     return [
         UpdateResult(
             **common,
-            title=f"{title}: {test.name}".removeprefix(": ") if test.name else title,
+            title=f"{options.title}: {test.name}".removeprefix(": ")
+            if test.name
+            else options.title,
             options=used[i]
             | {"engine": session.engine.name}
             | _solved(problems[i], reduced)
@@ -205,6 +202,81 @@ def run(
     ]
 
 
+def _used(
+    strategy: Method, test: Test, part: Part, options: RunOptions, *, reducing: bool
+) -> dict[str, Any]:
+    """Return the options as they are used for a test, for its record."""
+    used = {key: getattr(strategy, key) for key in options_of(options.method)}
+    plain = isinstance(test.lines, str) or test.lines is None
+    used["lines"] = test.lines if plain else "list"
+    used["tier"] = "reduced" if reducing else part.solver.tier
+    used["backend"] = part.solver.backend if part.solver.tier == "sparse" else "lapack"
+    return used
+
+
+def _decisive(
+    tests: Sequence[Test], used: Mapping[str, Any], options: RunOptions
+) -> dict[str, object]:
+    """Return the options that change the answer, which a run to be resumed has to share."""
+    decisive: dict[str, object] = {k: v for k, v in used.items() if k != "max_iterations"}
+    decisive |= {"method": options.method, "accuracy": options.accuracy}
+    if options.regularise is not None:
+        decisive["regularise"] = options.regularise
+    decisive["lines"] = [_listed(test.lines) for test in tests]
+    decisive["noise"] = [test.noise for test in tests]
+    decisive["validation"] = [test.validation for test in tests]
+    return decisive
+
+
+def _common(
+    problem: Problem, found: Judgement, selection: Selection, options: RunOptions, monitor: Monitor
+) -> dict[str, Any]:
+    """Return what the results of all tests have in common, apart from the time that it took."""
+    fit, names = found.fit, selection.parameters.names
+    status, message, remedy = verdict(
+        fit,
+        found.analysis,
+        names,
+        found.advice,
+        found.misfit,
+        {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
+        found.rounding,
+    )
+    notes = [message, selection.note, "" if fit.pull is None else fit.pull.note]
+    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    std = np.sqrt(np.diag(found.covariance))
+    return {
+        "status": status,
+        "message": " ".join(note for note in notes if note),
+        "remedy": remedy,
+        "method": options.method,
+        "parameters": selection.parameters,
+        "values": dict(zip(names, values.tolist(), strict=True)),
+        "std": dict(zip(names, std.tolist(), strict=True)),
+        "covariance": found.covariance,
+        "at_bound": found.at_bound,
+        "identifiability": replace(found.analysis.report, advice=found.advice),
+        "history": tuple(monitor.history),
+        "versions": {
+            "updyn": __version__,
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+            "python": platform.python_version(),
+            "platform": platform.platform(terse=True),
+        },
+    }
+
+
+def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:
+    """Return, for the record, what was selected before the fit and how it was regularised."""
+    more = dict(selection.option)
+    if fit.pull is not None:
+        more["regularisation"] = dict(fit.pull.record)
+    if options.regularise is not None:
+        more["regularise"] = options.regularise
+    return more
+
+
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
     """Return what of the changes is in a model: a configuration may lack a group."""
     own = {
@@ -218,11 +290,9 @@ def _listed(lines: Lines) -> object:
     return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
 
 
-def _solved(problem: Problem, reduced: Reducing | None) -> dict[str, Any]:
+def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     """Return, for the record, how it was solved beyond what was asked for."""
-    return (
-        fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
-    )
+    return fallback(part.solver.used, part.solver.backend) if reduced is None else reduced.record
 
 
 def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
@@ -234,13 +304,13 @@ def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
 
 
 def _fitted(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit; return the problem on these lines, too.
 
     A line that is a natural frequency of an undamped model where it starts says nothing against
@@ -261,7 +331,7 @@ def _fitted(
         return found
 
 
-def _beside_start(whole: Task) -> Task:
+def _beside_start(whole: Problem) -> Problem:
     """Return the problem with its start moved a little, each unknown by another amount.
 
     Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
@@ -273,17 +343,17 @@ def _beside_start(whole: Task) -> Task:
     step = _ASIDE * share * sign
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     moved = coordinates.moved(x + step)
-    return together([replace(part, coordinates=moved) for part in whole.parts])
+    return Problem.of([replace(part, coordinates=moved) for part in whole.parts])
 
 
 def _fitted_from_start(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit.
 
     Raises
@@ -297,7 +367,7 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = together(
+            problem = Problem.of(
                 [on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)]
             )
             monitor.problem = problem

@@ -22,10 +22,10 @@ from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.lines import on_lines
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import run
+from updyn.updating.run import RunOptions, run
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -124,9 +124,7 @@ def update(
         If the model cannot be solved at a line where it starts.
     """
     test = Test(model, frf, "", lines, noise, validation)
-    (result,) = run(
-        [test],
-        parameters,
+    how = RunOptions(
         method,
         options,
         engine=engine,
@@ -139,6 +137,7 @@ def update(
         resume=resume,
         regularise=regularise,
     )
+    (result,) = run([test], parameters, how)
     return result
 
 
@@ -202,9 +201,7 @@ def update_jointly(
     ]
     if twice:
         raise OptionError(f"update_jointly: two tests are called {twice[0]!r}")
-    results = run(
-        named,
-        parameters,
+    how = RunOptions(
         method,
         options,
         engine=engine,
@@ -217,6 +214,7 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
+    results = run(named, parameters, how)
     return JointResult(
         {test.name: result for test, result in zip(named, results, strict=True)}, title
     )
@@ -280,9 +278,7 @@ def joint_identifiability(
         [replace(test, model=chosen.start_of(test.model)) for test in tests],
     )
     check(tests, parameters)
-    parts = [
-        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
-    ]
+    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
     noises = [choose_noise(test.noise, test.frf) for test in tests]
-    analysis, advice = at_start(together(parts), noises)
+    analysis, advice = at_start(Problem.of(parts), noises)
     return replace(analysis.report, advice=advice)

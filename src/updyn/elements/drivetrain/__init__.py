@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from updyn.elements.drivetrain.build import drivetrain, drivetrain_from_table, mounted
 from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
+from updyn.elements.drivetrain.pieces import PARTS, Part
 from updyn.elements.drivetrain.reflection import Reflected, ReflectedPart, reflected
 from updyn.elements.drivetrain.shafts import Brake, Coupling, Ground, Inertia, Motor, Shaft
 
 __all__ = [
+    "PARTS",
     "Belt",
     "Brake",
     "Coupling",
@@ -16,6 +18,7 @@ __all__ = [
     "Ground",
     "Inertia",
     "Motor",
+    "Part",
     "Planetary",
     "Reflected",
     "ReflectedPart",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,11 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import check_keys, from_row, rows_of, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
-from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
-from updyn.elements.drivetrain.pieces import Hold, Mass, Part, Piece, Spring, Tie, resolve
-from updyn.elements.drivetrain.shafts import Brake, Coupling, Ground, Inertia, Motor, Shaft
+from updyn.elements.drivetrain.pieces import PARTS, Hold, Mass, Part, Piece, Spring, Tie, resolve
 from updyn.errors import ModelError, suggest
 from updyn.model import Group, Model
 
 __all__ = [
-    "TABLES",
     "Train",
     "assemble",
     "drivetrain",
@@ -29,34 +26,6 @@ __all__ = [
     "mounted",
 ]
 
-#: Arrays of tables of a job file, and the part that a row of each describes.
-TABLES: Mapping[str, type[Any]] = {
-    "motors": Motor,
-    "brakes": Brake,
-    "inertias": Inertia,
-    "shafts": Shaft,
-    "couplings": Coupling,
-    "gear_pairs": GearPair,
-    "planetaries": Planetary,
-    "worms": Worm,
-    "belts": Belt,
-    "dual_drives": DualDrive,
-    "grounds": Ground,
-}
-_NODE_FIELDS = (
-    "node",
-    "a",
-    "b",
-    "first",
-    "second",
-    "gear",
-    "worm",
-    "wheel",
-    "sun",
-    "ring",
-    "carrier",
-    "housing",
-)
 _GROUP_OPTIONS = ("held", "keep", "title")
 
 
@@ -162,16 +131,16 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     kind = data.pop("kind", "drivetrain")
     if kind != "drivetrain":
         raise ModelError(f"model: kind {kind!r}; expected 'drivetrain'")
-    check_keys("model", data, (), (*TABLES, *_GROUP_OPTIONS))
+    check_keys("model", data, (), (*PARTS, *_GROUP_OPTIONS))
     parts: list[Part] = []
-    for key in TABLES:
+    for key, part in PARTS.items():
         for number, row in enumerate(rows_of(data, key), 1):
-            parts.append(from_row(TABLES[key], key, number, row))
+            parts.append(from_row(part, key, number, row))
         data.pop(key, None)
     if not parts:
         raise ModelError(
             "model: a drive train has no parts; expected [[model.shafts]] or others of"
-            f" {', '.join(TABLES)}"
+            f" {', '.join(PARTS)}"
         )
     return drivetrain(parts, **data)
 
@@ -209,8 +178,8 @@ def _checked(parts: Iterable[Part]) -> list[Part]:
     every = list(parts)
     kinds: dict[str, type[Any]] = {}
     for part in every:
-        if type(part) not in TABLES.values():
-            names = ", ".join(kind.__name__ for kind in TABLES.values())
+        if not isinstance(part, Part):
+            names = ", ".join(kind.__name__ for kind in PARTS.values())
             raise ModelError(f"drive train: {part!r} is no part; expected one of {names}")
         kind = type(part).__name__
         if not isinstance(part.name, str):
@@ -224,10 +193,14 @@ def _checked(parts: Iterable[Part]) -> list[Part]:
 
 
 def _named_nodes(part: Part) -> list[int]:
-    """Return the nodes that a part names; what is no whole number is refused by the part itself."""
-    values = [getattr(part, f.name) for f in fields(part) if f.name in _NODE_FIELDS]  # type: ignore[arg-type]
-    planets = getattr(part, "planets", None)
-    values += list(planets) if isinstance(planets, tuple | list) else []
+    """Return the nodes that a part names; the part itself refuses values that are no whole number."""
+    values: list[Any] = []
+    for field in part.node_fields:
+        value = getattr(part, field)
+        if isinstance(value, tuple | list):
+            values += value
+        else:
+            values.append(value)
     return [int(v) for v in values if isinstance(v, int | np.integer) and not isinstance(v, bool)]
 
 
@@ -237,14 +210,15 @@ def _nodes_of(piece: Piece) -> tuple[int, ...]:
 
 def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
-        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes")
+        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
     there = set(known)
     out = [whole("drive train", what, n) for n in nodes]
     for node in out:
         if node not in there:
             raise ModelError(
                 f"drive train: {what} names node {node}, which no part has; "
-                f"{suggest(str(node), [str(n) for n in sorted(there)])}"
+                f"{suggest(str(node), [str(n) for n in sorted(there)])}",
+                key=(what,),
             )
     return out
 

@@ -22,13 +22,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from updyn.elements.checks import not_negative, number, pair, positive, whole
 from updyn.elements.drivetrain.pieces import (
     Mass,
+    Part,
     Piece,
     Spring,
     Tie,
@@ -53,7 +54,7 @@ _SENSES = {"external": 1.0, "internal": -1.0}
 
 
 @dataclass(frozen=True, slots=True)
-class GearPair:
+class GearPair(Part):
     """Two gear wheels in mesh: theta_b = -theta_a / ratio (external) or theta_a / ratio (internal).
 
     Give the ratio by one of `ratio`, `teeth` and `radii`, and the mesh by one of `mesh_stiffness`,
@@ -114,6 +115,8 @@ class GearPair:
     viscous: float = 0.0
     housing: int | None = None
 
+    node_fields: ClassVar[tuple[str, ...]] = ("a", "b", "housing")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh and the two wheels."""
         what = f"gear pair {self.name!r}"
@@ -123,7 +126,7 @@ class GearPair:
 
 
 @dataclass(frozen=True, slots=True)
-class DualDrive:
+class DualDrive(Part):
     """Two pinions on one gear, biased against each other so that the gear has no backlash.
 
     As long as the bias keeps both meshes in contact each is a spring for either sense, and the gear
@@ -179,6 +182,8 @@ class DualDrive:
     viscous: float = 0.0
     housing: int | None = None
 
+    node_fields: ClassVar[tuple[str, ...]] = ("first", "second", "gear", "housing")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return both meshes, the pinions and the gear."""
         what = f"dual drive {self.name!r}"
@@ -217,7 +222,7 @@ class DualDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class Worm:
+class Worm(Part):
     """A worm and its wheel: theta_wheel = theta_worm / ratio.
 
     The linear model drives both ways; friction that makes a worm self-locking is not in it.
@@ -256,6 +261,8 @@ class Worm:
     viscous: float = 0.0
     housing: int | None = None
 
+    node_fields: ClassVar[tuple[str, ...]] = ("worm", "wheel", "housing")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh, the worm and the wheel."""
         what = f"worm {self.name!r}"
@@ -269,7 +276,7 @@ class Worm:
 
 
 @dataclass(frozen=True, slots=True)
-class Belt:
+class Belt(Part):
     """A belt, a rope or a chain on two pulleys: theta_b = theta_a r_a / r_b.
 
     Parameters
@@ -306,6 +313,8 @@ class Belt:
     loss_factor: float = 0.0
     viscous: float = 0.0
     housing: int | None = None
+
+    node_fields: ClassVar[tuple[str, ...]] = ("a", "b", "housing")
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the belt and the pulleys."""
@@ -387,7 +396,7 @@ def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
 
 
 @dataclass(frozen=True, slots=True)
-class Planetary:
+class Planetary(Part):
     """A planetary stage. The inertias of sun, ring and carrier are parts of their own (`Inertia`).
 
     Groups: ``NAME sun mesh`` and ``NAME ring mesh`` where the meshes are elastic, ``NAME planets``
@@ -442,6 +451,8 @@ class Planetary:
     planet_mass: float = 0.0
     loss_factor: float = 0.0
     viscous: float = 0.0
+
+    node_fields: ClassVar[tuple[str, ...]] = ("sun", "ring", "carrier", "planets")
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the meshes or the rigid ratio, and the planets."""

@@ -7,17 +7,20 @@ rigid ratio of the part. `resolve` solves the rigid ratios of a train.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.elements.checks import not_negative, number, whole
 from updyn.errors import ModelError
+from updyn.registry import Registry
 
 __all__ = [
+    "PARTS",
     "Hold",
     "Mass",
     "Part",
@@ -95,15 +98,54 @@ class Hold:
 Piece: TypeAlias = Spring | Mass | Tie | Hold
 
 
-class Part(Protocol):
-    """A part of a drive train."""
+class Part(ABC):
+    """A part of a drive train: base of `Shaft`, `GearPair` and the others.
 
-    @property
-    def name(self) -> str:
-        """Name of its group."""
+    A derived class is a dataclass; its fields are the keys of a row of its table in a job file. It
+    is added to `PARTS` by a line ``PARTS.register("table", Kind)``, or by an entry point of the
+    group ``updyn.drivetrain_parts``.
+    """
 
+    __slots__ = ()
+
+    #: Fields that hold nodes: a number, a sequence of numbers, or None.
+    node_fields: ClassVar[tuple[str, ...]] = ("node",)
+
+    name: str
+
+    @abstractmethod
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
-        """Return what it comes down to; `new_node` gives the number of a node of its own."""
+        """Return the pieces of the part.
+
+        Parameters
+        ----------
+        new_node : callable
+            Returns the number of a further node, for each inner node of the part.
+
+        Returns
+        -------
+        list of Piece
+        """
+
+
+#: Kinds of parts by the name of their array of tables in a job file.
+PARTS: Registry[type[Part]] = Registry(
+    "part",
+    "updyn.drivetrain_parts",
+    {
+        "motors": "updyn.elements.drivetrain.shafts:Motor",
+        "brakes": "updyn.elements.drivetrain.shafts:Brake",
+        "inertias": "updyn.elements.drivetrain.shafts:Inertia",
+        "shafts": "updyn.elements.drivetrain.shafts:Shaft",
+        "couplings": "updyn.elements.drivetrain.shafts:Coupling",
+        "gear_pairs": "updyn.elements.drivetrain.gears:GearPair",
+        "planetaries": "updyn.elements.drivetrain.gears:Planetary",
+        "worms": "updyn.elements.drivetrain.gears:Worm",
+        "belts": "updyn.elements.drivetrain.gears:Belt",
+        "dual_drives": "updyn.elements.drivetrain.gears:DualDrive",
+        "grounds": "updyn.elements.drivetrain.shafts:Ground",
+    },
+)
 
 
 def lump(group: str, node: int, inertia: float) -> Mass:

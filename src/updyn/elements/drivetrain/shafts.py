@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from updyn.elements.checks import not_negative, positive, whole
 from updyn.elements.drivetrain.pieces import (
     Hold,
     Mass,
+    Part,
     Piece,
     Spring,
     Tie,
@@ -30,7 +31,7 @@ _ROTORS = ("free", "locked")
 
 
 @dataclass(frozen=True, slots=True)
-class Inertia:
+class Inertia(Part):
     """A rigid body on a shaft: a disc, a load, a gear wheel.
 
     Parameters
@@ -72,7 +73,7 @@ class Inertia:
 
 
 @dataclass(frozen=True, slots=True)
-class Shaft:
+class Shaft(Part):
     """A shaft in torsion, by its stiffness or by its geometry, with or without mass of its own.
 
     From geometry k = G I_p / L and J = rho I_p L, I_p = pi (D^4 - d^4) / 32. Its inertia is spread
@@ -118,6 +119,8 @@ class Shaft:
     loss_factor: float = 0.0
     viscous: float = 0.0
 
+    node_fields: ClassVar[tuple[str, ...]] = ("a", "b")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the springs and inertias of its elements."""
         what = f"shaft {self.name!r}"
@@ -158,7 +161,7 @@ class Shaft:
 
 
 @dataclass(frozen=True, slots=True)
-class Coupling:
+class Coupling(Part):
     """A flexible coupling between two shaft ends.
 
     Parameters
@@ -186,6 +189,8 @@ class Coupling:
     loss_factor: float = 0.0
     viscous: float = 0.0
 
+    node_fields: ClassVar[tuple[str, ...]] = ("a", "b")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the spring and the two halves."""
         what = f"coupling {self.name!r}"
@@ -198,7 +203,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, slots=True)
-class Motor:
+class Motor(Part):
     """A motor: its rotor, free or locked, and what the drive does to it.
 
     Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the
@@ -233,6 +238,8 @@ class Motor:
     loss_factor: float = 0.0
     housing: int | None = None
 
+    node_fields: ClassVar[tuple[str, ...]] = ("node", "housing")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the rotor, its spring and its hold."""
         what = f"motor {self.name!r}"
@@ -247,7 +254,7 @@ class Motor:
 
 
 @dataclass(frozen=True, slots=True)
-class Brake:
+class Brake(Part):
     """A brake between a shaft and the ground or a housing.
 
     Parameters
@@ -279,6 +286,8 @@ class Brake:
     loss_factor: float = 0.0
     housing: int | None = None
 
+    node_fields: ClassVar[tuple[str, ...]] = ("node", "housing")
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return its disc, and its spring or hold where it is closed."""
         what = f"brake {self.name!r}"
@@ -294,7 +303,7 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class Ground(Part):
     """A spring and a damper between a shaft and the ground or a housing: a bearing's drag, a held end.
 
     Parameters
@@ -319,6 +328,8 @@ class Ground:
     viscous: float = 0.0
     loss_factor: float = 0.0
     housing: int | None = None
+
+    node_fields: ClassVar[tuple[str, ...]] = ("node", "housing")
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the spring."""

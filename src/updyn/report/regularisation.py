@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
 from updyn.report.plots import Figure, existing, numbers
 from updyn.report.section import Content, Section
 from updyn.updating.result import UpdateResult

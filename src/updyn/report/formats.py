@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 from updyn.frf import FRF
@@ -12,8 +11,6 @@ from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = [
-    "STATUS_WORDS",
-    "Verdict",
     "agreement_name",
     "axis_title",
     "change",
@@ -33,19 +30,10 @@ __all__ = [
     "quantity_words",
     "unit",
     "unknown",
-    "verdict",
     "weighted_sum",
 ]
 
-#: Short word for the badge and kind of colour by status.
-STATUS_WORDS = {
-    "converged": ("Converged", "good"),
-    "not-identifiable": ("Not all unknowns determined", "warn"),
-    "max-iterations": ("Stopped at the iteration limit", "warn"),
-    "stalled": ("Stalled", "warn"),
-    "stopped": ("Stopped by the user", "warn"),
-    "failed": ("Failed", "bad"),
-}
+
 _QUANTITY_WORDS = {
     "stiffness": "stiffness",
     "mass": "mass",
@@ -70,24 +58,6 @@ _FIGURE_WORDS = {
     "db_error_median": "level difference, median (dB)",
     "db_error_p95": "level difference, 95 % of values below (dB)",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The head of the report.
-
-    Attributes
-    ----------
-    badge, kind : str
-        Short word, and ``"good"``, ``"warn"`` or ``"bad"``.
-    status, agreement : str
-        One sentence each: how the fit ended, and how well the model answers now.
-    """
-
-    badge: str
-    kind: str
-    status: str
-    agreement: str
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -194,92 +164,6 @@ def interval(parameter: Parameter, value: float, std: float) -> tuple[float, flo
         spread = math.exp(min(_NORMAL_95 * std / value, 50.0))
         return value / spread, value * spread
     return max(value - _NORMAL_95 * std, 0.0), value + _NORMAL_95 * std
-
-
-def verdict(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> Verdict:
-    """Say in two sentences how the fit ended and how well the model answers.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    figures : mapping of str to mapping of str to float
-        ``before``, ``after`` and ``validation``: each with ``frac_median`` and ``db_error_median``
-        where known.
-    """
-    badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
-    return Verdict(badge, kind, _status_sentence(result), _agreement_sentence(result, figures))
-
-
-def _status_sentence(result: UpdateResult) -> str:
-    ident, steps = result.identifiability, result.iterations
-    n, rank = ident.n_parameters, ident.rank
-    in_steps = f"after {counted(steps, 'iteration')}"
-    what = "the one unknown" if n == 1 else f"all {n} unknowns"
-    if rank >= n:
-        determined = f"the data determine {what}"
-    elif rank == 0:
-        determined = f"the data determine none of the {n} unknowns"
-    else:
-        determined = f"the data determine only {rank} independent combinations of the {n} unknowns"
-    texts = {
-        "converged": f"The fit converged {in_steps}, and {determined}.",
-        "not-identifiable": (
-            f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary."
-        ),
-        "max-iterations": (
-            f"The fit was still moving when it reached its limit {in_steps}; {determined}."
-        ),
-        "stalled": (
-            f"The fit stalled {in_steps}: no step lowered the misfit further though it had not"
-            f" converged; {determined}."
-        ),
-        "stopped": (
-            f"The fit was stopped by the user {in_steps}; the values are those of its best step."
-        ),
-        "failed": (
-            f"The fit failed {in_steps}; the values below are not an update and must not be used as"
-            " one."
-        ),
-    }
-    return texts.get(
-        result.status, f"The fit ended with status {result.status!r} {in_steps}; {determined}."
-    )
-
-
-def _agreement_sentence(result: UpdateResult, figures: Mapping[str, Mapping[str, float]]) -> str:
-    before, after = figures.get("before", {}), figures.get("after", {})
-    if "frac_median" not in after:
-        return "How well the updated model agrees with the measurement could not be computed."
-    parts = [
-        _went("median FRAC", before.get("frac_median"), after["frac_median"], figure_of_agreement)
-    ]
-    if "db_error_median" in after:
-        parts.append(
-            _went(
-                "the median level difference",
-                before.get("db_error_median"),
-                after["db_error_median"],
-                decibels,
-            )
-        )
-    text = " and ".join(parts)
-    held = figures.get("validation", {})
-    if held.get("frac_median") is not None:
-        what = held_out(result) or "the validation data"
-        text += (
-            f"; on what was held out ({what}) the median FRAC is"
-            f" {figure_of_agreement(held['frac_median'])}"
-        )
-    return text[0].upper() + text[1:] + "."
-
-
-def _went(what: str, before: float | None, after: float, say: Callable[[float], str]) -> str:
-    if before is None:
-        return f"{what} is {say(after)}"
-    if say(before) == say(after):
-        return f"{what} stays at {say(after)}"
-    return f"{what} {'rises' if after > before else 'falls'} from {say(before)} to {say(after)}"
 
 
 def figure_of_agreement(value: float) -> str:

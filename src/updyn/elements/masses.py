@@ -1,0 +1,146 @@
+"""Point masses on the DOFs of a model: trial masses and sensors, as groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof
+from updyn.errors import DofError, ModelError, suggest
+from updyn.group import Group
+from updyn.model import Model
+
+__all__ = ["add_masses", "add_sensor_masses", "sensor_group"]
+
+
+def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
+    """Return the model with masses on some of its DOFs, as one more group.
+
+    Parameters
+    ----------
+    model : Model
+        The model without them.
+    masses : mapping of str to float
+        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all
+        directions is named for each of them.
+    name : str
+        Of the group.
+
+    Raises
+    ------
+    ModelError
+        If a mass is not a number above 0, or the model has a group of that name.
+    DofError
+        If a DOF is not in the model.
+    """
+    if name in model.groups:
+        raise ModelError(f"the model has a group {name!r} already")
+    values = [_positive(f"mass at {dof}", mass) for dof, mass in masses.items()]
+    at = model.dofs.match(masses, "DOF of a mass").index
+    return _with_group(model, name, at, np.array(values))
+
+
+def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
+    """Return the model with the mass of each sensor, a group each.
+
+    Parameters
+    ----------
+    model : Model
+        The structure without sensors.
+    masses : mapping of str, int or Dof to float
+        Mass of each sensor in kg by its label, or by its node; above 0. It acts in all translations
+        that the model has at that node.
+
+    Returns
+    -------
+    Model
+        With a group ``sensor NODE`` for each.
+
+    Raises
+    ------
+    ModelError
+        If a mass is not a number above 0, two sensors are on one node, the node has no
+        translation, or the model has a group of that name.
+    DofError
+        If a label cannot be read or a node is not in the model.
+    """
+    if not isinstance(masses, Mapping) or not masses:
+        raise ModelError(
+            "sensor masses: expected a mapping of label or node to kg, with one sensor at least"
+        )
+    loaded = model
+    for key, mass in masses.items():
+        name = sensor_group(key)
+        value = _positive(f"mass of sensor {key}", mass)
+        if name in model.groups:
+            raise ModelError(f"sensor {key}: there is a group {name!r} already (rename it)")
+        if name in loaded.groups:
+            raise ModelError(
+                f"sensor {key}: there is a group {name!r} already (two sensors on one node;"
+                " give the mass of both once)"
+            )
+        at = _translations(model, _node(key))
+        loaded = _with_group(loaded, name, at, np.full(len(at), value))
+    return loaded
+
+
+def sensor_group(key: str | int | Dof) -> str:
+    """Return the name of the group of a sensor's mass.
+
+    Parameters
+    ----------
+    key : str, int or Dof
+        Label of the sensor, or its node.
+
+    Raises
+    ------
+    DofError
+        If the label cannot be read.
+    """
+    return f"sensor {_node(key)}"
+
+
+def _positive(what: str, mass: Any) -> float:
+    is_number = isinstance(mass, int | float | np.floating) and not isinstance(mass, bool)
+    if not (is_number and 0.0 < mass < np.inf):
+        raise ModelError(f"{what}: {mass!r}; expected a number above 0")
+    return float(mass)
+
+
+def _node(key: str | int | Dof) -> int:
+    if isinstance(key, int | np.integer) and not isinstance(key, bool):
+        return int(key)
+    if isinstance(key, str) and key.lstrip("-").isdecimal():
+        return int(key)
+    if not isinstance(key, str | Dof):
+        raise DofError(f"sensor {key!r}: expected a label such as '12:Z', or a node")
+    return Dof.parse(key).node
+
+
+def _translations(model: Model, node: int) -> NDArray[np.intp]:
+    """Return the positions of the translations of a node among the DOFs of the model."""
+    own = model.dofs.nodes == node
+    if not own.any():
+        nodes = np.unique(model.dofs.nodes)
+        near = nodes[np.argsort(np.abs(nodes - node), kind="stable")[:3]]
+        raise DofError(
+            f"sensor at node {node}: the model has no such node;"
+            f" {suggest(str(node), map(str, near.tolist()))}"
+        )
+    at = np.flatnonzero(own & (model.dofs.axes < 3))
+    if not at.size:
+        raise ModelError(
+            f"sensor at node {node}: the model has no translation there that its mass could load"
+        )
+    return at
+
+
+def _with_group(
+    model: Model, name: str, at: NDArray[np.intp], values: NDArray[np.float64]
+) -> Model:
+    M = sp.csr_array((values, (at, at)), shape=(model.n_dofs, model.n_dofs))
+    return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)
