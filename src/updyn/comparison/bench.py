@@ -155,7 +155,7 @@ class Bench:
         watch.lines_solved = 0
         result = self._fit(name, ParameterSet(tuple(taken)), watch, self.tests)
         values = {p.name: result.values.get(p.name, p.start) for p in self.parameters}
-        first = result if isinstance(result, UpdateResult) else result.first
+        first = result.first
         fitted, held_out = figures_of(result)
         return Row(
             **known,

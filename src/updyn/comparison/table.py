@@ -234,7 +234,7 @@ def about(name: str) -> dict[str, Any]:
 
 def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
     """Return the figures of agreement of what was fitted and of what was held out; of several tests the worst."""
-    results = [result] if isinstance(result, UpdateResult) else list(result.results.values())
+    results = list(result.results.values())
     fitted = {
         when: _worst([r.correlation.get(when) or {} for r in results])
         for when in ("before", "after")

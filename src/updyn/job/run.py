@@ -320,10 +320,6 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
     """Return the result of each test with the folder that it belongs to."""
-    from updyn.updating.result import UpdateResult
-
-    if isinstance(result, UpdateResult):
-        return [(folder, result)]
     return [(folder / name, one) for name, one in result.results.items()]
 
 
