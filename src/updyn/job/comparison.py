@@ -129,14 +129,14 @@ def compare_job(
     SolverError
         If the model cannot be solved where it starts; nothing is written.
     """
-    from updyn.comparison.bench import Given
+    from updyn.comparison.bench import Options
     from updyn.store.comparison import write_comparison_json
 
     out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)
-    Given.checked(
+    Options.checked(
         ready.parameters, methods, _options(ready), known, **options
     )  # what is wrong here is not of the job
     with method_errors(job):
