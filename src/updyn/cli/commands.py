@@ -234,18 +234,17 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     unit
         Unit of length of a model's deck, which does not say it: m, mm or in.
     """
-    from updyn.cli.describe import describe
-    from updyn.cli.reading import KINDS, read_anything
+    from updyn.cli.reading import FILE_KINDS, read_anything
 
     if quantity is not None and unit is not None:
         raise InputError("--unit is about a model, --quantity about a measurement")
-    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
+    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else None
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     options = {
         kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
     }
-    _, content = read_anything(file, kinds, options)
-    say(describe(content))
+    kind, content = read_anything(file, kinds, options)
+    say(FILE_KINDS[kind].describe(content))
     return DONE
 
 

@@ -26,7 +26,7 @@ from updyn.updating.problem.data import Test, check, split_data
 from updyn.updating.problem.lines import choose_lines, d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.update import update, update_jointly
@@ -401,12 +401,12 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
 
-def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Problem:
+def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
     """Return the problem by which lines are chosen; callers do not keep it, as it may be large."""
     tier = running["tier"]
     if is_reduced(tier, test.model.n_dofs, len(frf.freq)):
         tier = "sparse"
-    return Problem.build(
+    return Part.build(
         test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
     )
 

@@ -19,13 +19,14 @@ from updyn.engines import Engine, choose_engine
 from updyn.errors import ModelError, OptionError, SolverError, suggest
 from updyn.frf import check_lines
 from updyn.model import Model
-from updyn.uncertainty.draws import Draws
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Coordinates
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from updyn.uncertainty.draws import Draws
 
 __all__ = ["PlantFamily", "plant_family"]
 
@@ -416,6 +417,8 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:
     """Return draws thinned, shape (n, n_unknowns), what made them, and what is said of them."""
+    from updyn.uncertainty.draws import Draws  # loads scipy.stats: slow, and seldom wanted
+
     if not isinstance(draws, Draws):
         raise OptionError(
             "plant_family: expected draws of a bootstrap or a sampling, found"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from updyn.errors import FormatError, suggest
 from updyn.job.folder import check_folder, check_no_folder
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import as_tests, job_selection, method_errors
+from updyn.job.run import as_tests, job_selection, update_keys
 from updyn.job.schema import Job
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -139,7 +139,7 @@ def compare_job(
     Options.checked(
         ready.parameters, methods, _options(ready), known, **options
     )  # what is wrong here is not of the job
-    with method_errors(job):
+    with update_keys(job):
         found = _compared(
             ready, methods, known, {"callback": callback, "engine": engine, **options}
         )

@@ -34,10 +34,16 @@ if TYPE_CHECKING:
     from updyn.updating.problem.selection import Selection
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
+__all__ = ["as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
+#: Keys of ``[selection]`` by the arguments of `updyn.cluster` and `updyn.select`.
+_SELECTION_KEYS: Mapping[object, tuple[str, ...]] = {
+    "threshold": ("selection", "cluster"),
+    "n": ("selection", "n"),
+    "max_collinearity": ("selection", "max_collinearity"),
+}
 
 
 def run_job(
@@ -147,7 +153,7 @@ def job_selection(prepared: Prepared) -> Selection | None:
     from updyn.updating.problem.selection import Selection
 
     tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
-    with method_errors(prepared.job):
+    with update_keys(prepared.job):
         if wish.cluster is not None:
             found = cluster_jointly(tests, found, wish.cluster)
         if wish.n is not None or wish.max_collinearity is not None:
@@ -179,7 +185,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     from updyn.updating.update import joint_identifiability
 
     job = prepared.job
-    with method_errors(job):
+    with update_keys(job):
         return joint_identifiability(
             as_tests(prepared, held_out=False), selection or prepared.parameters
         )
@@ -219,7 +225,7 @@ def _update(
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
     tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
-    with method_errors(job):
+    with update_keys(job):
         if len(tests) > 1:
             return update_jointly(tests, unknowns, **options)
         (test,) = tests
@@ -242,24 +248,24 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     method = ready.job.method.name
     if "modes" not in options_of(method):
         part = next(test.job for test in ready.tests if test.modes is not None)
-        raise part.error(
-            f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out",
-            "test",
-            "modes",
-        )
+        text = f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out"
+        with part.located():
+            raise JobError(text, key=("test", "modes"))
     return {"modes": ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))}
 
 
 @contextmanager
-def method_errors(job: Job) -> Iterator[None]:
-    """Give an error of the update the line of [method] or [selection] that it is about: all else has been checked."""
-    try:
-        yield
-    except JobError:
-        raise
-    except InputError as error:
-        table = "selection" if str(error).startswith(("select:", "cluster:")) else "method"
-        raise job.error_about(str(error), table) from error
+def update_keys(job: Job) -> Iterator[None]:
+    """Give an error of the update file and line of the key of ``[method]`` or ``[selection]``."""
+    with job.located():
+        try:
+            yield
+        except JobError:
+            raise
+        except InputError as error:
+            argument = error.key[0] if error.key else None
+            error.key = _SELECTION_KEYS.get(argument, ("method", *error.key))
+            raise
 
 
 def _further(

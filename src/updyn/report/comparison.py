@@ -23,6 +23,7 @@ from updyn.report.formats import number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import Figure, existing, label, labels, log_step, numbers, rows_height
 from updyn.report.section import Content, Section
+from updyn.report.templates import write_page
 from updyn.updating.problem.data import Test
 from updyn.updating.result import UpdateResult
 
@@ -60,7 +61,7 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     Path
         Where the page is.
     """
-    return m.write_page(render(comparison), path)
+    return write_page(render(comparison), path)
 
 
 def render(comparison: Comparison) -> str:

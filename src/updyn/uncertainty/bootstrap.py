@@ -21,7 +21,7 @@ from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task, together
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -46,7 +46,7 @@ class _Refits:
 
     Attributes
     ----------
-    problem : Task
+    problem : Problem
         With the data of the fit.
     strategy : Method
         Without its search.
@@ -64,7 +64,7 @@ class _Refits:
         Lines that are drawn together.
     """
 
-    problem: Task
+    problem: Problem
     strategy: Any
     noises: tuple[NoiseModel, ...]
     x: _Vector
@@ -208,7 +208,7 @@ def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
         parts.append(
             replace(part, frf=replace(part.frf, values=refits.H[i] + refits.std[i] * noise))
         )
-    task = together(parts)
+    task = Problem.of(parts)
     try:
         fit = refits.strategy.fit(task, refits.noises, Monitor(task), refits.x)
     except SolverError as error:
@@ -216,7 +216,7 @@ def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
     return "" if fit.reason == "converged" else fit.reason, fit.x
 
 
-def _with_priors(refits: _Refits, rng: np.random.Generator) -> Task:
+def _with_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
     """Return the problem with the centres of its priors drawn anew about the estimate."""
     coordinates = refits.problem.coordinates
     weight = coordinates.prior[1]
@@ -227,7 +227,7 @@ def _with_priors(refits: _Refits, rng: np.random.Generator) -> Task:
     parameters = coordinates.parameters
     start = np.clip(coordinates.to_values(centre), parameters.lower, parameters.upper)
     drawn = parameters.with_start(np.where(weight > 0, start, parameters.start))
-    return together(
+    return Problem.of(
         [
             replace(p, coordinates=replace(coordinates, parameters=drawn))
             for p in refits.problem.parts

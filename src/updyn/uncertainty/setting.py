@@ -13,7 +13,7 @@ from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.methods import make_method, options_of
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
@@ -37,7 +37,7 @@ class Setting:
     ----------
     results : tuple of UpdateResult
         One for each test.
-    problem : Task
+    problem : Problem
         Model, data of the fit and unknowns.
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
@@ -48,7 +48,7 @@ class Setting:
     """
 
     results: tuple[UpdateResult, ...]
-    problem: Task
+    problem: Problem
     x: _Vector
     noises: tuple[NoiseModel, ...]
     inflation: float
@@ -63,7 +63,7 @@ class Setting:
         """The unknowns."""
         return self.first.parameters.names
 
-    def with_problem(self, problem: Task) -> Setting:
+    def with_problem(self, problem: Problem) -> Setting:
         """Return the setting with a problem that is solved otherwise."""
         return replace(self, problem=problem)
 
@@ -155,7 +155,7 @@ def restore(
     problems = [
         _problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)
     ]
-    whole = together(problems)
+    whole = Problem.of(problems)
     x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
     shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
     noises = tuple(_noise(r, p, x, n) for r, p, n in zip(results, whole.parts, shares, strict=True))
@@ -198,29 +198,25 @@ def chosen(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]
     return [list(known).index(name) for name in listed]
 
 
-def _problem(result: UpdateResult, session: Session, name: str) -> Problem:
+def _problem(result: UpdateResult, session: Session, name: str) -> Part:
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     tier = "sparse" if result.options.get("tier") == "reduced" else result.options.get("tier")
     backend = None if tier == "dense" else result.options.get("backend")
-    return Problem.build(
+    return Part.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )
 
 
-def _noise(result: UpdateResult, problem: Problem, x: _Vector, share: int) -> NoiseModel:
+def _noise(result: UpdateResult, part: Part, x: _Vector, share: int) -> NoiseModel:
     noise = noise_of_record(result.noise, result.frf.select(responses=result.fitted_responses))
     # Weights of outliers are those at the estimate; the rest is as recorded.
-    return (
-        noise.refit(problem.responses(x), problem.frf, share)
-        if isinstance(noise, Robust)
-        else noise
-    )
+    return noise.refit(part.responses(x), part.frf, share) if isinstance(noise, Robust) else noise
 
 
-def _begun(result: UpdateResult, problem: Problem, noise: NoiseModel) -> NoiseModel:
+def _begun(result: UpdateResult, part: Part, noise: NoiseModel) -> NoiseModel:
     robust = {k: str(result.noise[k]) for k in ("robust",) if k in result.noise}
     for source in ("estimated", "estimated-by-channel"):
-        made = choose_noise({"source": source} | robust, problem.frf)
+        made = choose_noise({"source": source} | robust, part.frf)
         if made.kind == result.noise.get("kind"):
             return made
     return noise

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from updyn.control.job.checks import part_of_plant
-from updyn.control.job.plant_files import PLANT_PAGE, plant_outputs, write_plant_files
+from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
 from updyn.control.job.plant_result import Planted, planted_of
-from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
     MARK,
@@ -146,13 +146,15 @@ def plant_job(
     table = job.table(PlantTable)
     assert table is not None
     ready = prepare(job) if prepared is None else prepared
-    found = _finished(ready, out, run)
+    with job.located():
+        found = _finished(ready, out, run)
     result, draws, where = (None, None, None) if found is None else found
     if result is None:
         source = "The model as it stands, NOT updated: there is no finished run of the job."
     else:
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
-    planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
+    with job.located():
+        planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
     with made_folder(out), unfinished(out) as temporary:
         write_plant_files(planted, job, temporary)
         if report is not None:
@@ -229,7 +231,7 @@ def _check_same(job: Job, folder: Path) -> None:
                 f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose"
                 " another --out"
             )
-            raise job.error(text, table)
+            raise JobError(text, key=(table,))
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from updyn.control.job.nonlinear import Nonlinear
+from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
 from updyn.report import formats as w

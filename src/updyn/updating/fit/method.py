@@ -15,7 +15,7 @@ from updyn.updating.fit.null_space import null_space
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError, Residual, is_solved, with_prior
 from updyn.updating.problem.session import Stopped
 
@@ -122,15 +122,17 @@ class Method(Protocol):
     def tolerance(self) -> float:
         """Relative step at which it has converged."""
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return where to begin, shape (n,)."""
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; a noise model for each part of the problem."""
 
 
 def descend(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: _Vector,
     monitor: Monitor,
@@ -207,7 +209,7 @@ def descend(
 
 
 def descend_to_scale(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: _Vector,
     monitor: Monitor,
@@ -276,12 +278,12 @@ def in_units(local: Local, sigma: float) -> Local:
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
-def stopped_at(problem: Task, x: _Vector) -> Fit:
+def stopped_at(problem: Problem, x: _Vector) -> Fit:
     """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What the log error was evaluated on.
     x : ndarray of float, shape (n,)
         The best point so far.
@@ -300,7 +302,7 @@ def stopped_at(problem: Task, x: _Vector) -> Fit:
 
 
 def known_length(
-    problem: Task,
+    problem: Problem,
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
@@ -308,7 +310,7 @@ def known_length(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     x : ndarray of float, shape (n,)
         The estimate.

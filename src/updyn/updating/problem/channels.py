@@ -103,7 +103,9 @@ def calibration(
             tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives)
         )
     if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
-        raise ParameterError(f"calibration: name {name!r}; expected a plain text, such as 'hammer'")
+        raise ParameterError(
+            f"calibration: name {name!r}; expected a plain text, such as 'hammer'", key=("name",)
+        )
     return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, drives),))
 
 
@@ -112,7 +114,8 @@ def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) ->
     if isinstance(given, str):
         if given != "all":
             raise ParameterError(
-                f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list"
+                f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list",
+                key=(f"{kind}s",),
             )
         return there
     out = []
@@ -120,7 +123,8 @@ def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) ->
         label = _label(Dof.parse(dof))
         if label not in there:
             raise ParameterError(
-                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}"
+                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}",
+                key=(f"{kind}s",),
             )
         out.append(label)
     return out

@@ -19,7 +19,7 @@ from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -46,7 +46,7 @@ class Residual(Protocol):
     def name(self) -> str:
         """How the report calls it."""
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
@@ -60,13 +60,13 @@ class _ByLine(Residual, Protocol):
     def of(self, part: int) -> _ByLine:
         """Return the residual of one of several tests."""
 
-    def on(self, problem: Problem, lines: slice) -> _ByLine:
+    def on(self, part: Part, lines: slice) -> _ByLine:
         """Return what of it a block of lines needs."""
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
 
 
@@ -81,7 +81,7 @@ class LogError:
     name: str = "log"
     mark: ClassVar[str] = ""
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
@@ -89,17 +89,17 @@ class LogError:
         """Return itself."""
         return self
 
-    def on(self, problem: Problem, lines: slice) -> LogError:
+    def on(self, part: Part, lines: slice) -> LogError:
         """Return itself."""
         return self
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition()
+        return part.partition()
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines."""
-        block = problem.block(x, lines)
+        block = part.block(x, lines)
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
         H = np.where(usable, block.H, 1.0)
@@ -128,7 +128,7 @@ class OutputError:
         """The weights."""
         return self.weight
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
@@ -136,17 +136,17 @@ class OutputError:
         """Return itself: it is of one test."""
         return self
 
-    def on(self, problem: Problem, lines: slice) -> OutputError:
+    def on(self, part: Part, lines: slice) -> OutputError:
         """Return it with the weights of a block of lines."""
         return OutputError(self.weight[lines], self.name)
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition()
+        return part.partition()
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines, whose weights these are."""
-        block = problem.block(x, lines)
+        block = part.block(x, lines)
         assert block.dH is not None
         return self.weight * (block.H - block.measured), block.dH * self.weight
 
@@ -177,7 +177,7 @@ class EachOf(Generic[E]):
         """How the report calls it."""
         return self.errors[0].name
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
@@ -205,14 +205,14 @@ class EquationError:
     name: str = "equation-error"
     mark: ClassVar[str] = ""
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         for part in problem.parts:
             self.check(part)
         return _local(self, problem, x)
 
     @staticmethod
-    def check(problem: Problem) -> None:
+    def check(part: Part) -> None:
         """Check that the data have what the equation error needs.
 
         Raises
@@ -220,20 +220,20 @@ class EquationError:
         DataError
             If they lack the drive point of a reference, or hold no receptance at 0 Hz.
         """
-        driven = _drive_points(problem).any(axis=0)
+        driven = _drive_points(part).any(axis=0)
         if not driven.all():
-            missing = problem.frf.references[int(np.flatnonzero(~driven)[0])]
+            missing = part.frf.references[int(np.flatnonzero(~driven)[0])]
             raise DataError(
                 f"equation error: reference {missing} is not among the responses; the force has to"
                 " stand on a retained DOF. Measure the drive point, or use another method"
             )
-        quantity = problem.frf.quantity
-        if QUANTITIES[quantity] and problem.frf.freq[0] == 0.0:
+        quantity = part.frf.quantity
+        if QUANTITIES[quantity] and part.frf.freq[0] == 0.0:
             raise DataError(
                 f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
             )
 
-    def blocks(self, problem: Problem, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+    def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
 
         Raises
@@ -243,57 +243,55 @@ class EquationError:
         SolverError
             If the model cannot be condensed at a line.
         """
-        self.check(problem)
-        return problem.each(_block, [(self, x, lines) for lines in self.partition(problem)])
+        self.check(part)
+        return part.each(_block, [(self, x, lines) for lines in self.partition(part)])
 
     def of(self, part: int) -> EquationError:
         """Return itself."""
         return self
 
-    def on(self, problem: Problem, lines: slice) -> EquationError:
+    def on(self, part: Part, lines: slice) -> EquationError:
         """Return itself."""
         return self
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition(2 * len(problem.rows))
+        return part.partition(2 * len(part.rows))
 
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines."""
-        freq, slope = problem.frf.freq[lines], problem.coordinates.slope(x)
-        unit = _drive_points(problem)
-        weight = _same_unit(problem, unit)
-        factor = (
-            problem.sign / ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
-        )
+        freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
+        unit = _drive_points(part)
+        weight = _same_unit(part, unit)
+        factor = part.sign / ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
         product, derivative = sensitivity.condensed_product(
-            problem.solver,
-            problem.unknowns,
-            problem.values(x),
+            part.solver,
+            part.unknowns,
+            part.values(x),
             freq,
-            problem.rows,
-            problem.frf.values[lines] * factor,
+            part.rows,
+            part.frf.values[lines] * factor,
         )
         assert derivative is not None
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
 
 
-def _drive_points(problem: Problem) -> _Matrix:
+def _drive_points(part: Part) -> _Matrix:
     """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
-    return np.asarray(problem.rows[:, None] == problem.columns[None, :], dtype=np.float64)
+    return np.asarray(part.rows[:, None] == part.columns[None, :], dtype=np.float64)
 
 
-def _same_unit(problem: Problem, unit: _Matrix) -> _Matrix:
+def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
     """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
 
     The residual at a rotation is a moment per force. Times the level of the motion there, over the
     level of the motion at the force, it becomes a share of work, whatever the unit of length.
     """
-    level = level_by_unit(problem.frf)[0]
+    level = level_by_unit(part.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
-def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
+def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
@@ -304,8 +302,8 @@ def with_prior(local: Local, problem: Task, x: _Vector) -> Local:
     )
 
 
-def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
-    """Return the reduced problem at x.
+def solved(residual: _ByLine, part: Part, x: _Vector) -> Local:
+    """Return the reduced part at x.
 
     Raises
     ------
@@ -314,17 +312,17 @@ def solved(residual: _ByLine, problem: Problem, x: _Vector) -> Local:
     """
 
     def compute() -> Record:
-        items = [(residual.on(problem, lines), x, lines) for lines in residual.partition(problem)]
-        local = reduce(problem.each(_block_triangle, items), problem.n)
+        items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
+        local = reduce(part.each(_block_triangle, items), part.n)
         if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
             raise SolverError(f"{residual.name}: the model's answer is not finite")
         return np.array(local.cost), local.R, local.q
 
-    cost, R, q = problem.recall(_kind(residual), x, compute, residual.mark)
+    cost, R, q = part.recall(_kind(residual), x, compute, residual.mark)
     return Local(float(cost), R, q)
 
 
-def is_solved(residual: LogError, problem: Task, x: _Vector) -> bool:
+def is_solved(residual: LogError, problem: Problem, x: _Vector) -> bool:
     """Return whether the reduced problem at x is in memory."""
     keys = [part.key(_kind(residual), x, residual.mark) for part in problem.parts]
     return all(problem.session.knows(key) for key in keys)
@@ -334,7 +332,7 @@ def _kind(residual: _ByLine) -> str:
     return type(residual).__name__
 
 
-def _local(residual: _ByLine | EachOf[Any], problem: Task, x: _Vector) -> Local | None:
+def _local(residual: _ByLine | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
     try:
         return joined(
             [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
@@ -343,13 +341,13 @@ def _local(residual: _ByLine | EachOf[Any], problem: Task, x: _Vector) -> Local 
         return None
 
 
-def _block(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Complex, _Complex]:
+def _block(part: Part, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Complex, _Complex]:
     residual, x, lines = item
-    return residual.block(problem, x, lines)
+    return residual.block(part, x, lines)
 
 
-def _block_triangle(problem: Problem, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
-    return qr_triangle(_stack(*_block(problem, item)))
+def _block_triangle(part: Part, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
+    return qr_triangle(_stack(*_block(part, item)))
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:

@@ -76,7 +76,9 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
     }
     for key, value in plain.items():
         if key not in defaults:
-            raise OptionError(f"method {name!r} has no option {key!r}; {suggest(key, defaults)}")
+            raise OptionError(
+                f"method {name!r} has no option {key!r}; {suggest(key, defaults)}", key=(key,)
+            )
         _check(key, value, defaults[key])
     return cast(Method, made(**plain))
 
@@ -87,7 +89,8 @@ def _check(key: str, value: Any, default: Any) -> None:
     kind: Any = (int, float) if isinstance(default, float) else type(default)
     if isinstance(value, bool) != isinstance(default, bool) or not isinstance(value, kind):
         raise OptionError(
-            f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}"
+            f"option {key} = {value!r}: expected {type(default).__name__}, such as {default!r}",
+            key=(key,),
         )
     if not isinstance(value, str) and not 0 <= value < float("inf"):
-        raise OptionError(f"option {key} = {value!r}: expected a number of at least 0")
+        raise OptionError(f"option {key} = {value!r}: expected a number of at least 0", key=(key,))

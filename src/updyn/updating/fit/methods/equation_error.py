@@ -17,7 +17,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import EquationError, solved
 from updyn.updating.problem.session import Record, Stopped
 
@@ -49,20 +49,28 @@ class EquationErrorMethod:
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
             raise OptionError(
                 "solver 'gauss-newton' is the plain iteration and knows no priors; use"
-                " 'trust-region'"
+                " 'trust-region'",
+                key=("solver",),
             )
         residual = EquationError()
         with monitor.stage("equation-error"):
@@ -98,7 +106,7 @@ class EquationErrorMethod:
 
 
 def _gauss_newton(
-    problem: Task, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
+    problem: Problem, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
 ) -> tuple[NDArray[np.float64], str]:
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
@@ -134,7 +142,7 @@ def _gauss_newton(
     return x, "max-iterations"
 
 
-def _plain_step(problem: Task, x: NDArray[np.float64]) -> Record:
+def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
     """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
     parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
     r = np.concatenate([p[0].ravel() for p in parts])

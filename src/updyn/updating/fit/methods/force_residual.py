@@ -27,7 +27,7 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EachOf
 from updyn.updating.problem.session import Stopped
 
@@ -79,13 +79,18 @@ class ForceResidualMethod:
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "alternating"
         check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
@@ -149,46 +154,46 @@ class ForceResidual:
         """The same sum of squares with the expanded motion eliminated: its derivatives are those of the whole."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 
-    def on(self, problem: Problem, lines: slice) -> ForceResidual:
+    def on(self, part: Part, lines: slice) -> ForceResidual:
         """Return itself."""
         return self
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition(2 * len(problem.rows) + (4 + problem.n) * len(problem.columns))
+        return part.partition(2 * len(part.rows) + (4 + part.n) * len(part.columns))
 
     @alone
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, N, n_j), and derivatives by x, shape (n, n_f, N, n_j), at some lines."""
-        system, unknowns, freq = problem.solver.system, problem.unknowns, problem.frf.freq[lines]
-        state = problem.state(x)
-        _, U, S, moved, c = adjoint_fields(problem, state, freq, self.compliance)
-        measured = problem.frf.converted("receptance").values[lines] * problem.sign
-        misfit = U[problem.rows].transpose(1, 0, 2) - measured
+        system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
+        state = part.state(x)
+        _, U, S, moved, c = adjoint_fields(part, state, freq, self.compliance)
+        measured = part.frf.converted("receptance").values[lines] * part.sign
+        misfit = U[part.rows].transpose(1, 0, 2) - measured
         force = -(moved.transpose(1, 0, 2) @ np.linalg.solve(S, misfit)).transpose(1, 0, 2)
-        assert isinstance(problem.solver, LineSolver)
-        motion = U + problem.solver.forced(c, force, freq)
-        slopes = unknowns.slopes(system, state, problem.values(x), 2.0 * np.pi * freq)
-        J = np.zeros((problem.n, *force.shape), dtype=np.complex128)
+        assert isinstance(part.solver, LineSolver)
+        motion = U + part.solver.forced(c, force, freq)
+        slopes = unknowns.slopes(system, state, part.values(x), 2.0 * np.pi * freq)
+        J = np.zeros((part.n, *force.shape), dtype=np.complex128)
         for d, (p, t) in enumerate(zip(unknowns.owner, unknowns.at, strict=True)):
             term = system.terms[t]
             J[p, term.own] += slopes[d][None, :, None] * term.times(motion[term.own])
         weight = 1.0 / (np.sqrt(self.compliance) * self.level)
-        J *= problem.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
+        J *= part.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
         r = np.asarray(force * weight[:, None, None], dtype=np.complex128)
         return r.transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
 
 
-def _check(problem: Problem) -> None:
-    if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+def _check(part: Part) -> None:
+    if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
         raise DataError(
-            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+            f"{_NAME}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave it out"
         )
 
 
-def _compliance(problem: Problem) -> _Vector:
+def _compliance(part: Part) -> _Vector:
     """Return 1 for forces, and for moments the square of the length at which stiffnesses of both kinds are alike."""
-    system = problem.solver.system
+    system = part.solver.system
     turns = np.asarray(system.dofs.axes) >= 3
     if turns.all() or not turns.any():
         return np.ones(system.n)
@@ -204,6 +209,6 @@ def _compliance(problem: Problem) -> _Vector:
     return np.where(turns, squared, 1.0)
 
 
-def _level(problem: Problem) -> float:
+def _level(part: Part) -> float:
     """Return the root of the number of lines and references: half the square of the residual is then per unit force."""
-    return float(np.sqrt(problem.n_lines * len(problem.columns)))
+    return float(np.sqrt(part.n_lines * len(part.columns)))

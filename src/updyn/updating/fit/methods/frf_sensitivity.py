@@ -15,7 +15,7 @@ from updyn.updating.fit.methods.least_squares import judged
 from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
 __all__ = ["FrfSensitivityMethod"]
@@ -57,12 +57,16 @@ class FrfSensitivityMethod:
     reference: ClassVar[str] = "Ting; Xu Zhangming; Imregun, Visser & Ewins 1995"
     cannot: ClassVar[tuple[str, ...]] = ()
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
         check_unknowns(problem, "frf-sensitivity", self.cannot, "")

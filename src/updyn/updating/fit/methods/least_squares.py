@@ -24,7 +24,7 @@ from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel, Robust, level_by_unit
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError, Residual
 from updyn.updating.problem.session import Stopped
 
@@ -69,7 +69,7 @@ class LogMethod:
         True  # compares with `Problem.block`, which has the calibration factors
     )
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
@@ -89,7 +89,11 @@ class LogMethod:
         return x
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
@@ -123,12 +127,16 @@ class OutputMethod:
         True  # compares with `Problem.block`, which has the calibration factors
     )
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
         weights = [
@@ -145,7 +153,7 @@ class OutputMethod:
 
 
 def _descend(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: np.ndarray,
     monitor: Monitor,
@@ -157,7 +165,7 @@ def _descend(
 
 
 def judged(
-    problem: Task,
+    problem: Problem,
     residual: Residual,
     x: NDArray[np.float64],
     reason: str,
@@ -170,7 +178,7 @@ def judged(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     residual : Residual
         Log error or output error.
@@ -253,7 +261,7 @@ class Sandwich:
 
 
 def sandwich(
-    problem: Task,
+    problem: Problem,
     residual: LogError | Each,
     local: Local,
     x: NDArray[np.float64],
@@ -270,7 +278,7 @@ def sandwich(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     residual : LogError or Each
         Its residual.
@@ -293,7 +301,7 @@ def sandwich(
 
 
 def _sandwich(
-    problem: Task,
+    problem: Problem,
     residual: LogError | Each,
     local: Local,
     x: NDArray[np.float64],

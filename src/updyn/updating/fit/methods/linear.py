@@ -20,7 +20,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import solved
 from updyn.updating.problem.session import Stopped
 
@@ -140,7 +140,7 @@ class Plain:
 
     def run(
         self,
-        problem: Task,
+        problem: Problem,
         evaluate: Callable[[_Vector], Local],
         solve: Callable[[Local, _Vector], _Vector],
         x: _Vector,
@@ -150,7 +150,7 @@ class Plain:
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Whose unknowns they are.
         evaluate : callable
             Returns the local problem at a point; raises SolverError where the model cannot be
@@ -193,7 +193,7 @@ class Plain:
 
     def _next(
         self,
-        problem: Task,
+        problem: Problem,
         evaluate: Callable[[_Vector], Local],
         values: _Vector,
         wanted: _Vector,
@@ -218,7 +218,7 @@ class Plain:
             share *= 0.5
         return None
 
-    def _checked(self, problem: Task, values: _Vector, number: int) -> _Vector:
+    def _checked(self, problem: Problem, values: _Vector, number: int) -> _Vector:
         factors = values[problem.coordinates.parameters.is_factor]
         again = f"in step {number}: the plain iteration has diverged. {self.advice}"
         if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
@@ -230,11 +230,11 @@ class Plain:
         return problem.coordinates.to_x(values)
 
 
-def _is_rounding(problem: Task, x: _Vector, values: _Vector) -> bool:
+def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
     return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
 
 
-def linear_step(problem: Task, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
     """Return the values, shape (n,), where the residual linearised at x in the amounts is least."""
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)
@@ -280,7 +280,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
+def local_of(problem: Problem, residual: ByLine, x: _Vector) -> Local:
     """Return the reduced problem of all tests at x.
 
     Raises
@@ -294,13 +294,13 @@ def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
 
 
 def check_unknowns(
-    problem: Task, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
+    problem: Problem, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
 ) -> None:
     """Refuse unknowns that a method cannot update, and priors where it knows none.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         Whose unknowns they are.
     name : str
         The method.
@@ -330,7 +330,9 @@ def check_unknowns(
         )
 
 
-def fit_of(problem: Task, residual: ByLine, x: _Vector, reason: str, kind: str, note: str) -> Fit:
+def fit_of(
+    problem: Problem, residual: ByLine, x: _Vector, reason: str, kind: str, note: str
+) -> Fit:
     """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere."""
     try:
         local = local_of(problem, residual, x)

@@ -15,7 +15,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 from updyn.updating.problem.session import Stopped
 
@@ -62,12 +62,12 @@ class MaximumLikelihood:
         True  # compares with `Problem.block`, which has the calibration factors
     )
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,).
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Model, data and unknowns.
         monitor : Monitor
             Who watches.
@@ -96,13 +96,17 @@ class MaximumLikelihood:
         return x
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns.
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Model, data and unknowns.
         noises : sequence of NoiseModel
             How uncertain the data of each part are.
@@ -123,7 +127,11 @@ class MaximumLikelihood:
             return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
 
     def _weighted(
-        self, problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64], monitor: Monitor
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: NDArray[np.float64],
+        monitor: Monitor,
     ) -> tuple[NDArray[np.float64], str, tuple[Sequence[NoiseModel], Each] | None]:
         """Return the estimate, why it ended, and the noise and weights of its last descent."""
         left, reason = self.max_iterations, "converged"
@@ -150,7 +158,7 @@ class MaximumLikelihood:
 
     def _judge(
         self,
-        problem: Task,
+        problem: Problem,
         x: NDArray[np.float64],
         noises: Sequence[NoiseModel],
         residual: Each,
@@ -182,7 +190,7 @@ class MaximumLikelihood:
 
 
 def _weigh(
-    problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
     """Return the noise models after a look at the residual, and the weights that follow from them at x."""
     looked, errors = [], []

@@ -28,7 +28,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -95,13 +95,18 @@ class ResponseFunctionMethod:
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
+    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the start of the unknowns, shape (n,): there is no search."""
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "gauss-newton"
         check_unknowns(problem, self.NAME, self.cannot, self.instead, priors=not plain)
@@ -156,7 +161,7 @@ class ResponseEquation:
         """What tells it from others of its name."""
         return f"expand={self.expand}"
 
-    def check(self, problem: Problem) -> None:
+    def check(self, part: Part) -> None:
         """Check that the data have what it needs.
 
         Raises
@@ -164,25 +169,25 @@ class ResponseEquation:
         DataError
             If a DOF of the model was not measured, or the data hold no receptance at 0 Hz.
         """
-        if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+        if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
             raise DataError(
-                f"{self.name}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave"
+                f"{self.name}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave"
                 " it out"
             )
-        missing = np.setdiff1d(np.arange(problem.solver.system.n), problem.rows)
+        missing = np.setdiff1d(np.arange(part.solver.system.n), part.rows)
         if missing.size and not self.expand:
-            dofs = problem.solver.system.dofs
+            dofs = part.solver.system.dofs
             shown = ", ".join(str(dofs[int(i)]) for i in missing[:5]) + (
                 ", ..." if missing.size > 5 else ""
             )
             raise DataError(
-                f"{self.name} needs the motion of all {problem.solver.system.n} DOFs of the model;"
+                f"{self.name} needs the motion of all {part.solver.system.n} DOFs of the model;"
                 f" {missing.size} were not measured ({shown}). Use a method that condenses the"
                 " model, such as 'equation-error' or the default, or expand=True, which takes the"
                 " missing motion from the model"
             )
 
-    def local(self, problem: Task, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         try:
             return local_of(problem, self, x)
@@ -193,37 +198,35 @@ class ResponseEquation:
         """Return itself."""
         return self
 
-    def on(self, problem: Problem, lines: slice) -> ResponseEquation:
+    def on(self, part: Part, lines: slice) -> ResponseEquation:
         """Return itself."""
         return self
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition()
+        return part.partition()
 
     @alone
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
-        solver, system, values = problem.solver, problem.solver.system, problem.values(x)
+        solver, system, values = part.solver, part.solver.system, part.values(x)
         freq, omega, state = (
-            problem.frf.freq[lines],
-            2.0 * np.pi * problem.frf.freq[lines],
-            problem.state(x),
+            part.frf.freq[lines],
+            2.0 * np.pi * part.frf.freq[lines],
+            part.state(x),
         )
-        measured = problem.frf.converted("receptance")
-        h = measured.values[lines] * problem.sign
-        loaded, place = np.unique(
-            np.concatenate([problem.rows, problem.columns]), return_inverse=True
-        )
+        measured = part.frf.converted("receptance")
+        h = measured.values[lines] * part.sign
+        loaded, place = np.unique(np.concatenate([part.rows, part.columns]), return_inverse=True)
         fields = solver.solve(system.coefficients(state, omega), loaded, freq)
-        V, U = fields[:, :, place[: len(problem.rows)]], fields[:, :, place[len(problem.rows) :]]
+        V, U = fields[:, :, place[: len(part.rows)]], fields[:, :, place[len(part.rows) :]]
         motion = U.copy()
-        motion[problem.rows] = h.transpose(1, 0, 2)
-        slopes = -problem.unknowns.slopes(system, state, values, omega)
+        motion[part.rows] = h.transpose(1, 0, 2)
+        slopes = -part.unknowns.slopes(system, state, values, omega)
         weight = 1.0 / level_by_unit(measured)
-        J = contract(system, problem.unknowns, slopes, V, motion)
-        J *= problem.coordinates.slope(x)[:, None, None, None] * weight
-        return weight * (solver.at(U, problem.rows).transpose(1, 0, 2) - h), J
+        J = contract(system, part.unknowns, slopes, V, motion)
+        J *= part.coordinates.slope(x)[:, None, None, None] * weight
+        return weight * (solver.at(U, part.rows).transpose(1, 0, 2) - h), J
 
 
 @dataclass(frozen=True, slots=True)

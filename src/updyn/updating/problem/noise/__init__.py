@@ -79,15 +79,21 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         return _sourced(noise, frf)
     for key in noise:
         if key not in _KEYS:
-            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), _KEYS)}")
+            raise OptionError(
+                f"noise: no key {key!r}; {suggest(str(key), _KEYS)}", key=("noise", key)
+            )
     robust = noise.get("robust")
     if robust not in (None, Robust.name):
-        raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
+        raise OptionError(
+            f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}",
+            key=("noise", "robust"),
+        )
     numbers = {key: noise[key] for key in _NUMBERS if key in noise}
     if numbers and "source" in noise:
         raise OptionError(
             "noise: relative and floor state it, source takes it from elsewhere; give one of"
-            " the two"
+            " the two",
+            key=("noise",),
         )
     tails = np.inf if robust is None else FREEDOM
     stated = numbers or not (robust or "source" in noise)
@@ -102,13 +108,15 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
         source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
     if source not in SOURCES:
         raise OptionError(
-            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor"
+            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor",
+            key=("noise",),
         )
     if source in ("variance", "coherence") and getattr(frf, source) is None:
-        raise OptionError(f"noise {source!r}: the data carry no {source}")
+        raise OptionError(f"noise {source!r}: the data carry no {source}", key=("noise",))
     if source == "coherence" and frf.averages == 1:
         raise OptionError(
-            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing"
+            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing",
+            key=("noise",),
         )
     return SOURCES[source](frf, tails)
 
@@ -122,13 +130,16 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
             or not np.isfinite(value)
             or value < 0
         ):
-            raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
+            raise OptionError(
+                f"noise: {key} = {value!r}; expected a number of at least 0", key=("noise", key)
+            )
         usable[key] = float(value)
     stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
     if stated.relative == stated.floor == 0.0:
         raise OptionError(
             "noise: relative and floor are both 0; data without noise need no noise model, leave"
-            " it out"
+            " it out",
+            key=("noise",),
         )
     return stated
 
@@ -155,7 +166,9 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
         relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
         lacking = [label for label in frf.responses.labels if label not in relative]
         if lacking:
-            raise OptionError(f"noise by channel: nothing is known of response {lacking[0]}")
+            raise OptionError(
+                f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
+            )
         names = tuple(frf.responses.labels)
         a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
         base = EstimatedByChannel(relative=a, floor=b, names=names, held=True)

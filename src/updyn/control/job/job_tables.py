@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from updyn.control.files.plant_file import write_plant
 from updyn.control.job.checks import check_control, check_control_tables, check_servo_table
-from updyn.control.job.plant_record import write_control_record
+from updyn.control.job.messages import describe_planted, describe_wish
 from updyn.control.job.plant_result import Planted, planted_of
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.plant_words import describe_planted, describe_wish
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.record import write_control_record
+from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.errors import UpdynWarning
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import Prepared
@@ -83,15 +83,16 @@ class _PlantJobTable(JobTable):
         draws = found.get("uncertainty")
         if not isinstance(draws, Draws) or len(draws) < 2:
             draws = None
-        planted = planted_of(
-            prepared,
-            result,
-            f"The updated model ({result.status}).",
-            draws=draws,
-            engine=engine,
-            say=_shown(callback),
-            strict=False,
-        )
+        with prepared.job.located():
+            planted = planted_of(
+                prepared,
+                result,
+                f"The updated model ({result.status}).",
+                draws=draws,
+                engine=engine,
+                say=_shown(callback),
+                strict=False,
+            )
         if not planted.met:
             text = f"{prepared.job.path}: no plant is written: {planted.message}"
             warnings.warn(text, UpdynWarning, stacklevel=4)
@@ -141,8 +142,6 @@ def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:
     folder : Path
         Where to.
     """
-    from updyn.control.files.plant_file import write_plant
-
     table = job.table(PlantTable)
     assert table is not None
     for made, names in (

@@ -10,6 +10,7 @@ from updyn.control.job.plant_result import Planted
 from updyn.report import markup as m
 from updyn.report.page import assemble
 from updyn.report.section import Content
+from updyn.report.templates import write_page
 
 __all__ = ["write_plant_page"]
 
@@ -29,7 +30,7 @@ def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
     Path
         Where the page is.
     """
-    return m.write_page(render(planted), path)
+    return write_page(render(planted), path)
 
 
 def render(planted: Planted) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import Planted
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.job.prepare import Prepared
 from updyn.text_table import text_table
 
