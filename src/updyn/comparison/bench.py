@@ -264,7 +264,7 @@ class Bench:
             return self.refused(name, f"it cannot update {quantities}, and nothing else is unknown")
         counter.lines_solved = 0
         result = self._fit(name, ParameterSet(tuple(taken)), counter, self.tests)
-        first = result if isinstance(result, UpdateResult) else result.first
+        first = result.first
         message = first.message
         if not self._regularises(name):
             message += " It was run without regularisation."

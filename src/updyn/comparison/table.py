@@ -246,7 +246,7 @@ def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
 
     Of several tests the worst figure is taken.
     """
-    results = [result] if isinstance(result, UpdateResult) else list(result.results.values())
+    results = list(result.results.values())
     fitted = [r.correlation for r in results]
     held_out = [r.correlation.get("validation") or {} for r in results]
     if not any(held_out):
