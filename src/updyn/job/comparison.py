@@ -125,7 +125,7 @@ def compare_job(
     SolverError
         If the model cannot be solved where it starts; nothing is written.
     """
-    from updyn.comparison.bench import Given
+    from updyn.comparison.bench import Options
     from updyn.report import write_comparison
     from updyn.store.comparison import write_comparison_json
 
@@ -134,7 +134,7 @@ def compare_job(
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)
     # Errors of the arguments have no line in the job.
-    Given.checked(ready.parameters, methods, _options(ready), known, **options)
+    Options.checked(ready.parameters, methods, _options(ready), known, **options)
     with update_keys(job):
         found = _compared(
             ready, methods, known, {"callback": callback, "engine": engine, **options}
