@@ -170,11 +170,9 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     OptionError
         If it is no result.
     """
-    if isinstance(result, UpdateResult):
-        return (result,)
-    if isinstance(result, JointResult):
-        return tuple(result.results.values())
-    raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+    if not isinstance(result, UpdateResult | JointResult):
+        raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+    return tuple(result.results.values())
 
 
 def chosen(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
