@@ -230,14 +230,14 @@ def method_facts(name: str) -> dict[str, Any]:
         ``method``, ``reference``, ``cannot``, ``needs``, as of `Row`.
     """
     method = METHODS.find(name)
-    cannot = list(getattr(method, "cannot", ()))
-    if not getattr(method, "calibrates", False):
+    cannot = list(method.cannot)
+    if not method.calibrates:
         cannot += [quantity for quantity in CHANNELS if quantity not in cannot]
     return {
         "method": name,
-        "reference": str(getattr(method, "reference", "")),
+        "reference": method.reference,
         "cannot": tuple(cannot),
-        "needs": str(getattr(method, "needs", "")),
+        "needs": method.needs,
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -111,7 +112,7 @@ class Fit:
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
-class Method:
+class Method(ABC):
     """Base of the methods. A method is a frozen dataclass: its fields are its options.
 
     What a method states of itself is read by the run, the comparison and the report; there are no
@@ -176,6 +177,7 @@ class Method:
         """
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
+    @abstractmethod
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
@@ -196,7 +198,6 @@ class Method:
         -------
         Fit
         """
-        raise NotImplementedError
 
 
 def descend(

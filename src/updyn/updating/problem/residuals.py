@@ -7,6 +7,7 @@ formed.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
@@ -53,7 +54,7 @@ class Residual(Protocol):
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
-class LineResidual:
+class LineResidual(ABC):
     """Base of the residuals that are evaluated block by block of lines, in any process.
 
     A subclass has `name` and `block`; the other methods are overridden where the residual holds
@@ -105,9 +106,9 @@ class LineResidual:
         """Return the blocks of lines."""
         return part.partition()
 
+    @abstractmethod
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)

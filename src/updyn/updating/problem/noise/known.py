@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -35,7 +36,7 @@ SMALLEST = 1e-12
 ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
-class NoiseModel:
+class NoiseModel(ABC):
     """Base of the noise models: how uncertain each measured value is.
 
     Attributes
@@ -63,9 +64,9 @@ class NoiseModel:
         return cls()
 
     @property
+    @abstractmethod
     def kind(self) -> str:
         """How the noise is known, for the record."""
-        raise NotImplementedError
 
     @property
     def source(self) -> str:
@@ -77,9 +78,9 @@ class NoiseModel:
         """Whether the variance is known absolutely, or only up to one factor."""
         return True
 
+    @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 of each value for a model's H, shape (n_f, n_i, n_j), in the unit of the data squared."""
-        raise NotImplementedError
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
         """Return the noise model after a look at the residual; itself where nothing is estimated."""
