@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements.checks import check_keys, from_row, rows_of, whole
+from updyn.elements.checks import check_keys, is_whole, parts_of_table, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
 from updyn.elements.drivetrain.pieces import PARTS, Hold, Mass, Part, Piece, Spring, Tie, resolve
 from updyn.errors import ModelError, suggest
@@ -134,8 +134,7 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     check_keys("model", data, (), (*PARTS, *_GROUP_OPTIONS))
     parts: list[Part] = []
     for key, part in PARTS.items():
-        for number, row in enumerate(rows_of(data, key), 1):
-            parts.append(from_row(part, key, number, row))
+        parts += parts_of_table(data, key, part)
         data.pop(key, None)
     if not parts:
         raise ModelError(
@@ -201,7 +200,7 @@ def _named_nodes(part: Part) -> list[int]:
             values += value
         else:
             values.append(value)
-    return [int(v) for v in values if isinstance(v, int | np.integer) and not isinstance(v, bool)]
+    return [int(value) for value in values if is_whole(value)]
 
 
 def _nodes_of(piece: Piece) -> tuple[int, ...]:
