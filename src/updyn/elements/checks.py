@@ -30,6 +30,7 @@ __all__ = [
     "parts_of_table",
     "poisson_ratio",
     "positive",
+    "positive_or_none",
     "rows_of",
     "six",
     "store",
@@ -67,6 +68,17 @@ def positive(what: str, name: str, value: Any) -> float:
     if not number(what, name, value) > 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number above 0")
     return float(value)
+
+
+def positive_or_none(what: str, name: str, value: Any) -> float | None:
+    """Return a number above 0, or None where none is given.
+
+    Raises
+    ------
+    ModelError
+        If it is neither.
+    """
+    return None if value is None else positive(what, name, value)
 
 
 def not_negative(what: str, name: str, value: Any) -> float:
