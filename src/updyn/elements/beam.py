@@ -286,7 +286,7 @@ def _check_names(segments: list[Segment], supports: list[Support], masses: list[
 def _node_number(key: Any) -> int:
     if isinstance(key, str) and key.isdecimal():
         return int(key)
-    raise ModelError(f"model.stations: {key!r}; expected a node number")
+    raise ModelError(f"model.stations: {key!r}; expected a node number", key=("stations",))
 
 
 # -- groups
@@ -452,12 +452,15 @@ def _node_positions(
             )
     if nodes is not None:
         if n_elements is not None:
-            raise ModelError("beam: give either n_elements or nodes, not both")
+            raise ModelError("beam: give either n_elements or nodes, not both", key=("n_elements",))
         return _read_nodes(length, checked, nodes)
     if n_elements is None:
         n_elements = _DEFAULT_ELEMENTS
     if not is_whole(n_elements) or n_elements < 1:
-        raise ModelError(f"beam: n_elements {n_elements!r}; expected a whole number of at least 1")
+        raise ModelError(
+            f"beam: n_elements {n_elements!r}; expected a whole number of at least 1",
+            key=("n_elements",),
+        )
     cuts = np.unique(np.clip([0.0, length, *(x for _, x in checked)], 0.0, length))
     # Positions that differ by rounding only are one; the ends stay exactly where they are.
     cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
@@ -475,18 +478,23 @@ def _read_nodes(
     try:
         x = np.array(nodes, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"beam: nodes are not numbers ({error})") from error
+        raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
     tolerance = _SAME * length
     if x.ndim != 1 or len(x) < 2 or not np.isfinite(x).all() or (np.diff(x) <= tolerance).any():
-        raise ModelError("beam: nodes must be at least two finite positions that increase")
+        raise ModelError(
+            "beam: nodes must be at least two finite positions that increase", key=("nodes",)
+        )
     if abs(x[0]) > tolerance or abs(x[-1] - length) > tolerance:
         raise ModelError(
-            f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m"
+            f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m",
+            key=("nodes",),
         )
     for what, place in places:
         nearest = x[_nearest(x, place)]
         if abs(nearest - place) > tolerance:
-            raise ModelError(f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m")
+            raise ModelError(
+                f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m", key=("nodes",)
+            )
     return x
 
 
@@ -497,11 +505,14 @@ def _read_stations(
     if isinstance(stations, Mapping):
         for node in stations:
             if not is_whole(node) or node < 1:
-                raise ModelError(f"station {node!r}: expected a node number of at least 1")
+                raise ModelError(
+                    f"station {node!r}: expected a node number of at least 1", key=("stations",)
+                )
         return [(number(f"station {k}", "position", x), int(k)) for k, x in stations.items()]
     if isinstance(stations, str) or not isinstance(stations, Iterable):
         raise ModelError(
-            f"stations {stations!r}: expected positions in m, or node numbers with positions"
+            f"stations {stations!r}: expected positions in m, or node numbers with positions",
+            key=("stations",),
         )
     return [(number("station", "position", x), None) for x in stations]
 
@@ -516,7 +527,10 @@ def _node_numbers(
             continue
         at = _nearest(x, position)
         if numbers[at]:
-            raise ModelError(f"stations {numbers[at]} and {node} share the position {position:g} m")
+            raise ModelError(
+                f"stations {numbers[at]} and {node} share the position {position:g} m",
+                key=("stations",),
+            )
         numbers[at] = node
     unnumbered = numbers == 0
     free = np.setdiff1d(np.arange(1, 2 * len(x) + 1), numbers)
@@ -535,20 +549,25 @@ def _check_cover(segments: Iterable[Segment], length: float) -> None:
         end = segment.end
         if end - start <= tolerance:
             raise ModelError(
-                f"{name} runs from {start:g} to {end:g} m; expected its end beyond its start"
+                f"{name} runs from {start:g} to {end:g} m; expected its end beyond its start",
+                key=("segments",),
             )
         if start > reached + tolerance:
             raise ModelError(
-                f"no segment covers {reached:g} to {start:g} m, between {before} and {name}"
+                f"no segment covers {reached:g} to {start:g} m, between {before} and {name}",
+                key=("segments",),
             )
         if start < reached - tolerance:
             raise ModelError(
-                f"{name} starts at {start:g} m, within {before}, which ends at {reached:g} m"
+                f"{name} starts at {start:g} m, within {before}, which ends at {reached:g} m",
+                key=("segments",),
             )
         reached = end
         before = name
     if reached < length - tolerance:
-        raise ModelError(f"no segment covers {reached:g} to {length:g} m, after {before}")
+        raise ModelError(
+            f"no segment covers {reached:g} to {length:g} m, after {before}", key=("segments",)
+        )
 
 
 # -- elements

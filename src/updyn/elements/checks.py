@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import whole_numbers
-from updyn.errors import ModelError, suggest
+from updyn.errors import ModelError, key_path, suggest
 
 __all__ = [
     "check_keys",
@@ -31,7 +31,7 @@ __all__ = [
     "poisson_ratio",
     "positive",
     "positive_or_none",
-    "rows_of",
+    "read_rows",
     "six",
     "store",
     "vector",
@@ -53,7 +53,7 @@ def number(what: str, name: str, value: Any) -> float:
     """
     real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
     if not (real and abs(value) <= sys.float_info.max):  # a whole number may be of any size
-        raise ModelError(f"{what}: {name} {value!r}; expected a finite number")
+        raise ModelError(f"{what}: {name} {value!r}; expected a finite number", key=(name,))
     return float(value)
 
 
@@ -66,7 +66,7 @@ def positive(what: str, name: str, value: Any) -> float:
         If it is not one.
     """
     if not number(what, name, value) > 0:
-        raise ModelError(f"{what}: {name} {value!r}; expected a number above 0")
+        raise ModelError(f"{what}: {name} {value!r}; expected a number above 0", key=(name,))
     return float(value)
 
 
@@ -90,7 +90,7 @@ def not_negative(what: str, name: str, value: Any) -> float:
         If it is not one.
     """
     if not number(what, name, value) >= 0:
-        raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0")
+        raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0", key=(name,))
     return float(value)
 
 
@@ -103,7 +103,7 @@ def poisson_ratio(what: str, value: Any) -> float:
         If it is not one.
     """
     if not -1.0 < number(what, "nu", value) <= 0.5:
-        raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5")
+        raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5", key=("nu",))
     return float(value)
 
 
@@ -116,7 +116,7 @@ def pair(what: str, name: str, value: Any) -> tuple[float, float]:
         If they are not.
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise ModelError(f"{what}: {name} {value!r}; expected two numbers")
+        raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
     return positive(what, name, value[0]), positive(what, name, value[1])
 
 
@@ -136,7 +136,7 @@ def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
     if is_whole(value) and (least is None or value >= least):
         return int(value)
     wanted = "a whole number" if least is None else f"a whole number of at least {least}"
-    raise ModelError(f"{what}: {name} {value!r}; expected {wanted}")
+    raise ModelError(f"{what}: {name} {value!r}; expected {wanted}", key=(name,))
 
 
 # -- fields of the elements of a structure
@@ -163,7 +163,7 @@ def material(what: str, part: Any) -> dict[str, float]:
 def check_name(what: str, name: Any) -> None:
     """Raise an error for a name that is no text."""
     if not isinstance(name, str):
-        raise ModelError(f"{what}: expected a text as its name")
+        raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
 
 def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
@@ -185,7 +185,7 @@ def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[
 def node_number(what: str, name: str, given: Any) -> int:
     """Return a node number."""
     if not is_whole(given) or abs(int(given)) > LARGEST_NODE:
-        raise ModelError(f"{what}: {name} {given!r}; expected a node number")
+        raise ModelError(f"{what}: {name} {given!r}; expected a node number", key=(name,))
     return int(given)
 
 
@@ -194,9 +194,9 @@ def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"{what}: {name} {given!r}; expected numbers") from error
+        raise ModelError(f"{what}: {name} {given!r}; expected numbers", key=(name,)) from error
     if not np.isfinite(array).all():
-        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers")
+        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers", key=(name,))
     return array
 
 
@@ -204,7 +204,9 @@ def vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return three numbers that are not all 0."""
     vector = floats(what, name, given)
     if vector.shape != (3,) or not vector.any():
-        raise ModelError(f"{what}: {name} {given!r}; expected three numbers that are not all 0")
+        raise ModelError(
+            f"{what}: {name} {given!r}; expected three numbers that are not all 0", key=(name,)
+        )
     return vector
 
 
@@ -212,7 +214,9 @@ def six(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return six numbers of at least 0."""
     six = floats(what, name, given)
     if six.shape != (6,) or (six < 0).any():
-        raise ModelError(f"{what}: {name} {given!r}; expected six numbers of at least 0")
+        raise ModelError(
+            f"{what}: {name} {given!r}; expected six numbers of at least 0", key=(name,)
+        )
     return six
 
 
@@ -259,29 +263,42 @@ def parts_of_table(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_
     ModelError
         If it is not an array of tables, or a key of a row is missing or unknown.
     """
-    return [from_row(kind, where, row) for where, row in rows_of(table, key)]
+    return read_rows(table, key, lambda where, row: from_row(kind, where, row))
 
 
-def rows_of(table: Mapping[str, Any], key: str) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the rows of an array of tables ``[[model.key]]``, each with its place for messages.
+def read_rows(
+    table: Mapping[str, Any], key: str, read: Callable[[str, Mapping[str, Any]], _T]
+) -> list[_T]:
+    """Read the rows of an array of tables ``[[model.key]]``; none where the key is missing.
+
+    Parameters
+    ----------
+    table : mapping
+        The table ``[model]``.
+    key : str
+        Name of the array.
+    read : callable
+        From the place of a row, for messages, and the row, to an object.
 
     Raises
     ------
     ModelError
-        If it is not an array of tables.
+        If it is not an array of tables, or as `read`.
     """
     rows = table.get(key, [])
     if not isinstance(rows, list | tuple):
         raise ModelError(
             f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
-            f" [[model.{key}]]"
+            f" [[model.{key}]]",
+            key=(key,),
         )
     out = []
     for number, row in enumerate(rows, 1):
         where = f"model.{key}, number {number}"
-        if not isinstance(row, Mapping):
-            raise ModelError(f"{where}: expected a table, found {row!r}")
-        out.append((where, row))
+        with key_path(key, number - 1):
+            if not isinstance(row, Mapping):
+                raise ModelError(f"{where}: expected a table, found {row!r}")
+            out.append(read(where, row))
     return out
 
 
@@ -311,7 +328,7 @@ def check_keys(
     known = list(dict.fromkeys([*required, *optional]))
     for key in row:
         if key not in known:
-            raise ModelError(f"{where}: no key {key!r}; {suggest(str(key), known)}")
+            raise ModelError(f"{where}: no key {key!r}; {suggest(str(key), known)}", key=(key,))
     for key in required:
         if key not in row:
             raise ModelError(f"{where}: {key!r} is missing")

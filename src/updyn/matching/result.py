@@ -37,16 +37,15 @@ class MatchError(DofError):
     ----------
     message : str
         What was found, what was expected, and the nearest candidates.
-    place : tuple of str
+    key : tuple of str
         Argument of `match`, and key in it, that the error is about; empty: the measurement.
     lost : sequence of str
         The sensors, as the test labels them, that are no DOFs of the model.
     """
 
-    def __init__(self, message: str, place: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
-        self.place = place
+    def __init__(self, message: str, key: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
+        super().__init__(message, key=key)
         self.lost = tuple(lost)
-        super().__init__(message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

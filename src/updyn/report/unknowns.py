@@ -26,6 +26,7 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import Content, Section
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -41,17 +42,14 @@ __all__ = [
     "value_paths",
 ]
 
-_STAGE_WORDS = {
-    "search": "trials from several starts, each jump up is the next",
-    "log": "fit of logarithmic level and phase",
-    "maximum-likelihood": "fit weighted with the noise",
-    "output-error": "fit of the unweighted FRFs",
-    "equation-error": "fit of the condensed force equation",
-    "rfm": "response function equation",
-    "complex-rfm": "response function equation, complex stiffnesses",
-    "frf-sensitivity": "linearised FRFs",
-    "reduced-frf": "force equation of the reduced model",
-}
+_SEARCH = "trials from several starts, each jump up is the next"
+
+
+def _stage_label(stage: str) -> str:
+    """Return what a stage of the fit minimises, in words; empty where nothing is stated."""
+    if stage == "search":
+        return _SEARCH
+    return METHODS[stage].label if stage in METHODS else ""
 
 
 class Unknowns(Section):
@@ -318,7 +316,8 @@ class Convergence(Section):
         parts.append(m.paragraph(said))
         caption = "Cost: half the sum of squared weighted residuals."
         if len(stages) > 1:
-            explained = "; ".join(f"{s}: {_STAGE_WORDS[s]}" for s in stages if s in _STAGE_WORDS)
+            labels = {stage: _stage_label(stage) for stage in stages}
+            explained = "; ".join(f"{stage}: {label}" for stage, label in labels.items() if label)
             caption += (
                 " Each stage weighs the residuals in its own way: compare costs within a stage only. "
                 + explained

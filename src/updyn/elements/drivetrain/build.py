@@ -219,14 +219,15 @@ def _named_nodes(part: Part) -> set[int]:
 def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
     """Return nodes of the option `what`, after a check that parts have them."""
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
-        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes")
+        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
     checked = [whole("drive train", what, node) for node in nodes]
     choices = sorted(known)
     for node in checked:
         if node not in choices:
             raise ModelError(
                 f"drive train: {what} names node {node}, which no part has; "
-                f"{suggest(str(node), map(str, choices))}"
+                f"{suggest(str(node), map(str, choices))}",
+                key=(what,),
             )
     return checked
 

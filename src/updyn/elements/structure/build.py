@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import check_keys, from_row, parts_of_table, rows_of
+from updyn.elements.checks import check_keys, from_row, parts_of_table, read_rows
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
-from updyn.errors import ModelError
+from updyn.errors import ModelError, key_path
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 
@@ -68,7 +69,8 @@ def structure(
     DofError
         If a DOF that is held or tied is used by nothing.
     """
-    table = _read_nodes(nodes)
+    with key_path("nodes"):
+        table = _read_nodes(nodes)
     elements = list(parts)
     _check_elements(elements)
     used = np.zeros((len(table.numbers), 6), dtype=np.bool_)
@@ -77,7 +79,8 @@ def structure(
     geometry = Geometry(table.numbers, table.xyz, _edges(elements))
     ties = _ties(table, geometry, list(links), list(equations), used)
     dofs = _dofs(table, used)
-    held = _held(table, used, dofs, grounded)
+    with key_path("grounded"):
+        held = _held(table, used, dofs, grounded)
     # A held DOF that is in no tie is never assembled; the transformation removes the others.
     tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
     left_out = np.zeros(len(dofs), dtype=np.bool_)
@@ -119,15 +122,14 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     check_keys("model", data, ["nodes"], [*ELEMENTS, "link", "equation", "grounded", "title"])
     parts: list[Element] = []
     for key, kind_of_element in ELEMENTS.items():
-        for where, row in rows_of(data, key):
-            converted = kind_of_element.fields_of_row(where, row)
-            parts.append(from_row(kind_of_element, where, converted))
+        parts += read_rows(data, key, partial(_element, kind_of_element))
     links = parts_of_table(data, "link", RigidLink)
-    equations = [_equation(where, row) for where, row in rows_of(data, "equation")]
+    equations = read_rows(data, "equation", _equation)
     grounded = data.get("grounded", [])
     if not isinstance(grounded, list | tuple):
         raise ModelError(
-            f"model: grounded {grounded!r}; expected an array of DOFs and node numbers"
+            f"model: grounded {grounded!r}; expected an array of DOFs and node numbers",
+            key=("grounded",),
         )
     return structure(
         _nodes_of_table(data["nodes"]),
@@ -137,6 +139,10 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
         grounded=grounded,
         title=data.get("title", ""),
     )
+
+
+def _element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
+    return from_row(kind, where, kind.fields_of_row(where, row))
 
 
 def _equation(where: str, row: Mapping[str, Any]) -> Equation:
@@ -152,19 +158,21 @@ def _nodes_of_table(table: Any) -> dict[int, Any]:
     if not isinstance(table, Mapping):
         raise ModelError(
             f"model: nodes holds {type(table).__name__}; expected a table from node number to"
-            " position"
+            " position",
+            key=("nodes",),
         )
     out: dict[int, Any] = {}
     for key, position in table.items():
         text = str(key)
         if not text.isdecimal():
-            raise ModelError(f"model.nodes: {key!r}; expected a node number")
+            raise ModelError(f"model.nodes: {key!r}; expected a node number", key=("nodes",))
         if not isinstance(position, list | tuple) or len(position) != 3:
             raise ModelError(
-                f"model.nodes: node {text} stands at {position!r}; expected three numbers"
+                f"model.nodes: node {text} stands at {position!r}; expected three numbers",
+                key=("nodes",),
             )
         if int(text) in out:
-            raise ModelError(f"model.nodes: node {int(text)} stands twice")
+            raise ModelError(f"model.nodes: node {int(text)} stands twice", key=("nodes",))
         out[int(text)] = position
     return out
 
