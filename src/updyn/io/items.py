@@ -23,6 +23,7 @@ __all__ = [
     "Items",
     "chosen",
     "compressed",
+    "counted",
     "dofs",
     "existing",
     "kind_of",
@@ -246,6 +247,11 @@ def kind_of(given: Any) -> str:
     if isinstance(given, np.ndarray):
         return f"{given.dtype} of shape {given.shape}"
     return f"{len(given)} texts" if isinstance(given, list) else f"a {type(given).__name__}"
+
+
+def counted(numbers: Mapping[str, int]) -> str:
+    """Return how often there is what, for a message: ``3 coherence, 1 spectrum``."""
+    return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
 def listed(items: Items) -> str:

@@ -164,7 +164,7 @@ _USAGE = ("HEADING", "PREPRINT", "NODE", "NSET", "MATRIX INPUT", "MATRIX ASSEMBL
 _TOLERANCE = 1e-10
 
 
-# -- *MATRIX GENERATE --------------------------------------------------------------------------------------
+# -- *MATRIX GENERATE ---------------------------------------------------------------------------
 def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     """Return the groups whose matrices the steps of a deck wrote.
 
@@ -294,7 +294,7 @@ def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
         )
 
 
-# -- *MATRIX INPUT and *MATRIX ASSEMBLE --------------------------------------------------------------------
+# -- *MATRIX INPUT and *MATRIX ASSEMBLE ---------------------------------------------------------
 def assembled_parts(facts: DeckFacts) -> list[Part]:
     """Return the groups that a deck puts together of matrices; each ``*MATRIX ASSEMBLE`` is one.
 

@@ -245,7 +245,7 @@ def _parameters(text: str) -> dict[str, str]:
     return out
 
 
-# -- numbers -----------------------------------------------------------------------------------------------
+# -- numbers ------------------------------------------------------------------------------------
 def number(text: str, card: Card, row: Row) -> float:
     """Read a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 
