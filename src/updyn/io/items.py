@@ -31,6 +31,7 @@ __all__ = [
     "library",
     "listed",
     "matrix",
+    "nearest",
     "number",
     "numbers",
     "placed",
@@ -321,9 +322,16 @@ def existing(path: str | Path) -> Path:
     """
     path = Path(path)
     if not path.is_file():
-        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
+        raise FormatError(f"no such file; {nearest(path)}", path)
     return path
+
+
+def nearest(missing: Path) -> str:
+    """Return what to say of a file that is not there: the nearest names in its folder."""
+    if not missing.parent.is_dir():
+        return "its folder does not exist"
+    names = [entry.name for entry in missing.parent.iterdir() if entry.is_file()]
+    return suggest(missing.name, sorted(names)) if names else "its folder is empty"
 
 
 def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
