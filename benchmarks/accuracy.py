@@ -38,9 +38,9 @@ from models import footbridge, solid
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 
 NOISE = (0.0, 0.01, 0.05)
@@ -68,12 +68,16 @@ class Bench:
     def bound(self, relative: float) -> np.ndarray:
         """Cramer-Rao bound of each unknown, relative for factors: standard deviation at known noise."""
         unknowns = self.sought(self.case.true)
-        problem = Problem.build(self.case.true, self.case.clean, unknowns)
+        problem = Part.build(self.case.true, self.case.clean, unknowns)
         size = np.abs(
             self.case.clean.values
         )  # exactly 0 where two motions are not coupled: no noise, no information
         weight = np.where(size > 0, np.sqrt(2.0) / (relative * np.where(size > 0, size, 1.0)), 0.0)
-        R = OutputError(weight).local(problem, problem.coordinates.to_x(unknowns.start)).R
+        R = (
+            OutputError(weight)
+            .local(Problem.of([problem]), problem.coordinates.to_x(unknowns.start))
+            .R
+        )
         return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
 
 
@@ -171,7 +175,7 @@ def draw(name: str, how: How, relative: float, seed: int) -> dict[str, Any]:
     start = made.start(np.random.default_rng(seed), how.off)
     frf = noisy(made.case.clean, relative, rng)
     whole = made.sought(start)
-    cannot = getattr(method_class(how.method), "cannot", ())
+    cannot = METHODS.find(how.method).cannot
     seen = np.array([p.quantity not in cannot for p in whole])
     sought = ParameterSet(tuple(p for p, s in zip(whole, seen, strict=True) if s))
     begun = time.process_time()

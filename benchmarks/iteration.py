@@ -20,8 +20,8 @@ import scipy.sparse as sp
 from models import SOLIDS, sensors, solid
 
 import updyn
-from updyn.linalg.solver import BACKENDS, _module
-from updyn.updating.problem.problem import Problem
+from updyn.linalg.solver import BACKENDS
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
 #: Beyond this many DOFs SuperLU takes minutes.
@@ -39,7 +39,7 @@ def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tup
     freq, at = np.linspace(10.0, 60.0, n_lines), sensors(model)
     data = updyn.response(model, freq, at, at[:3], backend=backend)
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
-    problem = Problem.build(model, data, unknowns, backend=backend)
+    problem = Part.build(model, data, unknowns, backend=backend)
     x = problem.coordinates.to_x(unknowns.start)
     system = problem.solver.system
     coefficients = system.coefficients(problem.state(x), 2 * np.pi * freq)
@@ -52,12 +52,12 @@ def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tup
     loaded = np.unique(np.concatenate([problem.rows, problem.columns]))
     loads = np.zeros((model.n_dofs, len(loaded)), dtype=np.complex128, order="F")
     loads[loaded, np.arange(len(loaded))] = 1.0
-    bare = getattr(_module(backend), BACKENDS[backend][1])(matrices[0])
+    bare = BACKENDS[backend](matrices[0])
     residual = LogError()
-    residual.local(problem, x)  # the analysis, once
+    residual.local(Problem.of([problem]), x)  # the analysis, once
     times = [
         (
-            seconds(lambda: residual.local(problem, x)),
+            seconds(lambda: residual.local(Problem.of([problem]), x)),
             seconds(lambda: [bare.factor(Z)(loads) for Z in matrices]),
         )
         for _ in range(repeats)
@@ -81,7 +81,7 @@ def main() -> None:
     for size in given.sizes:
         model = solid(SOLIDS[size])
         for backend in given.backends:
-            if not _module(backend).available() or (
+            if not BACKENDS[backend].available() or (
                 backend == "superlu" and model.n_dofs > SUPERLU_LIMIT
             ):
                 continue

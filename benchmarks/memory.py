@@ -18,7 +18,7 @@ import numpy as np
 from models import SOLIDS, sensors, solid
 
 import updyn
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
 
@@ -26,12 +26,12 @@ def work(size: str, whole: bool) -> None:
     model = solid(SOLIDS[size])
     freq, at = np.linspace(10.0, 60.0, 4), sensors(model)
     data = updyn.FRF(freq, np.ones((4, len(at), 3)), at, at[:3], "receptance")
-    problem = Problem.build(
+    problem = Part.build(
         model, data, updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
     )
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     if whole:
-        assert LogError().local(problem, x) is not None
+        assert LogError().local(Problem.of([problem]), x) is not None
     else:
         system = problem.solver.system
         problem.solver.solve(

@@ -18,16 +18,16 @@ from cases import Case, chain12, gear_train
 
 import updyn
 from updyn.demos.gear_train import starting_model
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 
 
 def cramer_rao(case: Case, relative: float) -> np.ndarray:
     """Standard deviations of the unknowns' values at the truth."""
-    problem = Problem.build(case.start, case.clean, case.unknowns)
+    problem = Part.build(case.start, case.clean, case.unknowns)
     x = problem.coordinates.to_x(np.array([case.truth[p.name] for p in case.unknowns]))
     weight = np.sqrt(2.0) / (relative * np.abs(case.clean.values))
-    R = OutputError(weight).local(problem, x).R
+    R = OutputError(weight).local(Problem.of([problem]), x).R
     half = np.linalg.solve(R.T, np.eye(len(x)))
     return np.linalg.norm(half, axis=0) * problem.coordinates.slope(x)
 

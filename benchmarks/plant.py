@@ -25,10 +25,10 @@ from cases import chain12, gear_train
 
 import updyn
 from updyn.control.build import _task
-from updyn.control.conversion import Conversion, Matrices
-from updyn.control.fitted import Fitted
+from updyn.control.complex_modes import Fitted
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
+from updyn.control.space import Conversion, Matrices
 from updyn.demos.antenna import TRUTH
 from updyn.demos.antenna_model import AZIMUTH, ELEVATION, antenna
 from updyn.model import Model

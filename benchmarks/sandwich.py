@@ -25,14 +25,14 @@ import updyn
 from updyn.frf import FRF
 from updyn.updating.fit.method import spread_of
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 
 NOISE = (("output-error", 0.05, 0.0), ("output-error", 0.02, 0.002), ("output-error", 0.0, 0.01))
 NOISE += (("log", 0.05, 0.0), ("log", 0.02, 0.001), ("log", 0.01, 0.01))
 
 
-def others(problem: Problem, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
+def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     """Standard deviations by the other covariances, in the optimiser's coordinates."""
     blocks = list(problem.blocks(x))
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
@@ -40,7 +40,7 @@ def others(problem: Problem, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     level = np.broadcast_to(level_by_unit(problem.frf), H.shape)
     r, J = (np.log(H / data), dH / H) if log else ((H - data) / level, dH / level)
     residual = LogError() if log else Each((OutputError(1.0 / level),))
-    local = residual.local(problem, x)
+    local = residual.local(Problem.of([problem]), x)
     A = local.R.T @ local.R
     g = np.einsum("klab,lab->lk", J.conj(), r).real
     lines = len(g)
@@ -81,7 +81,7 @@ def main() -> None:
             result = updyn.update(
                 case.start, data, unknowns, method=method, **({"starts": 0} if log else {})
             )
-            problem = Problem.build(case.start, data, unknowns)
+            problem = Part.build(case.start, data, unknowns)
             found = np.array([result.values[name] for name in names])
             x = problem.coordinates.to_x(np.maximum(found, 1e-12))
             bars = {k: v * problem.coordinates.slope(x) for k, v in others(problem, x, log).items()}

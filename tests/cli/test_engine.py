@@ -9,7 +9,8 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.commands import engine
+from updyn.cli.commands import open_engine
+from updyn.engines import KINDS, Engine, Serial
 from updyn.errors import OptionError
 
 JOB = """\
@@ -63,11 +64,38 @@ def test_refusals(
     assert not (job.parent / "job").exists()
 
 
+class Named(Serial):
+    """An engine as another package may add one."""
+
+    expects = "'named'"
+    name = "named"
+
+    @classmethod
+    def from_option(cls, option: object) -> Engine | None:
+        return cls() if isinstance(option, str) and option == "named" else None
+
+
+def test_an_engine_of_another_package(
+    job: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(KINDS, "_entries", dict(KINDS._entries))
+    KINDS.register("named", Named)
+    assert main(["run", str(job), "--engine", "named"]) == 0
+    assert updyn.read_result(job.parent / "job" / "run.nc").options["engine"] == "named"
+    assert main(["run", str(job), "--engine", "nmaed", "--out", str(job.parent / "two")]) == 2
+    assert "'nmaed'" in capsys.readouterr().err
+    with (
+        pytest.raises(OptionError, match="--engine excludes --workers"),
+        open_engine(2, None, "named"),
+    ):
+        pass
+
+
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr("updyn.cli.commands._PATIENCE_S", 0.2)
     message = r"no scheduler answers .*`dask scheduler` starts"
-    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+    with pytest.raises(OptionError, match=message), open_engine(None, "tcp://127.0.0.1:1"):
         pass
 
 
@@ -82,10 +110,10 @@ def test_a_scheduler_that_is_not_there_leaves_nothing_behind(job: Path) -> None:
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     message = r"pip install 'updyn\[cluster\]'"
-    with pytest.raises(OptionError, match=message), engine(None, "tcp://127.0.0.1:1"):
+    with pytest.raises(OptionError, match=message), open_engine(None, "tcp://127.0.0.1:1"):
         pass
 
 
 def test_serial_by_default() -> None:
-    with engine(None, None) as made:
+    with open_engine(None, None) as made:
         assert made.workers == 1

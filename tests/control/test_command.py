@@ -13,7 +13,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.control.files.plant_file import PLANT_FORMATS
-from updyn.control.job.plant_tables import PLANT_SUFFIXES
+from updyn.control.job.tables import PLANT_SUFFIXES
 from updyn.demos import find_demo
 from updyn.elements.masses import add_masses
 

@@ -9,7 +9,7 @@ import pytest
 from servo_cases import masses, rigid, two_masses
 
 import updyn
-from updyn.control.servo.tuning import inertia_of
+from updyn.control.servo.controller import inertia_of
 
 NOTCHES = (updyn.Notch(9.0, 0.1, 0.5), updyn.Notch.of_width(40.0, 20.0, 0.2))
 S = 2j * np.pi * np.array([0.1, 3.0, 9.0, 40.0, 300.0])

@@ -10,8 +10,7 @@ import pytest
 
 import updyn
 from updyn.control import demo
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.demos.antenna import TRUTH
 
 pytest.importorskip("pyfe3d")

@@ -216,7 +216,7 @@ class TestViscous:
         H = updyn.response(model, lines, model.dofs, model.dofs, quantity).values
         from updyn.control.complex_modes import complex_modes
         from updyn.control.ports import as_ports
-        from updyn.control.second_order import full
+        from updyn.control.real_modes import full
         from updyn.control.space import modal_space
 
         ports = as_ports(model.dofs, "input")

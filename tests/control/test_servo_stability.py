@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from servo_cases import BOTH, NAMES, PI_, as_control, compare, masses, quick, rigid, two_masses
 
 import updyn
-from updyn.control.servo.judged import judge_all
 from updyn.control.servo.loops import Cascade, Wiring
-from updyn.control.servo.stability import count_drifting, count_growing, nyquist_count
-from updyn.control.servo.state_space import StateSpace
-from updyn.control.servo.transfer import Transfer, channel_zeros
+from updyn.control.servo.stability import count_drifting, count_growing, judge_all, nyquist_count
+from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros
 
 
 # -- instability -------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from updyn.control.job.plant_tables import PlantTable
+from updyn.control.job.tables import PlantTable
 
 sys.path.insert(0, str(Path(__file__).parent))
 

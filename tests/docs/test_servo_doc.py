@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.tables import ServoTable
 
 sys.path.insert(0, str(Path(__file__).parent))
 

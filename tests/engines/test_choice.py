@@ -9,7 +9,7 @@ import sys
 import pytest
 from distributed import Client
 
-from updyn.engines import Engine, Serial, choose_engine
+from updyn.engines import KINDS, Engine, Serial, choose_engine
 from updyn.engines.cluster import Cluster
 from updyn.engines.processes import Processes
 from updyn.errors import EngineError, OptionError
@@ -81,3 +81,35 @@ def test_what_an_engine_needs_is_loaded_with_it():
     code = "import sys, updyn.engines as e; e.choose_engine(None); e.choose_engine(2)"
     code += "; assert not {'joblib', 'dask', 'distributed'} & set(sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+class Backwards(Serial):
+    """An engine as another package may add one: the last item first."""
+
+    expects = "'backwards'"
+
+    @classmethod
+    def from_option(cls, option: object) -> Engine | None:
+        return cls() if isinstance(option, str) and option == "backwards" else None
+
+    @property
+    def name(self) -> str:
+        return "backwards"
+
+    def map(self, function, shared, items):
+        results = [function(shared, item) for item in reversed(items)]
+        yield from reversed(results)
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    monkeypatch.setattr(KINDS, "_entries", dict(KINDS._entries))
+    KINDS.register("backwards", Backwards)
+
+
+def test_an_engine_of_another_package_is_one_registration(registered):
+    engine = choose_engine("backwards")
+    assert isinstance(engine, Backwards)
+    assert list(engine.map(divmod, 7, [2, 3])) == [(3, 1), (2, 1)]
+    with pytest.raises(OptionError, match=r"expected None, .*, 'backwards' or an engine"):
+        choose_engine("forwards")

@@ -90,7 +90,7 @@ def test_stopping_early_calls_the_rest_off(engine, shared):
 
 
 def test_an_error_calls_the_rest_off_while_it_is_still_looked_at(client, shared):
-    results = cluster.engine_for(client).map(work.fail_before_gate, shared, range(9))
+    results = cluster.Cluster.from_option(client).map(work.fail_before_gate, shared, range(9))
     with pytest.raises(SolverError) as caught:
         next(results)
     wait_until(lambda: not any(client.processing().values()))
@@ -99,7 +99,7 @@ def test_an_error_calls_the_rest_off_while_it_is_still_looked_at(client, shared)
 
 
 def test_every_dask_worker_has_what_is_shared_before_it_is_used(client, shared):
-    engine = cluster.engine_for(client)
+    engine = cluster.Cluster.from_option(client)
     held = client.who_has(engine._handle(shared))
     assert [len(workers) for workers in held.values()] == [2]
 
@@ -126,7 +126,7 @@ def test_work_that_kills_every_process_is_named(two_processes, shared, monkeypat
 
 
 def test_a_killed_dask_worker_costs_no_result(client, dask_processes, shared):
-    engine = cluster.engine_for(client)
+    engine = cluster.Cluster.from_option(client)
     results = engine.map(work.behind_gate, shared, range(12))
     assert next(results) == (0, 0)
     wait_until(lambda: len(list(shared.folder.glob("started-*"))) == 2)
@@ -136,7 +136,7 @@ def test_a_killed_dask_worker_costs_no_result(client, dask_processes, shared):
 
 
 def test_all_dask_workers_killed_and_another_started(client, dask_processes, shared):
-    engine = cluster.engine_for(client)
+    engine = cluster.Cluster.from_option(client)
     results = engine.map(work.behind_gate, shared, range(12))
     assert next(results) == (0, 0)
     while dask_processes.workers:
@@ -153,14 +153,14 @@ def test_no_worker_and_then_no_scheduler(dask_processes, shared, monkeypatch, tm
     try:
         with Client(processes.address, timeout=5) as client:
             with monkeypatch.context() as hurried:
-                hurried.setattr(cluster, "PATIENCE", 0.2)
+                hurried.setattr(cluster, "PATIENCE_S", 0.2)
                 with pytest.raises(
                     EngineError,
                     match=rf"no worker has .* dask worker {processes.address} --nthreads 1",
                 ):
-                    cluster.engine_for(client)
+                    cluster.Cluster.from_option(client)
             processes.start_worker()
-            engine = cluster.engine_for(client)
+            engine = cluster.Cluster.from_option(client)
             results = engine.map(work.behind_gate, shared, range(3))
             assert next(results) == (0, 0)
             processes.end(processes.scheduler)

@@ -11,12 +11,9 @@ import pytest
 from report_case import all_figures, chain, realistic, smallest
 
 from updyn.report import data as report_data
-from updyn.report.agreement import level_difference, relative_residual
-from updyn.report.data import data_checksum, gather, keep_lines, model_checksum
-from updyn.report.overlay import overlay
-from updyn.report.plots import numbers
-from updyn.report.unknowns import correlations
-from updyn.report.words import (
+from updyn.report.agreement import level_difference
+from updyn.report.data import gather, keep_lines
+from updyn.report.formats import (
     change,
     decibels,
     estimate,
@@ -24,8 +21,13 @@ from updyn.report.words import (
     interval,
     number,
     unit,
-    verdict,
 )
+from updyn.report.head import verdict
+from updyn.report.overlay import overlay
+from updyn.report.plots import numbers
+from updyn.report.provenance import data_checksum, model_checksum
+from updyn.report.residual import relative_residual
+from updyn.report.unknowns import correlations
 from updyn.updating.problem.parameters import Parameter
 
 

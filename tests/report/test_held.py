@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.report.page import render
-from updyn.report.sections_held import trade_off
+from updyn.report.regularisation import trade_off
 
 
 @pytest.fixture(scope="module")

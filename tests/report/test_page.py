@@ -15,9 +15,10 @@ from report_case import chain, largest, measured, realistic, smallest
 import updyn
 from updyn.errors import FormatError, OptionError
 from updyn.model import Group, Model
-from updyn.report.markup import asset, figure, paragraph
+from updyn.report.markup import figure, paragraph
 from updyn.report.page import POLICY, render
 from updyn.report.section import SECTIONS, Content, Section, sections_of
+from updyn.report.templates import asset
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import STATUSES

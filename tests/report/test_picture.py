@@ -13,10 +13,15 @@ from report_case import realistic, smallest
 import updyn
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
-from updyn.report.callouts import spread
-from updyn.report.line_groups import groups_of_lines, nodes_of_groups
 from updyn.report.page import render
-from updyn.report.structure import STEPS, group_changes, structure_of
+from updyn.report.structure import (
+    STEPS,
+    group_changes,
+    groups_of_lines,
+    nodes_of_groups,
+    spread,
+    structure_of,
+)
 from updyn.updating.result import JointResult
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])

@@ -11,14 +11,14 @@ from test_browser import attributes, dump
 from test_comparison_page import values
 
 import updyn
-from updyn.control.job.plant_record import control_record
 from updyn.control.job.plant_result import lines_of, planted_of
-from updyn.control.report.plant_page import write_plant_page
-from updyn.control.report.plant_sections import share
+from updyn.control.job.record import control_record
+from updyn.control.report.page import write_plant_page
+from updyn.control.report.plant import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
+from updyn.report.plots import log_frequency, phases, with_peaks
 from updyn.report.section import Content, sections_of
-from updyn.report.stacked import log_frequency, phases, with_peaks
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
 [model]

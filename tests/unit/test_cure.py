@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.identifiability import analyse
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 from updyn.updating.update import identifiability
 
@@ -107,17 +107,19 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
     """Full rank, but a collinearity index above 15: advice names the least certain."""
     data = updyn.response(gear_train, np.geomspace(5, 900, 20) / HZ, FOUR, ["2:RZ"])
     unknowns = everything(gear_train)
-    problem = Problem.build(gear_train, data, unknowns)
+    problem = Part.build(gear_train, data, unknowns)
     x = problem.coordinates.to_x(unknowns.start)
-    local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(problem, x)
+    local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(Problem.of([problem]), x)
     analysis = analyse(local.R, unknowns.names)
     assert analysis.report.complete
     assert analysis.report.collinearity > 15
     worst = unknowns.names[int(np.argmax(np.diag(analysis.covariance)))]
-    text = advise(analysis, problem, x)
+    text = advise(analysis, Problem.of([problem]), x)
     assert "hard to tell apart" in text
     assert f"{worst} is the least certain" in text
     well = updyn.parameters(gear_train, stiffness=["unit 2"])
-    problem = Problem.build(gear_train, data, well)
-    local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(problem, np.zeros(1))
-    assert advise(analyse(local.R, well.names), problem, np.zeros(1)) == ""
+    problem = Part.build(gear_train, data, well)
+    local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(
+        Problem.of([problem]), np.zeros(1)
+    )
+    assert advise(analyse(local.R, well.names), Problem.of([problem]), np.zeros(1)) == ""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.problem import Part, Problem
 
 SENSORS = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
 FREQ = np.linspace(2.0, 22.0, 60)
@@ -158,13 +158,10 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
         data.freq, data.values, data.responses, data.references, data.quantity, variance=variance
     )
     unknowns = updyn.parameters(chain12_true, loss_factor="part1")
-    problem = Problem.build(chain12_true, frf, unknowns)
+    problem = Part.build(chain12_true, frf, unknowns)
 
-    class Blind:
-        kind, scale_known = "variance", True
-
-        def refit(self, H, frf, n):
-            return self
+    class Blind(NoiseModel):
+        kind = "variance"
 
         def variance(self, H, frf):
             out = frf.variance.copy()
@@ -172,8 +169,8 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
             return out
 
     x = problem.coordinates.to_x(unknowns.start)
-    (plain,) = examine(together([problem]), x, [choose_noise(None, frf)])
-    (found,) = examine(together([problem]), x, [Blind()])
+    (plain,) = examine(Problem.of([problem]), x, [choose_noise(None, frf)])
+    (found,) = examine(Problem.of([problem]), x, [Blind()])
     assert np.isnan(found.misfit[2]).all()
     assert found.misfit[[0, 1, 3, 4]] == pytest.approx(plain.misfit[[0, 1, 3, 4]])
     assert dataclasses.is_dataclass(found)

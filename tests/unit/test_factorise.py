@@ -8,9 +8,9 @@ import scipy.sparse as sp
 
 from updyn.errors import OptionError, SolverError
 from updyn.linalg import solver as factorise
-from updyn.linalg.solver import SparseSolver
+from updyn.linalg.solver import BACKENDS, SparseSolver
 
-INSTALLED = [b for b in factorise.BACKENDS if factorise._module(b).available()]
+INSTALLED = [b for b in BACKENDS if BACKENDS[b].available()]
 
 
 def symmetric(n, seed=0):
@@ -66,6 +66,10 @@ class Fake:
 
     released = 0
 
+    @staticmethod
+    def available():
+        return True
+
     def __init__(self, pattern, *, real=False):
         type(self).analyses += 1
 
@@ -86,7 +90,7 @@ def fake(monkeypatch):
 
     def make(answer):
         made = type("Made", (Fake,), {"answer": staticmethod(answer)})
-        monkeypatch.setattr("updyn.linalg.superlu.SuperLU", made)
+        monkeypatch.setitem(BACKENDS._entries, "superlu", made)
         return made
 
     return make
@@ -136,9 +140,8 @@ BROKEN = {
 @pytest.mark.parametrize(("broken", "solves"), BROKEN.values(), ids=list(BROKEN))
 def test_another_backend_answers_where_the_first_fails(monkeypatch, broken, solves):
     wrong = type("Wrong", (Fake,), {"answer": staticmethod(broken)})
-    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", wrong)
+    monkeypatch.setitem(BACKENDS._entries, "pardiso", wrong)
     A, B = symmetric(6), np.eye(6, dtype=complex)
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
     assert SparseSolver("pardiso").solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
     assert wrong.solves == solves
 
@@ -275,8 +278,7 @@ def test_solves_are_counted_by_backend(monkeypatch):
     sloppy = type(
         "Sloppy", (Fake,), {"answer": staticmethod(lambda A, B: exact(A, B) * (1 + 1e-5))}
     )
-    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", sloppy)
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    monkeypatch.setitem(BACKENDS._entries, "pardiso", sloppy)
     A, B = symmetric(6), np.eye(6, dtype=complex)
     solver = SparseSolver("pardiso")
     assert (solver.used, solver.refined) == ({}, 0)
@@ -291,8 +293,7 @@ def test_solves_are_counted_by_backend(monkeypatch):
 
 def test_a_backend_that_fails_gives_its_memory_back_before_another_takes_some(monkeypatch):
     wrong = type("Wrong", (Fake,), {"answer": staticmethod(lambda A, B: B * np.nan)})
-    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", wrong)
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    monkeypatch.setitem(BACKENDS._entries, "pardiso", wrong)
     A = symmetric(6)
     solver = SparseSolver("pardiso")
     for line in (1, 2):
@@ -304,8 +305,7 @@ def test_a_backend_that_fails_gives_its_memory_back_before_another_takes_some(mo
 def test_a_factorisation_kept_survives_the_failure_of_its_backend(monkeypatch):
     """The first right-hand side is answered, the second not: the other backend factorises then, once."""
     moody = type("Moody", (Fake,), {"answer": staticmethod(exact)})
-    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", moody)
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    monkeypatch.setitem(BACKENDS._entries, "pardiso", moody)
     solver, (A, truth), B = SparseSolver("pardiso", real=True), indefinite(), np.ones((60, 2))
     factorised = solver.factorise(A, 1.0)
     assert factorised.solve(B) == pytest.approx(exact(A, B), rel=1e-9)
@@ -320,20 +320,18 @@ def test_a_factorisation_kept_survives_the_failure_of_its_backend(monkeypatch):
 def test_backends_are_tried_in_order_and_those_not_installed_are_passed_over(monkeypatch):
     tried = []
 
-    def broken(name):
-        def begin(pattern, *, real=False):
-            tried.append(name)
-            raise RuntimeError(name)
+    class Broken(Fake):
+        def __init__(self, pattern, *, real=False):
+            tried.append(self.name)
+            raise RuntimeError(self.name)
 
-        return begin
-
-    for name, (module, made) in factorise.BACKENDS.items():
-        monkeypatch.setattr(f"{module}.{made}", broken(name))
-        monkeypatch.setattr(f"{module}.available", lambda: True)
+    made = {name: type("Made", (Broken,), {"name": name}) for name in BACKENDS}
+    for name, backend in made.items():
+        monkeypatch.setitem(BACKENDS._entries, name, backend)
     with pytest.raises(SolverError, match="singular at 2 Hz"):
         SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
     assert tried == ["pardiso", "mumps", "superlu"]
-    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: False)
+    made["mumps"].available = staticmethod(lambda: False)
     tried.clear()
     with pytest.raises(SolverError):
         SparseSolver("pardiso").solve(symmetric(5), np.eye(5), 2.0)
@@ -347,8 +345,7 @@ def test_too_little_memory_is_not_answered_by_a_backend_that_needs_more(fake, mo
     def short(self, A):
         raise MemoryError("PARDISO needs 17.4 GB")
 
-    monkeypatch.setattr("updyn.linalg.pardiso.Pardiso", type("Short", (Fake,), {"factor": short}))
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: True)
+    monkeypatch.setitem(BACKENDS._entries, "pardiso", type("Short", (Fake,), {"factor": short}))
     with pytest.raises(
         SolverError,
         match=r"pardiso: not enough memory to factorise 5 DOFs \(PARDISO needs 17.4 GB\)",
@@ -362,8 +359,9 @@ def test_peak_memory_is_that_of_the_backend_that_needs_most(monkeypatch):
     assert solver.peak_bytes is None
     solver.solve(symmetric(5), np.eye(5), 2.0)
     assert solver.peak_bytes is None
-    monkeypatch.setattr(
-        "updyn.linalg.superlu.SuperLU",
+    monkeypatch.setitem(
+        BACKENDS._entries,
+        "superlu",
         type("Tells", (Fake,), {"peak_bytes": 7, "answer": staticmethod(exact)}),
     )
     solver.release()
@@ -396,8 +394,8 @@ def test_backend_names(monkeypatch):
     assert factorise.check_backend("superlu") == "superlu"
     with pytest.raises(OptionError, match=r"backend 'superlo'.*superlu"):
         factorise.check_backend("superlo")
-    monkeypatch.setattr("updyn.linalg.pardiso.available", lambda: False)
-    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: False)
+    monkeypatch.setattr(BACKENDS["pardiso"], "available", lambda: False)
+    monkeypatch.setattr(BACKENDS["mumps"], "available", lambda: False)
     assert factorise.check_backend(None) == "superlu"
     with pytest.raises(
         OptionError, match=r"'pardiso' is not installed; pip install 'updyn\[mkl\]'"
@@ -407,5 +405,47 @@ def test_backend_names(monkeypatch):
         OptionError, match=r"'mumps' is not installed; .*libmumps.*pip install 'updyn\[mumps\]'"
     ):
         factorise.check_backend("mumps")
-    monkeypatch.setattr("updyn.linalg.mumps.available", lambda: True)
+    monkeypatch.setattr(BACKENDS["mumps"], "available", lambda: True)
     assert factorise.check_backend(None) == "mumps"
+
+
+class Dense:
+    """A backend as another package may add one."""
+
+    install = "pip install dense"
+
+    def __init__(self, pattern, *, real=False):
+        self.peak_bytes = None
+
+    @staticmethod
+    def available():
+        return True
+
+    def factor(self, A):
+        return lambda B: np.linalg.solve(A.toarray(), B)
+
+    def release(self):
+        """Do nothing."""
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    monkeypatch.setattr(BACKENDS, "_entries", dict(BACKENDS._entries))
+    BACKENDS.register("dense", Dense)
+
+
+def test_a_backend_of_another_package_is_one_registration(registered):
+    assert factorise.check_backend("dense") == "dense"
+    assert factorise.check_backend(None) == INSTALLED[0]
+    A, B = symmetric(6), np.eye(6, dtype=complex)
+    solver = SparseSolver("dense")
+    assert solver.solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
+    assert solver.used == {"dense": 1}
+
+
+def test_a_backend_of_another_package_is_backed_up_by_the_built_in_ones(registered, monkeypatch):
+    monkeypatch.setattr(Dense, "factor", lambda self, A: lambda B: B * np.nan)
+    A, B = symmetric(6), np.eye(6, dtype=complex)
+    solver = SparseSolver("dense")
+    assert solver.solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
+    assert solver.used == {INSTALLED[0]: 1}

@@ -18,7 +18,7 @@ import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.updating.fit.journal import Journal, _framed
 from updyn.updating.problem import problem as problem_module
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part
 
 HEAD = {"updyn": "1", "model": "a", "data": "b", "unknowns": {"p": [1.0]}, "options": {"seed": "0"}}
 RECORDS = {
@@ -51,13 +51,13 @@ def file(tmp_path):
 @pytest.fixture
 def evaluated(monkeypatch):
     """Count the blocks of lines that are really solved."""
-    solved, block = [], Problem.block
+    solved, block = [], Part.block
 
     def counting(self, x, lines, **more):
         solved.append(lines)
         return block(self, x, lines, **more)
 
-    monkeypatch.setattr(Problem, "block", counting)
+    monkeypatch.setattr(Part, "block", counting)
     return solved
 
 

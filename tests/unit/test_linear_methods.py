@@ -10,13 +10,13 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.group import LossTable
-from updyn.updating.fit.methods import make_method, method_class
+from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.methods.linear import Amounts, Plain, basic_solution
 from updyn.updating.fit.methods.reduced_frf import _in_turn
 from updyn.updating.fit.methods.rfm import ResponseEquation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
 ALL = [f"{i}:X" for i in range(1, 13)]
@@ -39,7 +39,7 @@ def close(chain12_true):
 def chosen(model, name):
     """The unknowns that a method can update."""
     return updyn.parameters(
-        model, **{q: v for q, v in EVERY.items() if q not in method_class(name).cannot}
+        model, **{q: v for q, v in EVERY.items() if q not in METHODS.find(name).cannot}
     )
 
 
@@ -105,7 +105,7 @@ def test_which_of_two_parallel_columns_is_used_does_not_depend_on_rounding(seed)
 
 def test_separate_steps_are_taken_in_turn(chain12, full):
     """Stiffness first, mass with the stiffness found, damping with both (Gauss-Seidel, not Jacobi)."""
-    problem = Problem.build(
+    problem = Part.build(
         chain12,
         full,
         updyn.parameters(chain12, mass=["part1"], stiffness=["part1"], loss_factor=["part2"]),
@@ -131,7 +131,7 @@ def test_separate_steps_are_taken_in_turn(chain12, full):
 # -- the equation ----------------------------------------------------------------------------------------------------
 def test_the_identity_holds_for_a_change_of_any_size(chain12, chain12_true, full):
     """H_A - H_X = H_A (Z_X - Z_A) H_X, line by line, with Z from the matrices."""
-    problem = Problem.build(chain12, full, chosen(chain12, "complex-rfm"))
+    problem = Part.build(chain12, full, chosen(chain12, "complex-rfm"))
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     r, J = ResponseEquation("rfm").block(problem, x, slice(0, 3))
     for i, omega in enumerate(2 * np.pi * full.freq[:3]):
@@ -153,7 +153,7 @@ def test_the_identity_holds_for_a_change_of_any_size(chain12, chain12_true, full
 def test_where_the_model_is_true_its_slope_is_that_of_the_output_error(chain12_true, chain12_frf):
     """H_A Z' h_X and H_A Z' h_A agree once h_X = h_A, also with the missing motion taken from the model."""
     unknowns = updyn.parameters(chain12_true, **EVERY)
-    problem = Problem.build(chain12_true, chain12_frf, unknowns)
+    problem = Part.build(chain12_true, chain12_frf, unknowns)
     x = problem.coordinates.to_x(unknowns.start)
     r, J = ResponseEquation("rfm", expand=True).block(problem, x, slice(5, 9))
     level = np.sqrt(np.mean(np.abs(chain12_frf.values) ** 2))
@@ -167,7 +167,7 @@ def test_quantities_that_a_method_cannot_update(chain12, full):
         ParameterError, match=r"'rfm' cannot update loss_factor \(unknown 'part1.loss_factor'\)"
     ):
         updyn.update(chain12, full, updyn.parameters(chain12, loss_factor="all"), method="rfm")
-    assert {"loss_factor", "viscous"} <= set(method_class("rfm").cannot)
+    assert {"loss_factor", "viscous"} <= set(METHODS.find("rfm").cannot)
     damper = updyn.Model.from_groups({"a": updyn.Group([[1e4]], [[1.0]], viscous=[[3.0]])}, ["1:X"])
     data = updyn.response(damper, [5.0, 12.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(damper, viscous="all")
@@ -175,8 +175,8 @@ def test_quantities_that_a_method_cannot_update(chain12, full):
         ParameterError, match=r"'complex-rfm' cannot update viscous \(unknown 'a.viscous'\)"
     ):
         updyn.update(damper, data, unknowns, method="complex-rfm")
-    assert "viscous" in method_class("complex-rfm").cannot
-    assert "loss_factor" not in method_class("complex-rfm").cannot
+    assert "viscous" in METHODS.find("complex-rfm").cannot
+    assert "loss_factor" not in METHODS.find("complex-rfm").cannot
 
 
 @pytest.mark.parametrize("name", ["frf-sensitivity", "reduced-frf"])
@@ -322,8 +322,8 @@ def bowl(x):
 
 @pytest.fixture
 def one_unknown(chain12, full):
-    problem = Problem.build(chain12, full, updyn.parameters(chain12, loss_factor=["part1"]))
-    return problem, Monitor(problem)
+    problem = Part.build(chain12, full, updyn.parameters(chain12, loss_factor=["part1"]))
+    return problem, Monitor(Problem.of([problem]))
 
 
 def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
@@ -475,7 +475,7 @@ def test_a_linked_unknown_of_a_power_is_linearised(close, full, chain12_true, na
 
 
 def test_what_is_sent_to_workers_can_be_sent(chain12, full):
-    problem = Problem.build(chain12, full, chosen(chain12, "rfm"))
+    problem = Part.build(chain12, full, chosen(chain12, "rfm"))
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     residual, there = pickle.loads(pickle.dumps((ResponseEquation("rfm", expand=True), problem)))  # noqa: S301
     for a, b in zip(

@@ -8,7 +8,7 @@ from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.localise import breach, localise
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
 GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
@@ -35,14 +35,18 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     unknowns = updyn.parameters(start, stiffness=others, mass=others, loss_factor=others)
     noise = {"relative": relative or 1e-3}
     result = updyn.update(start, frf, unknowns, starts=0, noise=noise)
-    problem = Problem.build(start, frf, unknowns)
+    problem = Part.build(start, frf, unknowns)
     x = problem.coordinates.to_x(np.array([result.values[n] for n in unknowns.names]))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (noise["relative"] * np.abs(H))
     whitened = weight * (frf.values - H)
     beyond = float(np.sum(np.abs(whitened) ** 2)) - 2 * problem.n_values + problem.n
     found = localise(
-        problem, x, Each((OutputError(weight),)), [whitened], beyond if stated is None else None
+        Problem.of([problem]),
+        x,
+        Each((OutputError(weight),)),
+        [whitened],
+        beyond if stated is None else None,
     )
     return result, found
 
@@ -121,12 +125,14 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
         cost.append(2.0 * result.history[-1].cost)
     unknowns = updyn.parameters(wrong, stiffness=others)
     result = updyn.update(wrong, exact, unknowns, starts=0, noise=noise)
-    problem = Problem.build(wrong, exact, unknowns)
+    problem = Part.build(wrong, exact, unknowns)
     x = problem.coordinates.to_x(np.array(list(result.values.values())))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.001 * np.abs(H))
     whole = float(np.sum(np.abs(weight * (exact.values - H)) ** 2))
-    found = localise(problem, x, Each((OutputError(weight),)), [weight * (exact.values - H)], whole)
+    found = localise(
+        Problem.of([problem]), x, Each((OutputError(weight),)), [weight * (exact.values - H)], whole
+    )
     assert found[0].name == "part2.stiffness"
     assert found[0].change == pytest.approx(np.log(1.002), rel=0.01)
     assert found[0].explains * whole == pytest.approx(cost[0] - cost[1], rel=0.01)
@@ -152,7 +158,7 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     assert sum(a * m for a, m in zip(w[:, 0], matrices, strict=True)) == pytest.approx(W)
     measured = rng.standard_normal((1, 3, 1)) + 1j * rng.standard_normal((1, 3, 1))
     frf = updyn.FRF([f], measured, ["1:Z", "3:Z", "6:Z"], ["1:Z"], "receptance")
-    problem = Problem.build(model, frf, updyn.parameters(model, stiffness="a"))
+    problem = Part.build(model, frf, updyn.parameters(model, stiffness="a"))
     x, sigma2 = np.zeros(1), 0.3
     misfit = problem.responses(x) - measured
     found = breach(problem, x, misfit, np.full((1, 3, 1), sigma2), slice(0, 1))[:, 0, 0]
@@ -194,11 +200,11 @@ def test_two_tests_point_at_one_group(chain12_true):
         ("loaded", wrong.scaled(heavy), chain12_true.scaled(heavy)),
     ):
         frf = chain(true)
-        problems.append(Problem.build(own, frf, unknowns, name=name))
+        problems.append(Part.build(own, frf, unknowns, name=name))
         H = problems[-1].responses(np.zeros(3))
         weights.append(np.sqrt(2.0) / (0.01 * np.abs(H)))
         whitened.append(weights[-1] * (frf.values - H))
-    task = together(problems)
+    task = Problem.of(problems)
     residual = Each(tuple(OutputError(w) for w in weights))
     found = localise(
         task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened))
@@ -212,12 +218,16 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     exact = chain(chain12_true)
     unknowns = updyn.link(wrong, "both.modulus", {"part1.stiffness": 1.0, "part2.stiffness": 1.0})
     result = updyn.update(wrong, exact, unknowns, starts=0, noise={"relative": 0.01})
-    problem = Problem.build(wrong, exact, unknowns)
+    problem = Part.build(wrong, exact, unknowns)
     x = problem.coordinates.to_x(np.array(list(result.values.values())))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (exact.values - H)
     found = localise(
-        problem, x, Each((OutputError(weight),)), [whitened], float(np.sum(np.abs(whitened) ** 2))
+        Problem.of([problem]),
+        x,
+        Each((OutputError(weight),)),
+        [whitened],
+        float(np.sum(np.abs(whitened) ** 2)),
     )
     assert {s.name for s in found[:2]} == {"part1.stiffness", "part2.stiffness"}

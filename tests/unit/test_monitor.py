@@ -7,33 +7,33 @@ import updyn
 from updyn.updating.fit.monitor import Monitor, Progress, condition
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
 
 @pytest.fixture
 def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness=["part1"], loss_factor=["part1"])
-    return Problem.build(chain12, chain12_frf, unknowns)
+    return Part.build(chain12, chain12_frf, unknowns)
 
 
 def test_history_keeps_every_step_with_stage_and_values(problem):
-    monitor, x = Monitor(problem), np.array([np.log(1.5), 0.02])
+    monitor, x = Monitor(Problem.of([problem])), np.array([np.log(1.5), 0.02])
     with monitor.stage("search"):
         assert not monitor.begun
-        monitor.start(x, LogError().local(problem, x))
+        monitor.start(x, LogError().local(Problem.of([problem]), x))
         assert monitor.begun
         monitor.step(Step(x + 0.1, None, 0.1, False))
     with monitor.stage("log"):
         assert not monitor.begun
-        monitor.start(x, LogError().local(problem, x))
+        monitor.start(x, LogError().local(Problem.of([problem]), x))
     assert [(h.stage, h.number, h.step, h.accepted) for h in monitor.history] == [
         ("search", 0, 0.0, True), ("search", 1, 0.1, False), ("log", 2, 0.0, True),
     ]  # fmt: skip
     assert monitor.history[0].values == pytest.approx(
         {"part1.stiffness": 1.5, "part1.loss_factor": 0.02}
     )
-    assert monitor.history[0].cost == LogError().local(problem, x).cost
+    assert monitor.history[0].cost == LogError().local(Problem.of([problem]), x).cost
     assert np.isnan(monitor.history[1].cost)
     assert monitor.timing_s.keys() == {"search", "log"}
     assert all(t >= 0 for t in monitor.timing_s.values())
@@ -46,8 +46,8 @@ def test_callback_sees_progress_and_stops(problem):
         seen.append(progress)
         return len(seen) == 2
 
-    monitor, x = Monitor(problem, callback), np.zeros(2)
-    step = Step(x, LogError().local(problem, x), 0.1, True)
+    monitor, x = Monitor(Problem.of([problem]), callback), np.zeros(2)
+    step = Step(x, LogError().local(Problem.of([problem]), x), 0.1, True)
     with monitor.stage("log"):
         assert monitor.step(step) is False
         assert monitor.step(step) is True
@@ -59,7 +59,7 @@ def test_callback_sees_progress_and_stops(problem):
 
 
 def test_stages_nest_and_times_add_up(problem):
-    monitor = Monitor(problem)
+    monitor = Monitor(Problem.of([problem]))
     with monitor.stage("a"):
         with monitor.stage("b"):
             pass

@@ -20,7 +20,7 @@ def test_pymumps_which_has_the_same_module_name_is_not_taken(monkeypatch):
     monkeypatch.setitem(
         __import__("sys").modules, "mumps", types.SimpleNamespace(DMumpsContext=object)
     )
-    assert not mumps.available()
+    assert not mumps.Mumps.available()
 
 
 def test_a_package_whose_library_is_gone_is_not_available(monkeypatch):
@@ -28,12 +28,12 @@ def test_a_package_whose_library_is_gone_is_not_available(monkeypatch):
         raise ImportError("libzmumps_seq.so: cannot open shared object file")
 
     monkeypatch.setattr("importlib.import_module", gone)
-    assert not mumps.available()
+    assert not mumps.Mumps.available()
 
 
 @pytest.mark.parametrize("kind", [float, complex])
 def test_new_values_on_a_kept_analysis(kind):
-    if not mumps.available():
+    if not mumps.Mumps.available():
         pytest.skip("python-mumps is not installed")
     n = 200
     K = sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
@@ -50,7 +50,7 @@ def test_new_values_on_a_kept_analysis(kind):
 
 
 def test_memory_is_stated_in_whole_megabytes():
-    if not mumps.available():
+    if not mumps.Mumps.available():
         pytest.skip("python-mumps is not installed")
     A = sp.csc_array(np.ones((1500, 1500)) + 1500 * np.eye(1500))
     made = mumps.Mumps(A, real=True)

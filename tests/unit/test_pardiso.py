@@ -6,7 +6,9 @@ import scipy.sparse as sp
 
 from updyn.linalg import pardiso
 
-pytestmark = pytest.mark.skipif(not pardiso.available(), reason="the mkl wheel is not installed")
+pytestmark = pytest.mark.skipif(
+    not pardiso.Pardiso.available(), reason="the mkl wheel is not installed"
+)
 
 
 def grid(m, shift=0.0):

@@ -12,10 +12,10 @@ import updyn
 from updyn.errors import OptionError
 from updyn.store.result import result_to_json
 from updyn.updating.fit.method import Fit, descend
+from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import (
     CHOICES,
-    METHODS,
     Regularised,
     Spectrum,
     check_regularise,
@@ -26,7 +26,7 @@ from updyn.updating.fit.regularisation import (
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import reduce
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 
 FREE = np.full(6, -np.inf), np.full(6, np.inf)
@@ -79,9 +79,8 @@ def chain6():
 def problem(chain6):
     """Six factors, 20 values: 40 real residuals, of a linear problem that takes the place of its own."""
     data = updyn.response(chain6, np.linspace(5.0, 60.0, 20), ["6:X"], ["6:X"])
-    return Problem.build(
-        chain6, data, updyn.parameters(chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)})
-    )
+    unknowns = updyn.parameters(chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)})
+    return Problem.of([Part.build(chain6, data, unknowns)])
 
 
 @pytest.fixture
@@ -170,7 +169,7 @@ def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
         bounds={"stiffness": (1e-9, 1e9)},
         prior_std={"s2.*": 0.1, "s5.*": 0.4},
     )
-    problem = Problem.build(chain6, data, unknowns)
+    problem = Problem.of([Part.build(chain6, data, unknowns)])
     own = np.array([0.0, 10.0, 0.0, 0.0, 2.5, 0.0])
     fit = fitted(problem, linear, 3.0)
     weight = np.where(own > 0, own, 3.0)
@@ -250,9 +249,13 @@ def test_the_choice_gains_where_the_data_say_little_and_loses_nothing_where_they
     frf = updyn.response(
         model, np.linspace(*setting.band), list(setting.sensors), [f"{setting.n}:X"]
     )
-    problem = Problem.build(model, frf, updyn.parameters(model, stiffness="all"))
+    problem = Part.build(model, frf, updyn.parameters(model, stiffness="all"))
     H = np.abs(frf.values)
-    R = OutputError(np.sqrt(2.0) / (setting.noise * H)).local(problem, np.zeros(setting.n)).R
+    R = (
+        OutputError(np.sqrt(2.0) / (setting.noise * H))
+        .local(Problem.of([problem]), np.zeros(setting.n))
+        .R
+    )
     rng, m, errors = np.random.default_rng(1), 2 * frf.values.size, []
     for _ in range(50):
         truth = setting.spread * rng.standard_normal(setting.n)
@@ -335,7 +338,7 @@ def test_every_method_of_the_list_can_be_regularised(chain6):
         ["6:X"],
     )
     unknowns = updyn.parameters(chain6, stiffness="all")
-    for method in METHODS:
+    for method in methods_with("can_regularise"):
         for how in ("gcv", "tsvd"):
             options = {"starts": 0} if method in ("maximum-likelihood", "log") else {}
             result = updyn.update(chain6, data, unknowns, method=method, regularise=how, **options)

@@ -9,7 +9,7 @@ import updyn
 from updyn.dynamics import fields
 from updyn.errors import DataError
 from updyn.updating.problem.local import reduce
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError, LogError, OutputError, with_prior
 
 FREQ = np.linspace(1.5, 18.0, 7)
@@ -29,7 +29,7 @@ def problem(chain12, true):
     unknowns = updyn.parameters(
         chain12, stiffness=["part1", "part2"], mass=["part3"], loss_factor=["part1"]
     )
-    return Problem.build(chain12, data, unknowns)
+    return Part.build(chain12, data, unknowns)
 
 
 def changed(chain12, problem, x):
@@ -61,13 +61,15 @@ RESIDUALS = [LogError(), OutputError(WEIGHT), EquationError()]
 def test_cost_is_that_of_the_definition(chain12, problem, residual):
     x = np.array([0.1, 0.06, -0.2, 0.15])
     expected = residual_by_hand(residual.name, chain12, problem, x)
-    assert residual.local(problem, x).cost == pytest.approx(0.5 * expected @ expected, rel=1e-9)
+    assert residual.local(Problem.of([problem]), x).cost == pytest.approx(
+        0.5 * expected @ expected, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
 def test_jacobian_and_gradient_equal_central_differences(chain12, problem, residual):
     x, step = np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
-    local = residual.local(problem, x)
+    local = residual.local(Problem.of([problem]), x)
     J = np.empty((len(residual_by_hand(residual.name, chain12, problem, x)), 4))
     for i in range(4):
         e = step * np.eye(4)[i]
@@ -82,15 +84,15 @@ def test_jacobian_and_gradient_equal_central_differences(chain12, problem, resid
 def test_zero_at_the_truth(problem, residual):
     truth = problem.coordinates.to_x(np.array([0.9, 0.05, 1.0, 1.2]))
     assert problem.coordinates.parameters.names[1] == "part1.loss_factor"
-    assert residual.local(problem, truth).cost < 1e-18
+    assert residual.local(Problem.of([problem]), truth).cost < 1e-18
 
 
 @pytest.mark.parametrize("residual", RESIDUALS, ids=lambda r: r.name)
 def test_blocks_of_lines_change_nothing(problem, residual, monkeypatch):
     x = np.array([0.1, 0.06, -0.2, 0.15])
-    whole = residual.local(problem, x)
+    whole = residual.local(Problem.of([problem]), x)
     monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 5)
-    parts = residual.local(problem, x)
+    parts = residual.local(Problem.of([problem]), x)
     assert parts.cost == pytest.approx(whole.cost, rel=1e-12)
     assert parts.gradient == pytest.approx(whole.gradient, rel=1e-9)
     assert pytest.approx(whole.R.T @ whole.R, rel=1e-9) == parts.R.T @ parts.R
@@ -112,7 +114,8 @@ def test_log_residual_leaves_out_exact_zeros(problem):
     x = np.array([0.1, 0.06, -0.2, 0.15])
     r = np.log(problem.responses(x) / problem.frf.values)
     r[2, 1, 0] = 0.0
-    assert LogError().local(holed, x).cost == pytest.approx(0.5 * np.sum(np.abs(r) ** 2), rel=1e-10)
+    found = LogError().local(Problem.of([holed]), x)
+    assert found.cost == pytest.approx(0.5 * np.sum(np.abs(r) ** 2), rel=1e-10)
 
 
 def test_model_that_cannot_be_solved_gives_none(chain12, problem):
@@ -127,24 +130,26 @@ def test_model_that_cannot_be_solved_gives_none(chain12, problem):
     )
     data = updyn.response(free, [0.5, 1.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(free, loss_factor="all")
-    single = Problem.build(free, data, unknowns)
+    single = Part.build(free, data, unknowns)
     for residual in (LogError(), OutputError(np.ones((2, 1, 1)))):
-        assert residual.local(single, np.array([0.0])) is None
-        assert residual.local(single, np.array([0.1])).cost == pytest.approx(0.0, abs=1e-20)
+        assert residual.local(Problem.of([single]), np.array([0.0])) is None
+        assert residual.local(Problem.of([single]), np.array([0.1])).cost == pytest.approx(
+            0.0, abs=1e-20
+        )
 
 
 def test_equation_error_needs_the_drive_point(chain12, true):
     data = updyn.response(true, FREQ, ["2:X", "5:X"], ["5:X", "9:-X"])
-    problem = Problem.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    problem = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     with pytest.raises(DataError, match="reference 9:-X is not among the responses"):
-        EquationError().local(problem, np.zeros(4))
+        EquationError().local(Problem.of([problem]), np.zeros(4))
 
 
 def test_equation_error_has_no_receptance_in_an_accelerance_at_rest(chain12, true):
     data = updyn.response(true, [0.0, 2.0], ["2:X"], ["2:X"], "accelerance")
-    problem = Problem.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    problem = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     with pytest.raises(DataError, match="0 Hz line of accelerance holds no receptance"):
-        EquationError().local(problem, np.zeros(4))
+        EquationError().local(Problem.of([problem]), np.zeros(4))
 
 
 @settings(max_examples=30)
@@ -169,14 +174,14 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     )
     bare = updyn.parameters(chain12, stiffness=["part1", "part2"], loss_factor=["part1"])
     data = updyn.response(true, FREQ, ["2:X"], ["5:X"])
-    problem, x = Problem.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
-    local = LogError().local(problem, x)
-    joined = with_prior(local, problem, x)
+    problem, x = Part.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
+    local = LogError().local(Problem.of([problem]), x)
+    joined = with_prior(local, Problem.of([problem]), x)
     pull, weight = np.array([0.1, 0.05, -0.3]), 1 / np.array([0.2, 0.2, 2.0])
     assert joined.cost == pytest.approx(local.cost + 0.5 * np.sum((pull * weight) ** 2), rel=1e-12)
     assert joined.gradient == pytest.approx(local.gradient + pull * weight**2, rel=1e-10)
     assert (
         pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
     )
-    without = Problem.build(chain12, data, bare)
-    assert with_prior(local, without, x) is local
+    without = Part.build(chain12, data, bare)
+    assert with_prior(local, Problem.of([without]), x) is local

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.updating.fit.methods.least_squares import sandwich
 from updyn.updating.problem.noise import Robust, Stated, level_by_unit
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 
 
@@ -20,11 +20,13 @@ def test_it_is_the_formula(chain12_task, add_noise, name):
     """A^-1 (J^T S J) A^-1 with J written out."""
     start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.02, 0.01)
-    problem = Problem.build(start, data, unknowns)
+    problem = Part.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
     residual = LogError() if name == "log" else output_error(problem)
     noise = Stated(0.02, 0.01)
-    found = sandwich(problem, residual, residual.local(problem, x), x, [noise])
+    found = sandwich(
+        Problem.of([problem]), residual, residual.local(Problem.of([problem]), x), x, [noise]
+    )
     blocks = list(problem.blocks(x))
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
     weight = 1.0 / H if name == "log" else 1.0 / level_by_unit(data)
@@ -42,11 +44,11 @@ def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
     """Output error under noise of one level: the sandwich is the plain inverse."""
     start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.0, 0.01)
-    problem = Problem.build(start, data, unknowns)
+    problem = Part.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
     residual = output_error(problem)
-    local = residual.local(problem, x)
-    found = sandwich(problem, residual, local, x, [Stated(0.0, 0.01)])
+    local = residual.local(Problem.of([problem]), x)
+    found = sandwich(Problem.of([problem]), residual, local, x, [Stated(0.0, 0.01)])
     scale = found.noise[0]["inflation"] * 0.01 / np.sqrt(2.0)
     assert scale**2 * found.R.T @ found.R == pytest.approx(local.R.T @ local.R, rel=1e-6, abs=1e-8)
 

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import Search
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 
 
 def far_start(chain12):
@@ -20,18 +20,22 @@ def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(
         start, stiffness="all", mass="all", loss_factor="all", bounds={"loss_factor": (0.0, 0.5)}
     )
-    return Problem.build(start, chain12_frf.select(references=["12:X"]), unknowns)
+    return Part.build(start, chain12_frf.select(references=["12:X"]), unknowns)
 
 
 def test_points_stay_within_bounds_and_are_reproducible(problem):
     lower, upper = problem.coordinates.bounds
-    points = [x for x, _ in Search(starts=9, seed=3)._points(problem)]
+    points = [x for x, _ in Search(starts=9, seed=3)._points(Problem.of([problem]))]
     assert len(points) == 9
     for x in points:
         assert (x >= lower).all()
         assert (x <= upper).all()
-    assert np.array_equal(points, [x for x, _ in Search(starts=9, seed=3)._points(problem)])
-    assert not np.array_equal(points[-1], list(Search(starts=9, seed=4)._points(problem))[-1][0])
+    assert np.array_equal(
+        points, [x for x, _ in Search(starts=9, seed=3)._points(Problem.of([problem]))]
+    )
+    assert not np.array_equal(
+        points[-1], list(Search(starts=9, seed=4)._points(Problem.of([problem])))[-1][0]
+    )
     first = problem.coordinates.to_values(points[0])
     factor = problem.coordinates.parameters.is_factor
     assert first[factor] == pytest.approx(
@@ -41,13 +45,13 @@ def test_points_stay_within_bounds_and_are_reproducible(problem):
 
 
 def test_fewer_tries_than_inflations(problem):
-    assert len(list(Search(starts=1)._points(problem))) == 1
-    assert len(list(Search(starts=2)._points(problem))) == 2
+    assert len(list(Search(starts=1)._points(Problem.of([problem])))) == 1
+    assert len(list(Search(starts=2)._points(Problem.of([problem])))) == 2
 
 
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
-    monitor = Monitor(problem, lambda progress: progress.iteration >= 3)
-    x = Search().run(problem, monitor)
+    monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
+    x = Search().run(Problem.of([problem]), monitor)
     assert monitor.stopped
     assert len(monitor.history) <= 6
     lower, upper = problem.coordinates.bounds

@@ -11,7 +11,7 @@ import updyn
 from updyn.engines import Serial
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem import problem as problem_module
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError, LogError, OutputError
 from updyn.updating.problem.session import Recent, Session, Stopped, digest
 
@@ -59,7 +59,7 @@ def in_blocks(monkeypatch):
 
 
 def built(chain12, data, unknowns, **session):
-    return Problem.build(chain12, data, unknowns, session=Session(**session))
+    return Part.build(chain12, data, unknowns, session=Session(**session))
 
 
 # -- memory ----------------------------------------------------------------------------------------------------------
@@ -94,8 +94,8 @@ def test_recent_forgets_the_oldest_unless_it_was_used():
 def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain12, data, unknowns):
     problem = built(chain12, data, unknowns, memory=Recent())
     x = np.full(12, 0.05)
-    first = LogError().local(problem, x)
-    assert LogError().local(problem, x.copy()).R is first.R
+    first = LogError().local(Problem.of([problem]), x)
+    assert LogError().local(Problem.of([problem]), x.copy()).R is first.R
     assert problem.session.lines_solved == 60
     fresh = built(chain12, data, unknowns)
     light, heavy = (OutputError(np.full((60, 5, 5), w)) for w in (1.0, 2.0))
@@ -109,7 +109,10 @@ def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain1
     ):
         alone = replace(other, session=fresh.session)
         before = problem.session.lines_solved
-        assert residual.local(other, at).cost == residual.local(alone, at).cost
+        assert (
+            residual.local(Problem.of([other]), at).cost
+            == residual.local(Problem.of([alone]), at).cost
+        )
         assert problem.session.lines_solved == before + len(other.frf.freq)
 
 
@@ -129,12 +132,12 @@ def test_lines_spread_over_workers_give_the_same_bits(
     chain12, data, unknowns, in_blocks, residual, tier
 ):
     x = np.full(12, 0.05)
-    here = Problem.build(chain12, data, unknowns, tier=tier)
+    here = Part.build(chain12, data, unknowns, tier=tier)
     engine = Remote()
-    there = Problem.build(chain12, data, unknowns, tier=tier, session=Session(engine))
+    there = Part.build(chain12, data, unknowns, tier=tier, session=Session(engine))
     assert len(there.partition()) > 4
     assert there.partition() == here.partition()
-    one, other = residual.local(here, x), residual.local(there, x)
+    one, other = residual.local(Problem.of([here]), x), residual.local(Problem.of([there]), x)
     assert (one.cost, one.R.tobytes(), one.q.tobytes()) == (
         other.cost,
         other.R.tobytes(),
@@ -159,7 +162,7 @@ def test_small_evaluations_stay_here(chain12, data, unknowns):
     engine = Remote()
     problem = built(chain12, data, unknowns, engine=engine)
     assert not problem.spreads
-    LogError().local(problem, np.full(12, 0.05))
+    LogError().local(Problem.of([problem]), np.full(12, 0.05))
     assert engine.functions == []
 
 
@@ -169,7 +172,7 @@ def test_large_models_are_worth_spreading_and_long():
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     lines = np.linspace(1.0, 10.0, 1000)
     data = updyn.FRF(lines, np.ones((1000, 1, 1)), ["1:X"], ["1:X"], "receptance")
-    problem = Problem.build(model, data, updyn.parameters(model, stiffness="all"))
+    problem = Part.build(model, data, updyn.parameters(model, stiffness="all"))
     assert problem.spreads
     assert not problem.is_long
     assert problem.thinned(100).work == pytest.approx(0.1 * problem.work)
@@ -186,7 +189,7 @@ def test_a_stop_comes_between_blocks(chain12, data, unknowns, in_blocks):
 
     problem.session.wants_stop = wants_stop
     with pytest.raises(Stopped):
-        LogError().local(problem, np.full(12, 0.05))
+        LogError().local(Problem.of([problem]), np.full(12, 0.05))
     size = problem.partition()[0].stop
     assert asked == [size, 2 * size, 3 * size]
     assert problem.session.stopped
@@ -197,25 +200,25 @@ def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(
 ):
     problem = built(chain12, data, unknowns, memory=Recent())
     x = np.full(12, 0.05)
-    known = LogError().local(problem, x)
+    known = LogError().local(Problem.of([problem]), x)
     problem.session.wants_stop = lambda: True
     problem.session.stopped = True
     assert problem.responses(x).shape == (60, 5, 5)
     monkeypatch.setattr(problem_module, "_LONG", 0.0)
-    assert LogError().local(problem, x).R is known.R  # what is known costs nothing
+    assert LogError().local(Problem.of([problem]), x).R is known.R  # what is known costs nothing
     with pytest.raises(Stopped):
-        LogError().local(problem, x + 0.1)
+        LogError().local(Problem.of([problem]), x + 0.1)
 
 
 def test_the_callback_is_asked_between_blocks_and_sees_the_lines(
     chain12, data, unknowns, in_blocks
 ):
     problem, seen = built(chain12, data, unknowns), []
-    monitor = Monitor(problem, seen.append)
+    monitor = Monitor(Problem.of([problem]), seen.append)
     with monitor.stage("log"):
-        local = LogError().local(problem, np.zeros(12))
+        local = LogError().local(Problem.of([problem]), np.zeros(12))
         monitor.start(np.zeros(12), local)
-        LogError().local(problem, np.full(12, 0.1))
+        LogError().local(Problem.of([problem]), np.full(12, 0.1))
     blocks = [part.stop for part in problem.partition()]
     assert [p.lines_done for p in seen] == [*blocks, *(60 + b for b in blocks[:-1])]
     assert {(p.stage, p.iteration, p.n_lines) for p in seen} == {("log", 0, 60)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from updyn.job import Job, Prepared
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["check", "compare", "convert", "correlate", "demo", "engine", "info", "run"]
+__all__ = ["check", "compare", "convert", "correlate", "demo", "info", "open_engine", "run"]
 
 
 def run(
@@ -29,6 +29,7 @@ def run(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
@@ -46,6 +47,8 @@ def run(
     cluster
         Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its
         workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     resume
         Go on with the run in that folder that was stopped or interrupted, with the same result as
         if it had not been.
@@ -53,7 +56,7 @@ def run(
     from updyn.job import load_job
 
     loaded = load_job(job)
-    with engine(workers, cluster) as chosen:
+    with open_engine(workers, cluster, engine) as chosen:
         return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 
@@ -231,18 +234,17 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     unit
         Unit of length of a model's deck, which does not say it: m, mm or in.
     """
-    from updyn.cli.describe import describe
-    from updyn.cli.reading import KINDS, read_anything
+    from updyn.cli.reading import FILE_KINDS, read_anything
 
     if quantity is not None and unit is not None:
         raise InputError("--unit is about a model, --quantity about a measurement")
-    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
+    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else None
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     options = {
         kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
     }
-    _, content = read_anything(file, kinds, options)
-    say(describe(content))
+    kind, content = read_anything(file, kinds, options)
+    say(FILE_KINDS[kind].describe(content))
     return DONE
 
 
@@ -283,6 +285,7 @@ def compare(
     out: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    engine: str | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
 ) -> int:
     """Run every method on the inputs of a job: one table here, compare.html and compare.json in DIR.
@@ -310,13 +313,14 @@ def compare(
         Processes on this machine to spread the work over.
     cluster
         Address of a Dask scheduler to spread the work over its workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
     list_
         List the methods, what they cannot update and where they come from, and do nothing.
     """
     from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
     from updyn.job.comparison import check_comparison_out, compare_job, default_comparison_out
-    from updyn.report import write_comparison
 
     if list_:
         say(listing())
@@ -331,14 +335,13 @@ def compare(
     )
     folder = check_comparison_out(loaded, default_comparison_out(loaded) if out is None else out)
     ready = prepare(loaded)
-    with engine(workers, cluster) as where, watch(stderr()) as watching:
+    with open_engine(workers, cluster, engine) as where, watch(stderr()) as watching:
         found = compare_job(
             loaded,
             folder,
             watching,
             methods=names,
             truth=truth,
-            report=write_comparison,
             prepared=ready,
             engine=where,
             fewest=fewest,
@@ -361,39 +364,19 @@ def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> UpdateResult | JointResult:
     from updyn.job import check_out, default_out, prepare, run_job
-    from updyn.report import write_report
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
-    besides: list[str] = []
     with watch(stderr()) as watching:
-        result = run_job(
-            job,
-            folder,
-            watching,
-            report=write_report,
-            prepared=ready,
-            engine=engine,
-            resume=resume,
-            further=lambda found: besides.extend(_further(found)),
-        )
-    say("\n\n".join([result.summary(), *besides]))
+        done = run_job(job, folder, watching, prepared=ready, engine=engine, resume=resume)
+    result = done.result
+    say(done.summary())
     first = "report.html" if job.output.report else "result.json"
     say(f"\nResults in {folder}: {folder / first}")
     if result.status in ("stopped", "max-iterations"):
         more = "" if result.status == "stopped" else ", with more max_iterations"
         say(f"To go on from here{more}: updyn run JOB.toml --resume (with the same --out)")
     return result
-
-
-def _further(found: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what a run found beside its result, as text."""
-    from updyn.job.job_table import JOB_TABLES
-
-    for name, one in found.items():
-        text = JOB_TABLES[name].summary(one)
-        if text:
-            yield text
 
 
 def _exit_code(result: UpdateResult | JointResult) -> int:
@@ -424,8 +407,10 @@ _PATIENCE_S = 10
 
 
 @contextmanager
-def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
-    """Give the engine that is asked for, and close it.
+def open_engine(
+    workers: int | None, cluster: str | None, registered: str | None = None
+) -> Iterator[Engine]:
+    """Open the engine that the options name, and close it afterwards.
 
     Parameters
     ----------
@@ -433,11 +418,14 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         Number of processes.
     cluster : str, optional
         Address of a Dask scheduler.
+    registered : str, optional
+        Text that an engine of another package is registered for.
 
     Raises
     ------
     OptionError
-        If both are given, the number is not one of processes, or no scheduler answers.
+        If more than one is given, the number is not one of processes, no scheduler answers, or no
+        engine is registered for the text.
     """
     from updyn.engines import choose_engine
 
@@ -447,8 +435,15 @@ def engine(workers: int | None, cluster: str | None) -> Iterator[Engine]:
         )
     if workers is not None and workers < 1:
         raise OptionError(f"--workers {workers}: expected a number of processes from 1 up")
+    if registered is not None and not (workers is None and cluster is None):
+        raise OptionError("--engine excludes --workers and --cluster")
     with ExitStack() as ending:
-        made = choose_engine(workers if cluster is None else ending.enter_context(_client(cluster)))
+        option: int | str | Client | None = workers
+        if registered is not None:
+            option = registered
+        elif cluster is not None:
+            option = ending.enter_context(_client(cluster))
+        made = choose_engine(option)
         ending.callback(made.close)
         yield made
 

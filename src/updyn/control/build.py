@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.biot import biot
-from updyn.control.complex_modes import ComplexModes, complex_modes
-from updyn.control.conversion import Conversion
-from updyn.control.fitted import Fitted, fitted
-from updyn.control.order import Kept, fewest
+from updyn.control.complex_modes import ComplexModes, Fitted, complex_modes, fitted
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
-from updyn.control.second_order import diagonal, full, single_frequency
-from updyn.control.space import ModalSpace, modal_space
-from updyn.control.target import Target, target_lines
+from updyn.control.real_modes import biot, diagonal, full, single_frequency
+from updyn.control.space import Conversion, ModalSpace, modal_space
+from updyn.control.target import Kept, Target, fewest, target_lines
 from updyn.dofs import Dof
 from updyn.errors import ModelError, OptionError, SolverError, ToleranceError, suggest
 from updyn.frf import QUANTITIES, check_quantity
@@ -163,7 +159,7 @@ def plant(
     Notes
     -----
     Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see
-    `updyn.control.second_order`, `complex_modes` and `biot` for the routes.
+    `updyn.control.real_modes`, `complex_modes` and `biot` for the routes.
     """
     own = _model(model)
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")

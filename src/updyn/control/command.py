@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from updyn.cli.commands import engine
+from updyn.cli.commands import open_engine
 from updyn.cli.terminal import DONE, NOT_DETERMINED, note, say
+from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
 from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
-from updyn.control.job.plant_files import CONTROL, PLANT_PAGE
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.plant_words import describe_planted
-from updyn.control.report.plant_page import write_plant_page
+from updyn.control.job.messages import describe_planted
+from updyn.control.job.tables import PlantTable
 from updyn.job import load_job, prepare
 
 __all__ = ["plant"]
@@ -48,12 +47,11 @@ def plant(
     loaded = load_job(job)
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
     ready = prepare(loaded)
-    with engine(workers, cluster) as where:
+    with open_engine(workers, cluster) as where:
         made = plant_job(
             loaded,
             folder,
             run=run,
-            report=write_plant_page,
             prepared=ready,
             engine=where,
             say=lambda text: note(text, "dim"),

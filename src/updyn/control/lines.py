@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.plant import Plant
-from updyn.control.servo.state_space import StateSpace
-from updyn.control.servo.transfer import Transfer
-from updyn.control.servo.transfer import channel_zeros as zeros_of
+from updyn.control.servo.state_space import StateSpace, Transfer
+from updyn.control.servo.state_space import channel_zeros as zeros_of
 
 __all__ = ["channel_zeros", "dense_lines", "sweep"]
 

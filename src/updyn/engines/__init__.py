@@ -1,57 +1,63 @@
-"""Where work runs: in this process, in several on this machine, or on a cluster.
+"""Engines map a function over items: in this process, in several on this machine, or on a cluster.
 
-An engine maps a function over items and knows no physics. Adding one is a module with ``EXPECTS``,
-a text saying what it is made from, and ``engine_for(given)``, which returns the engine or None
-where something else was given; and one line in `KINDS`. These modules load joblib and Dask when an
-engine is made, not before.
+An engine knows no physics. Another package adds one by registering a class in `KINDS` (see
+`EngineKind`). The modules of the built-in engines load joblib and Dask when an engine is made.
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
-from updyn.engines.engine import Engine, Serial
+from updyn.engines.engine import Engine, EngineKind, Serial
 from updyn.errors import OptionError
+from updyn.registry import Registry
 
 if TYPE_CHECKING:
     import distributed
 
-__all__ = ["KINDS", "Engine", "Serial", "choose_engine"]
+__all__ = ["KINDS", "Engine", "EngineKind", "Serial", "choose_engine"]
 
-#: Modules of the engines that are made from something, in the order in which they are asked.
-KINDS = ("updyn.engines.processes", "updyn.engines.cluster")
+#: Kinds of engines by name, in the order in which they are asked.
+KINDS: Registry[EngineKind] = Registry(
+    "engine",
+    "updyn.engines",
+    {
+        "serial": Serial,
+        "processes": "updyn.engines.processes:Processes",
+        "dask": "updyn.engines.cluster:Cluster",
+    },
+)
 
 
-def choose_engine(engine: int | distributed.Client | Engine | None) -> Engine:
-    """Return the engine that is meant.
+def choose_engine(engine: int | str | distributed.Client | Engine | None) -> Engine:
+    """Return the engine for an option ``engine=``.
 
     Parameters
     ----------
-    engine : None, int, dask.distributed Client or Engine
+    engine : None, int, str, dask.distributed Client or Engine
         None: this process. A number: so many processes on this machine (1: this one). A Client: the
-        workers of its cluster. An engine: itself.
+        workers of its cluster. An engine: itself. A text, or another object: the engine of a
+        registered kind that is made from it.
 
     Returns
     -------
     Engine
-        To be closed by whoever made it here.
+        The caller closes it if it was made here.
 
     Raises
     ------
     OptionError
-        If it is none of these.
+        If no kind of engine is made from it.
     """
     if engine is None:
         return Serial()
-    kinds = [importlib.import_module(kind) for kind in KINDS]
-    for kind in kinds:
-        made: Engine | None = kind.engine_for(engine)
+    for kind in KINDS.values():
+        made = kind.from_option(engine)
         if made is not None:
             return made
     if isinstance(engine, Engine) and not isinstance(engine, type):
         return engine
-    expected = ", ".join(["None", *(kind.EXPECTS for kind in kinds)])
+    expected = ", ".join(kind.expects for kind in KINDS.values())
     raise OptionError(
         f"engine is {engine!r} ({type(engine).__name__}); expected {expected} or an engine"
     )

@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster, on as many machines as it has."""
+"""The engine of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -19,49 +19,28 @@ from updyn.errors import EngineError, OptionError
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-__all__ = ["EXPECTS", "Cluster", "engine_for"]
+__all__ = ["Cluster"]
 
-EXPECTS = "a dask.distributed Client"
-
-#: Seconds for which a cluster may be without a worker, or without an answer, before it counts as
-#: lost.
-PATIENCE = 60.0
-
-
-def engine_for(given: object) -> Engine | None:
-    """Return the engine for a Client; None for anything else.
-
-    Raises
-    ------
-    OptionError
-        If it is one for asynchronous programs.
-    EngineError
-        If its workers cannot be used.
-    """
-    distributed = sys.modules.get("distributed")  # who has a Client has loaded it
-    if distributed is None or not isinstance(given, distributed.Client):
-        return None
-    if given.asynchronous:
-        raise OptionError(
-            "engine is an asynchronous Client; expected one made with asynchronous=False"
-        )
-    return Cluster(given)
+#: Seconds without a worker or an answer after which a cluster counts as lost.
+PATIENCE_S = 60.0
 
 
 class Cluster(Remote):
-    """The workers of a Dask cluster, those included that come later.
+    """The engine of the workers of a Dask cluster, those that join later included.
 
     Parameters
     ----------
     client : distributed.Client
-        A connected client; it is left open. Until `close`, the scheduler's active memory manager
-        rests.
+        A connected client; it is left open. The scheduler's active memory manager is stopped until
+        `close`.
 
     Raises
     ------
     EngineError
-        If there is no worker, or one has another version of updyn or none.
+        If there is no worker, or a worker lacks updyn or has another version of it.
     """
+
+    expects = "a dask.distributed Client"
 
     def __init__(self, client: Client) -> None:
         super().__init__()
@@ -69,11 +48,40 @@ class Cluster(Remote):
         self._address = client.scheduler.address
         self._workers = self._count_workers()
         self._check_versions()
-        # Between two maps no task needs the model, and Dask's memory manager would leave it on one
-        # worker only.
+        # Between two maps no task needs the shared object, and Dask's memory manager would keep it
+        # on one worker only.
         self._managed = bool(client.amm.running())
         if self._managed:
             client.amm.stop()
+
+    @classmethod
+    def from_option(cls, option: object) -> Engine | None:
+        """Return the engine for a Client; None for anything else.
+
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+
+        Raises
+        ------
+        OptionError
+            If it is a Client for asynchronous programs.
+        EngineError
+            If its workers cannot be used.
+        """
+        distributed = sys.modules.get("distributed")  # whoever has a Client has loaded it
+        if distributed is None or not isinstance(option, distributed.Client):
+            return None
+        if option.asynchronous:
+            raise OptionError(
+                "engine is an asynchronous Client; expected one made with asynchronous=False"
+            )
+        return cls(option)
 
     @property
     def workers(self) -> int:
@@ -82,33 +90,33 @@ class Cluster(Remote):
 
     @property
     def name(self) -> str:
-        """What the record of a run says."""
+        """Name for the record of a run."""
         return f"dask, {self._workers} worker{'s' * (self._workers != 1)}"
 
     def close(self) -> None:
-        """Free what the workers hold; client, scheduler and workers go on."""
+        """Free what the workers hold; client, scheduler and workers keep running."""
         self._sent = []
         if self._managed and self._client.status == "running":
             self._client.amm.start()
         self._managed = False
 
-    # -- what `Remote` asks for ----------------------------------------------------------------------------
+    # -- abstract methods of `Remote` ----------------------------------------------------------
     def _send(self, shared: Any) -> Future:
-        # To all workers, bound to none: where one dies, any other can do its work. In a list, lest
-        # a list be taken apart; without a hash, which would read every byte.
+        # Every worker gets a copy, so that any other can take over from one that dies. The list
+        # keeps Dask from scattering the elements of `shared`; a hash would read every byte.
         self._check_connection()
         try:
-            (future,) = self._client.scatter([shared], broadcast=True, hash=False, timeout=PATIENCE)
-        except (
-            OSError
-        ) as error:  # a worker went while it was sent something; TimeoutError is one of these
+            (future,) = self._client.scatter(
+                [shared], broadcast=True, hash=False, timeout=PATIENCE_S
+            )
+        except OSError as error:  # a worker died meanwhile; TimeoutError is an OSError
             raise self._lost(error) from error
         return future
 
     def _submit(self, function: Callable[..., Any], handle: Future, item: Any) -> Future:
         self._check_connection()
         name = f"{function.__name__}-{uuid.uuid4().hex}"
-        # The item inside the function: as an argument, Dask would look into it for tasks.
+        # The item is bound to the function: Dask would search an argument for tasks.
         return self._client.submit(partial(_work, function, item), handle, key=name, pure=False)
 
     def _result(self, call: Future) -> Any:
@@ -123,8 +131,8 @@ class Cluster(Remote):
                 raise self._lost(call.exception())
             return call.result()  # raises
         try:
-            return call.result(timeout=PATIENCE)
-        except (CancelledError, OSError) as error:  # its worker went before it was fetched
+            return call.result(timeout=PATIENCE_S)
+        except (CancelledError, OSError) as error:  # its worker died before it was fetched
             raise self._lost(error) from error
 
     def _is_lost(self, call: Future) -> bool:
@@ -138,14 +146,13 @@ class Cluster(Remote):
         for call in calls:
             call.release()
 
-    # ------------------------------------------------------------------------------------------------------
     def _check_connection(self) -> None:
         if self._client.status != "running":
             raise self._lost(ConnectionError("the scheduler was out of reach"))
 
     def _lost(self, error: BaseException) -> LostError:
-        """Wait until there are a scheduler and a worker again, and forget what no worker has any more."""
-        until = time.monotonic() + PATIENCE
+        """Wait for a scheduler and a worker, forget objects that are gone, return the loss."""
+        until = time.monotonic() + PATIENCE_S
         while self._client.status == "connecting" and time.monotonic() < until:
             time.sleep(0.1)
         if self._client.status != "running":
@@ -158,33 +165,33 @@ class Cluster(Remote):
 
     def _count_workers(self) -> int:
         try:
-            self._client.wait_for_workers(1, timeout=PATIENCE)
+            self._client.wait_for_workers(1, timeout=PATIENCE_S)
         except TimeoutError as error:
             raise EngineError(
-                f"no worker has joined the scheduler {self._address} within {PATIENCE:g} s; "
+                f"no worker has joined the scheduler {self._address} within {PATIENCE_S:g} s; "
                 f"one is started by: dask worker {self._address} --nthreads 1"
             ) from error
         return len(self._client.nthreads())
 
     def _check_versions(self) -> None:
-        """Other code would give other numbers, or none, with an error that does not say why."""
+        """Refuse workers with another version, whose numbers would differ."""
         found = self._client.run(_version, on_error="return")
         try:
             found["the scheduler"] = self._client.run_on_scheduler(_version)
         except ImportError as error:
             found["the scheduler"] = error
         for place, version in found.items():
-            if version != __version__ and not isinstance(
-                version, OSError
-            ):  # a worker that has just gone
+            if isinstance(version, OSError):  # the worker has just died
+                continue
+            if version != __version__:
                 raise EngineError(
                     f"updyn is {__version__} here and {version} on {place}; install the same on all"
                 )
 
 
-# -- in the worker -----------------------------------------------------------------------------------------
-#: One item at a time, however many threads the worker has: what is cached in a shared object is for
-#: one.
+# -- in the worker -----------------------------------------------------------------------------
+#: One item at a time, however many threads the worker has: caches in a shared object are not
+#: thread-safe.
 _ONE = threading.Lock()
 
 

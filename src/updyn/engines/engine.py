@@ -1,4 +1,4 @@
-"""What every engine offers."""
+"""The engine protocol, and the engine of one process."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 __all__ = [
     "Engine",
+    "EngineKind",
     "Serial",
 ]
 
@@ -17,7 +18,7 @@ R = TypeVar("R")
 
 @runtime_checkable
 class Engine(Protocol):
-    """Runs one function over many items, somewhere; it knows nothing of what the function does.
+    """Maps a function over many items, in one process or in many.
 
     The results, their order and their bits do not depend on the engine.
     """
@@ -28,24 +29,24 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """What the record of a run says, as ``"serial"`` or ``"2 processes"``."""
+        """Name for the record of a run: ``"serial"``, ``"2 processes"``."""
 
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(shared, item)`` for every item, in the order of the items, each as soon as it is there.
+        """Yield ``function(shared, item)`` for every item, in the order of the items.
 
-        Closing the iterator early abandons what has not been started; the engine can be used again
-        at once.
+        A result is yielded as soon as it and those before it are there. Closing the iterator early
+        cancels the items that have not started; the engine can be used again at once.
 
         Parameters
         ----------
         function : callable
             A function of a module (not a lambda: it may run in another process).
         shared : object
-            What all items need, however large: sent once to each worker, which keeps it, with
+            Data that all items need, however large: sent once to each worker, which keeps it, with
             whatever `function` caches in it, for later maps with the same object. It must not be
             changed afterwards.
         items : sequence
-            What differs; small, as the results should be.
+            Arguments that differ; small, as the results should be.
 
         Yields
         ------
@@ -55,17 +56,59 @@ class Engine(Protocol):
         Raises
         ------
         Exception
-            What `function` raised, as itself, when its item's turn comes.
+            Raised by `function`; it is raised here when the result of its item is due.
         EngineError
-            If the workers are lost again and again, or for good.
+            If the workers are lost repeatedly, or for good.
         """
 
     def close(self) -> None:
-        """Give back what the engine has started itself; an engine that was handed in is left running."""
+        """Release what the engine has started itself; a client that was given stays open."""
+
+
+class EngineKind(Protocol):
+    """A class of engines to register, with the values of ``engine=`` it is made from."""
+
+    #: These values in words, for messages.
+    expects: str
+
+    def from_option(self, option: object) -> Engine | None:
+        """Return the engine for a value of ``engine=``; None if it is for another kind.
+
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+
+        Raises
+        ------
+        OptionError
+            If the value is of this kind but not usable.
+        """
 
 
 class Serial:
     """The engine of one process: this one."""
+
+    expects = "None"
+
+    @classmethod
+    def from_option(cls, option: object) -> Engine | None:
+        """Return the engine where none is asked for; None for anything else.
+
+        Parameters
+        ----------
+        option : object
+            A value of ``engine=``.
+
+        Returns
+        -------
+        Engine or None
+        """
+        return cls() if option is None else None
 
     @property
     def workers(self) -> int:
@@ -74,7 +117,7 @@ class Serial:
 
     @property
     def name(self) -> str:
-        """What the record of a run says."""
+        """Name for the record of a run."""
         return "serial"
 
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
@@ -83,11 +126,11 @@ class Serial:
         Parameters
         ----------
         function : callable
-            What is run.
+            Function of a module.
         shared : object
-            What all items need.
+            Data that all items need.
         items : sequence
-            What differs.
+            Arguments that differ.
 
         Yields
         ------

@@ -1,4 +1,4 @@
-"""What engines with workers of their own have in common: the order of the results, and work that was lost."""
+"""Base class of engines whose workers may die: ordered results, and restart of lost work."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: So many losses with no result in between, and it is taken to be the work that kills the workers.
+#: Losses without a result in between after which the work itself is taken to kill the workers.
 MOST_LOSSES = 3
-#: So many shared objects are remembered: the latest. More would hold memory in every worker for
-#: nothing.
+#: Shared objects that workers keep, the latest ones; more would only hold memory in every worker.
 REMEMBERED = 2
 
 
 class LostError(Exception):
-    """The work, or what it needs, was lost with its worker; caught here, never seen outside."""
+    """A call, or the data it needs, was lost with its worker; never raised outside this room."""
 
 
 @dataclass(slots=True, eq=False)
-class _Flight:
-    """An item on its way; no call: to be submitted (again)."""
+class _Pending:
+    """An item whose result is pending; without a call it is yet to be submitted."""
 
     item: Any
     call: Any = None
@@ -38,12 +37,11 @@ class _Flight:
 class Remote(ABC):
     """Maps over workers that may die.
 
-    A subclass says how an object is sent and how a call is submitted, awaited and dropped; where it
-    finds a loss, it gets ready for calls again and raises `LostError`. What a call is, is its own
-    matter.
+    A subclass sends objects and submits, awaits and drops calls, which are objects of its own. When
+    it finds that a call is lost, it makes itself ready for calls again and raises `LostError`.
     """
 
-    #: Items submitted ahead of the result that is waited for; None for all.
+    #: Most items that are pending at a time; None for all.
     window: int | None = None
 
     def __init__(self) -> None:
@@ -55,11 +53,11 @@ class Remote(ABC):
         Parameters
         ----------
         function : callable
-            What is run.
+            Function of a module.
         shared : object
-            What all items need.
+            Data that all items need.
         items : sequence
-            What differs.
+            Arguments that differ.
 
         Yields
         ------
@@ -67,40 +65,40 @@ class Remote(ABC):
             Results.
         """
         waiting = deque(items)
-        total = len(waiting)
-        flights: deque[_Flight] = deque()
-        unsent: deque[_Flight] = deque()
+        total = len(items)
+        pending: deque[_Pending] = deque()
+        unsent: deque[_Pending] = deque()
         losses = 0
         try:
-            while waiting or flights:
-                while waiting and (self.window is None or len(flights) < self.window):
-                    unsent.append(_Flight(waiting.popleft()))
-                    flights.append(unsent[-1])
+            while waiting or pending:
+                while waiting and (self.window is None or len(pending) < self.window):
+                    unsent.append(_Pending(waiting.popleft()))
+                    pending.append(unsent[-1])
                 try:
                     while unsent:
                         unsent[0].call = self._submit(
                             function, self._handle(shared), unsent[0].item
                         )
                         unsent.popleft()
-                    result: R = self._result(flights[0].call)
+                    result: R = self._result(pending[0].call)
                 except LostError as loss:
                     losses += 1
                     if losses > MOST_LOSSES:
-                        at = total - len(waiting) - len(flights) + 1
+                        at = total - len(waiting) - len(pending) + 1
                         raise EngineError(
                             f"workers were lost {losses} times in a row at item {at} of {total}:"
                             f" {loss}"
                         ) from loss
-                    unsent = deque(f for f in flights if f.call is None or self._is_lost(f.call))
+                    unsent = deque(p for p in pending if p.call is None or self._is_lost(p.call))
                     continue
                 losses = 0
-                flights.popleft()
+                pending.popleft()
                 yield result
         finally:
-            self._drop([f.call for f in flights if f.call is not None])
+            self._drop([p.call for p in pending if p.call is not None])
 
     def _handle(self, shared: Any) -> Any:
-        """Return what stands for an object that was sent; send it where it is not among the latest."""
+        """Return the handle of a shared object; send it if it is not among the latest."""
         for known, handle in self._sent:
             if known is shared:
                 return handle
@@ -110,20 +108,20 @@ class Remote(ABC):
 
     @abstractmethod
     def _send(self, shared: Any) -> Any:
-        """Make an object known to all workers, those to come included; return what stands for it."""
+        """Send an object to all workers, later ones included; return a handle for it."""
 
     @abstractmethod
     def _submit(self, function: Callable[..., Any], handle: Any, item: Any) -> Any:
-        """Ask for a call, without waiting. Raises LostError."""
+        """Submit a call without waiting for it. Raises LostError."""
 
     @abstractmethod
     def _result(self, call: Any) -> Any:
-        """Wait for a call. Raises LostError, what the function raised, or EngineError where no call can be made."""
+        """Return the result of a call, or raise its error. Raises LostError and EngineError."""
 
     @abstractmethod
     def _is_lost(self, call: Any) -> bool:
-        """Tell, without waiting, whether a call will never have a result."""
+        """Return, without waiting, whether a call will never have a result."""
 
     @abstractmethod
     def _drop(self, calls: list[Any]) -> None:
-        """Forget calls whose results nobody waits for; those not yet started do not start."""
+        """Cancel calls whose results are no longer needed."""

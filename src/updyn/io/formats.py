@@ -145,7 +145,9 @@ def _called(name: str, able: list[Format], verb: str, path: Path) -> Format:
         if candidate.name == name:
             return candidate
     raise FormatError(
-        f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+        f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}",
+        path,
+        key=("format",),
     )
 
 

@@ -160,7 +160,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "updyn.job_tables",
     {
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
-        "plant": "updyn.control.job.plant_files:PLANT",
-        "servo": "updyn.control.job.plant_files:SERVO",
+        "plant": "updyn.control.job.job_tables:PLANT",
+        "servo": "updyn.control.job.job_tables:SERVO",
     },
 )

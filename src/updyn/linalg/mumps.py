@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-__all__ = ["Mumps", "available"]
+__all__ = ["Mumps"]
 
 _PACKAGE = "mumps"
 #: MUMPS users' guide, section "Error and warning diagnostics".
@@ -30,11 +30,6 @@ def _package() -> Any:
     except (ImportError, OSError):  # the library that it was built against may be gone
         return None
     return found if hasattr(found, "Context") else None
-
-
-def available() -> bool:
-    """Return whether python-mumps is installed and can be loaded."""
-    return _package() is not None
 
 
 class Mumps:
@@ -54,6 +49,15 @@ class Mumps:
     MemoryError
         If there is not enough memory.
     """
+
+    install = (
+        "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'"
+    )
+
+    @staticmethod
+    def available() -> bool:
+        """Return whether python-mumps is installed and can be loaded."""
+        return _package() is not None
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
         column = np.repeat(np.arange(pattern.shape[0], dtype=np.int32), np.diff(pattern.indptr))

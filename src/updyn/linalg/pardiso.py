@@ -19,7 +19,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Pardiso", "available", "library"]
+__all__ = ["Pardiso", "library"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
 _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
@@ -47,11 +47,6 @@ def library() -> Any:
     return None
 
 
-def available() -> bool:
-    """Return whether the ``mkl`` wheel is installed and can be loaded."""
-    return library() is not None
-
-
 class Pardiso:
     """One pattern, analysed once.
 
@@ -69,6 +64,13 @@ class Pardiso:
     MemoryError
         If there is not enough memory.
     """
+
+    install = "pip install 'updyn[mkl]' (x86_64)"
+
+    @staticmethod
+    def available() -> bool:
+        """Return whether the ``mkl`` wheel is installed and can be loaded."""
+        return library() is not None
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
         if not pattern.has_canonical_format:

@@ -1,12 +1,12 @@
-"""Sparse solves with symmetric matrices of one pattern, complex or real, by a backend that can be chosen, each checked.
+"""Checked sparse solves with complex or real symmetric matrices of one pattern.
 
-Adding a backend is one module with ``available()`` and a class that analyses a pattern and
-factorises matrices of it, and one line in `BACKENDS`.
+`SparseSolver` analyses a pattern once, factorises matrices of it by a backend and checks every
+answer by its backward error. A backend is a class as `Backend` describes it, registered in
+`BACKENDS`.
 """
 
 from __future__ import annotations
 
-import importlib
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,7 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import OptionError, SolverError, suggest
+from updyn.errors import OptionError, SolverError, key_path
+from updyn.registry import Registry
 
 __all__ = [
     "BACKENDS",
@@ -48,9 +49,16 @@ class Factors(Protocol):
 
 
 class Backend(Protocol):
-    """A pattern, analysed once, for complex matrices or (`real`) real ones."""
+    """A sparse direct solver: one pattern, analysed once, for complex or (`real`) real matrices."""
+
+    #: How to install it, for the message where it is missing.
+    install: str
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None: ...
+
+    @staticmethod
+    def available() -> bool:
+        """Return whether the library is installed and can be loaded."""
 
     @property
     def peak_bytes(self) -> int | None:
@@ -63,23 +71,23 @@ class Backend(Protocol):
         """Give the memory back; the object is of no more use."""
 
 
-#: By name, best first: module and class. Where one fails, those after it are tried.
-BACKENDS: dict[str, tuple[str, str]] = {
-    "pardiso": ("updyn.linalg.pardiso", "Pardiso"),
-    "mumps": ("updyn.linalg.mumps", "Mumps"),
-    "superlu": ("updyn.linalg.superlu", "SuperLU"),
-}
-
-_INSTALL = {
-    "pardiso": "pip install 'updyn[mkl]' (x86_64)",
-    "mumps": (
-        "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'"
-    ),
-}
+#: Backends by name, the preferred one first. One registered at run time is known in this process
+#: only; worker processes find those of entry points.
+BACKENDS: Registry[type[Backend]] = Registry(
+    "backend",
+    "updyn.backends",
+    {
+        "pardiso": "updyn.linalg.pardiso:Pardiso",
+        "mumps": "updyn.linalg.mumps:Mumps",
+        "superlu": "updyn.linalg.superlu:SuperLU",
+    },
+)
+#: Backends that are tried in this order where another one fails.
+_FALLBACKS = ("pardiso", "mumps", "superlu")
 
 
 def check_backend(name: str | None) -> str:
-    """Return the backend to use: the one named, else the best that is installed.
+    """Return the backend to use: the one named, else the first that is installed.
 
     Raises
     ------
@@ -87,16 +95,14 @@ def check_backend(name: str | None) -> str:
         If there is none of that name, or it is not installed.
     """
     if name is None:
-        return next(b for b in BACKENDS if _module(b).available())
-    if name not in BACKENDS:
-        raise OptionError(f"backend {name!r}: {suggest(str(name), BACKENDS)}")
-    if not _module(name).available():
-        raise OptionError(f"backend {name!r} is not installed; {_INSTALL[name]}, or use 'superlu'")
+        return next(known for known in BACKENDS if BACKENDS[known].available())
+    with key_path("backend"):
+        backend = BACKENDS.find(name)
+        if not backend.available():
+            raise OptionError(
+                f"backend {name!r} is not installed; {backend.install}, or use 'superlu'"
+            )
     return name
-
-
-def _module(name: str) -> Any:
-    return importlib.import_module(BACKENDS[name][0])
 
 
 @dataclass(slots=True, eq=False)
@@ -219,7 +225,7 @@ class SparseSolver:
 
     def _factor(self, name: str, A: Any) -> Factors:
         if name not in self._analysed:
-            self._analysed[name] = getattr(_module(name), BACKENDS[name][1])(A, real=self.real)
+            self._analysed[name] = BACKENDS[name](A, real=self.real)
         return self._analysed[name].factor(A)
 
     def _forget(self, name: str) -> None:
@@ -239,6 +245,13 @@ class SparseSolver:
             self._pattern = (A.indptr, A.indices)
 
 
+def _backends_from(name: str) -> Iterator[str]:
+    """Yield a backend, then those to try where it fails."""
+    yield name
+    after = _FALLBACKS.index(name) + 1 if name in _FALLBACKS else 0
+    yield from _FALLBACKS[after:]
+
+
 class Factorised:
     """A factorised matrix, made by `SparseSolver.factorise`; valid until that solver factorises another."""
 
@@ -255,10 +268,9 @@ class Factorised:
     )
 
     def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str) -> None:
-        names = list(BACKENDS)
         self._solver, self._A, self._line = solver, A, (freq, held)
         self._scale = unit_scale(A.diagonal())
-        self._names: Iterator[str] = iter(names[names.index(solver.backend) :])
+        self._names = _backends_from(solver.backend)
         self._factors: Factors | None = None
         self._name = ""
         # A real matrix is shifted to just beside an eigenvalue on purpose.
@@ -345,7 +357,7 @@ class Factorised:
         if self._name:
             self._solver._forget(self._name)
         for name in self._names:
-            if not _module(name).available():
+            if not BACKENDS[name].available():
                 continue
             try:
                 self._factors, self._name = self._solver._factor(name, self._A), name

@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SuperLU", "available"]
-
-
-def available() -> bool:
-    """Return True: scipy has it."""
-    return True
+__all__ = ["SuperLU"]
 
 
 class SuperLU:
@@ -26,6 +21,13 @@ class SuperLU:
     real : bool
         Matrices are real; not used, as SuperLU takes what it is given.
     """
+
+    install = "pip install scipy"
+
+    @staticmethod
+    def available() -> bool:
+        """Return True: scipy contains it."""
+        return True
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
         del pattern, real

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
-from updyn.linalg import pardiso
+from updyn.linalg.pardiso import library
 
 __all__ = ["alone", "limit"]
 
@@ -64,5 +64,6 @@ def limit(n: int) -> None:
     """
     if n < 1:
         raise ValueError(f"threads: {n}; at least 1 is needed")
-    if pardiso.available():
-        pardiso.library().MKL_Set_Num_Threads(int(n))
+    mkl = library()
+    if mkl is not None:
+        mkl.MKL_Set_Num_Threads(int(n))

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.report import formats as w
+from updyn.report import markup as m
 from updyn.report.data import ReportData
 from updyn.report.plots import (
     PRINTED_CELLS,
     Figure,
     categories,
     colour_bar,
+    existing,
     label,
-    labels,
-    log_step,
     numbers,
     rows_height,
 )
-from updyn.report.words import figure_of_agreement
+from updyn.report.section import Content, Section
+from updyn.updating.result import UpdateResult
 
 __all__ = [
+    "AGREEMENT",
+    "VALIDATION",
+    "agreement_figures",
     "csac_lines",
     "frac_map",
     "level_difference",
-    "level_differences",
-    "relative_residual",
-    "residual_by_channel",
 ]
 
 
@@ -64,7 +67,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
     if frac.size == 1:
         trace["showscale"] = False
     if frac.size <= PRINTED_CELLS:
-        trace["text"] = [[label(figure_of_agreement(v)) for v in line] for line in frac]
+        trace["text"] = [[label(w.figure_of_agreement(v)) for v in line] for line in frac]
         trace["texttemplate"] = "%{text}"
     return {
         "data": [trace],
@@ -110,64 +113,6 @@ def csac_lines(data: ReportData) -> Figure | None:
     }
 
 
-def level_differences(data: ReportData) -> Figure | None:
-    """Histogram of 20 log10 |computed / measured| over all lines compared, before and after."""
-    edges = np.linspace(-30.0, 30.0, 121)
-    traces: list[dict[str, Any]] = []
-    for name, computed in (("before", data.before), ("after", data.after)):
-        if computed is None:
-            continue
-        level = level_difference(data.measured[data.compared], computed[data.compared])
-        counts, _ = np.histogram(np.clip(level, edges[0], edges[-1]), edges)
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": name,
-                "x": numbers(0.5 * (edges[1:] + edges[:-1])),
-                "y": numbers(100.0 * counts / max(level.size, 1)),
-                "line": {
-                    "color": f"@{name}",
-                    "shape": "hvh",
-                    "dash": "dot" if name == "before" else "solid",
-                },
-                "fill": "tozeroy" if name == "after" else "none",
-                "fillcolor": "@after-faint",
-                "hovertemplate": (
-                    f"{name}: %{{y:.2f}} %% of the values at %{{x:.2f}} dB<extra></extra>".replace(
-                        "%%", "%"
-                    )
-                ),
-            }
-        )
-    if not traces:
-        return None
-    return {
-        "data": traces,
-        "height": 300,
-        "layout": {
-            "xaxis": {
-                "title": {"text": "computed over measured level (dB)"},
-                "range": _histogram_range(traces),
-            },
-            "yaxis": {"title": {"text": "share of values (%)"}, "rangemode": "tozero"},
-            "showlegend": True,
-        },
-    }
-
-
-def _histogram_range(traces: list[dict[str, Any]]) -> list[float]:
-    """Frame what is there: the middle 99 % of both histograms, at least +-3 dB."""
-    reach = 3.0
-    for trace in traces:
-        x, share = np.array(trace["x"]), np.array(trace["y"])
-        order = np.argsort(np.abs(x))
-        inside = np.cumsum(share[order])
-        edge = min(int(np.searchsorted(inside, 99.0)), len(x) - 1)
-        reach = max(reach, float(np.abs(x[order[edge]])) + 0.5)
-    return [-reach, reach]
-
-
 def level_difference(
     measured: NDArray[np.complex128], computed: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
@@ -177,67 +122,175 @@ def level_difference(
     return np.asarray(20.0 * np.log10(a[there] / b[there]))
 
 
-def relative_residual(
-    measured: NDArray[np.complex128], computed: NDArray[np.complex128]
-) -> NDArray[np.float64]:
-    """Return rms |computed - measured| over rms |measured| of each channel, shape (n_responses, n_references)."""
-    misfit = np.sqrt(np.mean(np.abs(computed - measured) ** 2, axis=0))
-    size = np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
-    return np.divide(misfit, size, out=np.full(size.shape, np.nan), where=size > 0)
-
-
-def residual_by_channel(data: ReportData) -> Figure | None:
-    """Root mean square residual of each channel in percent of its measured level."""
-    names = [
-        f"{r}{' ◆' if held else ''} / {c}"
-        for r, held in zip(data.responses, data.held_out, strict=True)
-        for c in data.references
-    ]
-    traces: list[dict[str, Any]] = []
-    shown: list[float] = []
-    for name, computed, symbol in (
-        ("before", data.before, "circle-open"),
-        ("after", data.after, "circle"),
+def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
+    """Return the figures of agreement of the result; where it has none, those of this page's own comparison."""
+    held = result.correlation.get("validation") or {}
+    out = {when: dict(result.correlation.get(when) or {}) for when in ("before", "after")}
+    out["validation"] = dict(held.get("after") or {})
+    fitted = ~np.array(data.held_out, dtype=np.bool_)
+    for when, frac, values in (
+        ("before", data.frac_before, data.before),
+        ("after", data.frac_after, data.after),
     ):
-        if computed is None:
-            continue
-        residual = relative_residual(data.measured[data.compared], computed[data.compared]).ravel()
-        shown += residual.tolist()
-        traces.append(
+        if not out[when] and frac is not None and values is not None and fitted.any():
+            level = level_difference(
+                data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
+            )
+            out[when] = {"frac_median": float(np.median(frac[fitted]))}
+            if level.size:
+                out[when]["db_error_median"] = float(np.median(np.abs(level)))
+    return out
+
+
+class Agreement(Section):
+    """FRAC before and after, CSAC over frequency."""
+
+    anchor = "agreement"
+    name = "Agreement"
+    heading = "Agreement channel by channel"
+    place = 200
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the maps of FRAC, and CSAC over frequency."""
+        data = content.data
+        return existing(
             {
-                "type": "scatter",
-                "mode": "markers",
-                "name": name,
-                "x": list(range(len(names))),
-                "y": numbers(100.0 * residual),
-                "text": labels(names),
-                "marker": {
-                    "color": f"@{name}",
-                    "symbol": symbol,
-                    "size": 9 if len(names) <= 60 else 5,
-                },
-                "hovertemplate": f"%{{text}}: %{{y:.3g}} % {name}<extra></extra>",
+                "frac-before": frac_map(data, data.frac_before),
+                "frac-after": frac_map(data, data.frac_after),
+                "csac": csac_lines(data),
             }
         )
-    if not traces:
-        return None
-    few = len(names) <= 24
-    axis: dict[str, Any] = {"title": {"text": "channel: response / reference"}, "zeroline": False}
-    if few:
-        axis |= {"tickvals": list(range(len(names))), "ticktext": labels(names), "tickangle": -50}
-        axis["range"] = [-0.6, len(names) - 0.4]
-    else:
-        axis["title"]["text"] = "channel number (names appear under the pointer)"
-    return {
-        "data": traces,
-        "height": 340 if few else 300,
-        "layout": {
-            "xaxis": axis,
-            "yaxis": {
-                "title": {"text": "rms residual (% of rms level)"},
-                "type": "log",
-                "dtick": log_step(shown),
-            },
-            "showlegend": True,
-        },
-    }
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return words, maps, the table of figures, and CSAC."""
+        parts = [
+            m.paragraph(
+                "FRAC (frequency response assurance criterion) compares the shape of a measured and a"
+                " computed FRF over frequency: 1 where they are proportional, 0 where they have nothing"
+                " in common. It does not see a wrong level; the level difference in dB does."
+            ),
+        ]
+        span = content.data.freq[content.data.compared]
+        over = (
+            f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz"
+            if len(span)
+            else ""
+        )
+        held = " ◆ marks responses held out of the fit." if any(content.data.held_out) else ""
+        maps = []
+        for when in ("before", "after"):
+            if f"frac-{when}" in figures:
+                caption = f"{over}. Choose a cell to see its FRF above.{held}"
+                plot = m.figure(
+                    f"frac-{when}",
+                    f"FRAC of every channel {when} the update",
+                    caption,
+                    height=figures[f"frac-{when}"]["height"],
+                )
+                maps.append(f"<div><h3>FRAC {when}</h3>{plot}</div>")
+        parts.append(
+            f'<div class="pair">{"".join(maps)}</div>'
+            if maps
+            else m.paragraph("There is no FRAC to show.", "muted")
+        )
+        parts.append(_agreement_table(content.result))
+        if "csac" in figures:
+            caption = (
+                "CSAC (cross signature assurance criterion) compares, line by line, the deflection over"
+                " all channels: dips show the frequencies at which the model moves in a different"
+                " shape."
+            )
+            parts.append("<h3>CSAC over frequency</h3>")
+            parts.append(
+                m.figure(
+                    "csac",
+                    "CSAC over frequency before and after",
+                    caption,
+                    height=figures["csac"]["height"],
+                )
+            )
+        elif len(content.data.responses) * len(content.data.references) == 1:
+            parts.append(
+                m.paragraph(
+                    "CSAC compares shapes over several channels; with one channel it is always 1.",
+                    "muted",
+                )
+            )
+        return "".join(parts)
+
+
+AGREEMENT = Agreement()
+
+
+def _agreement_table(result: UpdateResult) -> str:
+    before, after = (dict(result.correlation.get(k) or {}) for k in ("before", "after"))
+    names = list(dict.fromkeys([*before, *after]))
+    rows = [
+        m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))]) for n in names
+    ]
+    return (
+        m.table(["figure", "before", "after"], rows, caption="Figures of the fit") if rows else ""
+    )
+
+
+class Validation(Section):
+    """Agreement with the data held out of the fit."""
+
+    anchor = "validation"
+    name = "Validation"
+    heading = "Validation on what was held out"
+    place = 900
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return what was held out, and how well it is predicted."""
+        parts = []
+        what = w.held_out(content.result)
+        if not what:
+            text = (
+                "Nothing was held out of the fit, so these data cannot say how well the updated model"
+                " predicts what it has not seen. Hold out a response or a band to find out."
+            )
+            return m.paragraph(text)
+        parts.append(m.paragraph(f"Held out of the fit, and used only to judge it: {what}."))
+        scores = content.result.correlation.get("validation") or {}
+        before, after = (dict(scores.get(k) or {}) for k in ("before", "after"))
+        names = list(dict.fromkeys([*before, *after]))
+        if names:
+            rows = [
+                m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))])
+                for n in names
+            ]
+            parts.append(
+                m.table(
+                    ["figure", "before", "after"], rows, caption="Figures over the data held out"
+                )
+            )
+        else:
+            parts.append(m.paragraph("There are no figures for it.", "muted"))
+        rows = [
+            m.row(
+                [
+                    f"{response} / {reference}",
+                    _cell(content.data.frac_before, i, j),
+                    _cell(content.data.frac_after, i, j),
+                ]
+            )
+            for i, (response, held) in enumerate(
+                zip(content.data.responses, content.data.held_out, strict=True)
+            )
+            if held
+            for j, reference in enumerate(content.data.references)
+        ]
+        if rows:
+            shown = m.table(["response / reference", "FRAC before", "FRAC after"], rows)
+            parts.append(
+                shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown)
+            )
+        return "".join(parts)
+
+
+VALIDATION = Validation()
+
+
+def _cell(frac: NDArray[Any] | None, i: int, j: int) -> str:
+    return "–" if frac is None else w.figure_of_agreement(float(frac[i, j]))

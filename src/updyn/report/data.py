@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,10 +18,8 @@ __all__ = [
     "EVALUATION_BUDGET",
     "ReportData",
     "computed",
-    "data_checksum",
     "gather",
     "keep_lines",
-    "model_checksum",
 ]
 
 #: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few
@@ -236,38 +233,3 @@ def keep_lines(
     fitted = wanted if wanted.size <= room // 2 else wanted[:0]
     even = np.linspace(0, n - 1, room - fitted.size).round().astype(np.intp)
     return np.unique(np.concatenate([turns, fitted, even]))
-
-
-def data_checksum(frf: FRF) -> str:
-    """Return the SHA-256 of the data: quantity, labels, lines (float64) and values (complex128), little-endian."""
-    digest = hashlib.sha256()
-    digest.update("\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode())
-    digest.update(np.ascontiguousarray(frf.freq, dtype="<f8").tobytes())
-    digest.update(np.ascontiguousarray(frf.values, dtype="<c16").tobytes())
-    return digest.hexdigest()
-
-
-def model_checksum(model: Model) -> str:
-    """Return the SHA-256 of a model: labels, then by group its name, damping and sparse matrices, little-endian."""
-    digest = hashlib.sha256()
-    digest.update("\n".join(model.dofs.labels).encode())
-    for name, group in model.groups.items():
-        digest.update(f"\n{name}\n{group.loss_factor!r}".encode())
-        for what, value in group.damping.items():
-            if what == "loss_table":
-                digest.update(f"\n{what}".encode())
-                for array in (value.freq, value.relative):
-                    digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-            elif what != "loss_factor":
-                digest.update(f"\n{what} {value!r}".encode())
-        for what in ("stiffness", "mass", "viscous"):
-            matrix = getattr(group, what)
-            digest.update(f"\n{what}".encode())
-            if matrix is not None:
-                for array, dtype in (
-                    (matrix.indptr, "<i8"),
-                    (matrix.indices, "<i8"),
-                    (matrix.data, "<f8"),
-                ):
-                    digest.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
-    return digest.hexdigest()

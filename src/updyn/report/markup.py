@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Iterable, Sequence
-from importlib import resources
-from os import PathLike
-from pathlib import Path
-from typing import Any
 
 __all__ = [
-    "asset",
     "definition_table",
     "details",
-    "embedded_json",
     "esc",
     "figure",
     "note",
@@ -22,18 +15,7 @@ __all__ = [
     "row",
     "swatch",
     "table",
-    "write_page",
 ]
-
-
-def asset(name: str) -> str:
-    """Return the text of a file of the package, safe inside the element that it goes into."""
-    text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
-    return (
-        text.replace("</script", "<\\/script")
-        .replace("</style", "<\\/style")
-        .replace("<!--", "<\\!--")
-    )
 
 
 def esc(text: object) -> str:
@@ -106,23 +88,5 @@ def definition_table(items: Iterable[tuple[str, str]]) -> str:
     return f'<div class="scroll"><table class="long"><tbody>{rows}</tbody></table></div>'
 
 
-def embedded_json(name: str, value: Any) -> str:
-    """Return a script element that holds data; no text inside can end the element or start a comment."""
-    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return f'<script type="application/json" id="{esc(name)}">{text}</script>'
-
-
 def _class(kind: str) -> str:
     return f' class="{esc(kind)}"' if kind else ""
-
-
-def write_page(page: str, path: str | PathLike[str]) -> Path:
-    """Write a page, replaced as a whole once it is complete; return where it is."""
-    from updyn.io.atomic import atomic_path
-
-    target = Path(path)
-    with atomic_path(target) as temporary:
-        Path(temporary).write_text(page, encoding="utf-8", newline="\n")
-    return target

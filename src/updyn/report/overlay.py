@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
 from updyn.report.data import ReportData, keep_lines
-from updyn.report.markup import asset
 from updyn.report.plots import Figure, label, numbers
 from updyn.report.section import Content, Section
+from updyn.report.templates import asset
 from updyn.updating.result import UpdateResult
 
 __all__ = ["DRAWING_BUDGET", "FRFS", "overlay"]

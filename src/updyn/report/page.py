@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import OptionError, suggest
-from updyn.report import markup as m
+from updyn.report.agreement import agreement_figures
+from updyn.report.head import head, joint_head
 from updyn.report.plots import Figure
-from updyn.report.section import Content, objects_shown, sections_of
-from updyn.report.sections import agreement_figures, head
-from updyn.report.sections_tests import joint_head
+from updyn.report.section import Content, Section, objects_shown, sections_of
+from updyn.report.templates import render_template, write_page
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
@@ -22,12 +22,6 @@ __all__ = ["POLICY", "assemble", "render", "write_report"]
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; base-uri 'none'; form-action 'none'"
-)
-
-
-_NO_SCRIPT = (
-    "The figures of this page are drawn by its own scripts, which are switched off here; all tables"
-    " can be read without them."
 )
 
 
@@ -79,7 +73,7 @@ def write_report(
     for name in further:
         if name not in shown:
             raise OptionError(f"{name}: no report section shows it; {suggest(name, sorted(shown))}")
-    return m.write_page(render(result, uncertainty, **further), path)
+    return write_page(render(result, uncertainty, **further), path)
 
 
 def render(
@@ -99,14 +93,14 @@ def render(
     return assemble(content, top, title, version)
 
 
-def assemble(content: Content, top: str, title: str, version: str) -> str:
+def assemble(content: Content, head: str, title: str, version: str) -> str:
     """Return a page with every section that applies to its content.
 
     Parameters
     ----------
     content : Content
         The objects that it shows.
-    top : str
+    head : str
         Its head, HTML.
     title, version : str
         What the browser shows, and the version of updyn that made it.
@@ -116,45 +110,27 @@ def assemble(content: Content, top: str, title: str, version: str) -> str:
     str
         HTML.
     """
+    sections: list[Section] = []
+    bodies: list[str] = []
     figures: dict[str, Figure] = {}
-    contents, body, embedded, scripts = "", "", "", ""
+    embedded: dict[str, Any] = {}
     for section in sections_of(content):
         own = section.figures(content)
         text = section.render(content, own)
-        if not text:
-            continue
-        figures |= own
-        contents += f'<li><a href="#{section.anchor}">{m.esc(section.name)}</a></li>'
-        body += text
-        for name, data in section.embedded(content).items():
-            embedded += m.embedded_json(name, data)
-        scripts += section.script()
-    version = m.esc(version)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="updyn {version}">
-<title>{m.esc(title or "Model update")} – updyn report</title>
-<link rel="icon" href="data:,">
-<style>{m.asset("report.css")}{m.asset("structure.css")}</style>
-<script>{m.asset("watch.js")}</script>
-</head>
-<body>
-{top}
-<nav aria-label="Contents"><ul>{contents}</ul></nav>
-<main>
-<noscript>{m.note(_NO_SCRIPT)}</noscript>
-{body}
-</main>
-<footer>Written by updyn {version}. This page holds all its data and loads nothing from elsewhere.</footer>
-{m.embedded_json("updyn-figures", figures)}
-{embedded}
-<script>{m.asset("plotly-cartesian.min.js")}</script>
-<script>{m.asset("report.js")}updynReport.start();
-{scripts}</script>
-</body>
-</html>
-"""
+        if text:
+            sections.append(section)
+            bodies.append(text)
+            figures |= own
+            embedded |= section.embedded(content)
+    return render_template(
+        "updyn.report/page.html",
+        policy=POLICY,
+        version=version,
+        title=title,
+        head=head,
+        sections=sections,
+        bodies=bodies,
+        figures=figures,
+        embedded=embedded,
+        scripts=[section.script() for section in sections],
+    )

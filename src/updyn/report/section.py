@@ -2,15 +2,17 @@
 
 A page is assembled from the sections in `SECTIONS` that apply to its content, in the order of
 their `Section.place`. To add one, also from another package, derive a class from `Section` and
-register an instance, or where one is found (``"module:attribute"``)::
+register an instance, or where one is found (``"module:attribute"``); its template is
+``my_package/templates/mounts.html``, see `updyn.report.templates`::
 
     class Mounts(Section):
         anchor = "mounts"
         name = heading = "Mounts"
         place = 450
+        template = "my_package/mounts.html"
 
-        def body(self, content, figures):
-            return paragraph(f"{len(content.further['mounts'])} mounts")
+        def context(self, content):
+            return {"mounts": content.further["mounts"]}
 
     SECTIONS.register("mounts.table", "my_package.mounts:MOUNTS")
     updyn.write_report(result, "report.html", mounts=found)
@@ -22,7 +24,6 @@ about the update itself. The group of entry points is ``updyn.report_sections``.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,8 +31,8 @@ from typing import Any, ClassVar
 
 from updyn.registry import Registry
 from updyn.report.data import ReportData, gather
-from updyn.report.markup import esc
 from updyn.report.plots import Figure
+from updyn.report.templates import render_template
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
@@ -57,9 +58,7 @@ class Content:
         """Results by the name of their test; a single one has no name."""
         if self.update is None:
             return {}
-        if isinstance(self.update, JointResult):
-            return self.update.results
-        return {"": self.update}
+        return self.update.results
 
     @property
     def of_one_test(self) -> bool:
@@ -87,8 +86,8 @@ class Content:
         return gather(self.result)
 
 
-class Section(ABC):
-    """One section of a page; derive from it, set its attributes and define `body`.
+class Section:
+    """One section of a page; derive from it, set its attributes and define `context`.
 
     Attributes
     ----------
@@ -101,12 +100,15 @@ class Section(ABC):
     place : float
         Sections are shown in ascending order of it. The built-in ones have the hundreds 100 to
         1200; ``provenance``, the last, has 9000.
+    template : str
+        Package and file of its template, as `updyn.report.templates` has it.
     """
 
     anchor: ClassVar[str]
     name: ClassVar[str]
     heading: ClassVar[str]
     place: ClassVar[float]
+    template: ClassVar[str]
 
     def applies(self, content: Content) -> bool:
         """Whether a page with this content has the section; by default that of one test has."""
@@ -116,22 +118,26 @@ class Section(ABC):
         """Return its figures as plotly data, by a name that is unique in the page."""
         return {}
 
-    @abstractmethod
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return what the template refers to, by name; ``figures`` is added to it."""
+        return {}
+
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return its HTML below the heading.
+        """Return the HTML below the heading, by default that of the template.
 
         Parameters
         ----------
         content : Content
             The objects that the page shows.
         figures : mapping of str to Figure
-            What `figures` returned. `updyn.report.markup.figure` returns the place of a figure.
+            The figures of the section.
 
         Returns
         -------
         str
-            HTML. Where it is empty the section is left out.
+            HTML. Where it is blank the section is left out.
         """
+        return render_template(self.template, figures=figures, **self.context(content))
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return data for its scripts, ready for JSON, by the id of the element that holds them."""
@@ -142,11 +148,11 @@ class Section(ABC):
         return ""
 
     def render(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return the section as HTML; empty where its body is."""
+        """Return the section as HTML; empty where its body is blank."""
         body = self.body(content, figures)
-        if not body:
+        if not body.strip():
             return ""
-        return f'<section id="{esc(self.anchor)}"><h2>{esc(self.heading)}</h2>{body}</section>'
+        return render_template("updyn.report/section.html", section=self, body=body)
 
 
 #: Sections by name, each loaded when a page needs it.
@@ -154,21 +160,21 @@ SECTIONS: Registry[Section] = Registry(
     "report section",
     "updyn.report_sections",
     {
-        "tests": "updyn.report.sections_tests:TESTS",
+        "tests": "updyn.report.head:TESTS",
         "frfs": "updyn.report.overlay:FRFS",
-        "agreement": "updyn.report.sections:AGREEMENT",
+        "agreement": "updyn.report.agreement:AGREEMENT",
         "structure": "updyn.report.structure:STRUCTURE",
-        "unknowns": "updyn.report.sections_unknowns:UNKNOWNS",
-        "uncertainty.intervals": "updyn.report.sections_uncertainty:UNCERTAINTY",
-        "identifiability": "updyn.report.sections_unknowns:IDENTIFIABILITY",
-        "held": "updyn.report.sections_held:HELD",
-        "convergence": "updyn.report.sections_unknowns:CONVERGENCE",
-        "validation": "updyn.report.sections_record:VALIDATION",
-        "model-error": "updyn.report.sections_residual:MODEL_ERROR",
-        "noise": "updyn.report.sections_record:NOISE",
-        "plant.plant": "updyn.control.report.plant_sections:PLANT",
-        "plant.servo": "updyn.control.report.servo_sections:SERVO",
-        "provenance": "updyn.report.sections_record:PROVENANCE",
+        "unknowns": "updyn.report.unknowns:UNKNOWNS",
+        "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
+        "identifiability": "updyn.report.unknowns:IDENTIFIABILITY",
+        "held": "updyn.report.regularisation:HELD",
+        "convergence": "updyn.report.unknowns:CONVERGENCE",
+        "validation": "updyn.report.agreement:VALIDATION",
+        "model-error": "updyn.report.residual:MODEL_ERROR",
+        "noise": "updyn.report.residual:NOISE",
+        "plant.plant": "updyn.control.report.plant:PLANT",
+        "plant.servo": "updyn.control.report.servo:SERVO",
+        "provenance": "updyn.report.provenance:PROVENANCE",
         "comparison.table": "updyn.report.comparison:METHODS",
         "comparison.frfs": "updyn.report.comparison:FRFS",
         "comparison.bars": "updyn.report.comparison:BARS",

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, with_prior
 
 __all__ = [
@@ -65,13 +65,13 @@ class Likelihood:
 
     Attributes
     ----------
-    problem : Task
+    problem : Problem
         Model, data and unknowns.
     residual : Each
         Output errors in units of the noise.
     """
 
-    problem: Task
+    problem: Problem
     residual: Each
 
     @property

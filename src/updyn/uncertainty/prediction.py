@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, OptionError, SolverError, suggest
+from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.noise import Stated, level_by_unit
-from updyn.updating.problem.problem import Problem
-from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.problem.problem import Part
+from updyn.updating.result import JointResult, UpdateResult, result_of_test
 
 __all__ = [
     "Band",
@@ -51,7 +51,7 @@ def predict(
     ----------
     source : UpdateResult, JointResult or Draws
         An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws
-        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly chosen.
+        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly positions_of.
     freq : array_like of float, shape (n_f,)
         Lines in Hz, also others than were measured.
     responses, references : iterable of str or Dof
@@ -97,32 +97,16 @@ def predict(
         raise OptionError(
             "these draws were read from a file; give them their update first: draws.of(result)"
         )
-    assert not isinstance(about, Draws)
-    result = _chosen(about, test)
+    if not isinstance(about, UpdateResult | JointResult):
+        found = type(about).__name__
+        raise OptionError(f"expected the result of an update or draws, found {found}")
+    result = result_of_test(about, test)
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(np.array([result.values[n] for n in result.parameters.names]))
     variance = _noise(result, problem, x) if noise else None
     if draws is not None:
         return _from_draws(problem, x, draws, level, variance, seed)
-    assert about is not None
     return _from_laplace(problem, x, about, result, level, variance)
-
-
-def _chosen(about: UpdateResult | JointResult | None, test: str | None) -> UpdateResult:
-    if isinstance(about, JointResult):
-        if test is None or test not in about.results:
-            raise OptionError(
-                f"test = {test!r}: which test's model is to answer?"
-                f" {suggest(str(test), about.results)}"
-            )
-        return about.results[test]
-    if not isinstance(about, UpdateResult):
-        raise OptionError(
-            f"expected the result of an update or draws, found {type(about).__name__}"
-        )
-    if test is not None:
-        raise OptionError(f"test = {test!r}: this update has one test only")
-    return about
 
 
 def _problem(
@@ -133,15 +117,15 @@ def _problem(
     quantity: str | None,
     *,
     as_read: bool,
-) -> Problem:
+) -> Part:
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
     # A structure knows no calibration factors; a measurement by the same sensors will.
-    return replace(Problem.build(result.start, frf, result.parameters), as_read=as_read)
+    return replace(Part.build(result.start, frf, result.parameters), as_read=as_read)
 
 
-def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:
+def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
     """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of the prediction squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
@@ -149,22 +133,22 @@ def _noise(result: UpdateResult, problem: Problem, x: _Real) -> _Real:
             f"noise: that of the fit ({kind or 'not known'}) is known at the measured values only;"
             " leave it out of the band, or update with noise that is stated or estimated"
         )
-    if result.noise.get("floor") and problem.frf.quantity != result.frf.quantity:
+    if result.noise.get("floor") and part.frf.quantity != result.frf.quantity:
         raise OptionError(
             f"noise: its floor is known for {result.frf.quantity}; predict that quantity"
         )
     stated = Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
-    H = problem.responses(x)
+    H = part.responses(x)
     # The floor is a share of the level of what was measured in the same unit.
     measured = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     levels = level_by_unit(measured)[0]
     kinds = _units(measured)
     level = np.zeros(H.shape[1:])
     for at in np.ndindex(*level.shape):
-        like = levels[kinds == _units(problem.frf)[at]]
+        like = levels[kinds == _units(part.frf)[at]]
         if not like.size and stated.floor > 0.0:
             raise OptionError(
-                f"noise: nothing was measured in the unit of {problem.frf.responses[at[0]]}"
+                f"noise: nothing was measured in the unit of {part.frf.responses[at[0]]}"
             )
         level[at] = like[0] if like.size else 0.0
     inflation = float(result.noise.get("inflation", 1.0)) ** 2
@@ -180,15 +164,15 @@ def _units(frf: FRF) -> NDArray[np.int_]:
 
 
 def _from_laplace(
-    problem: Problem,
+    part: Part,
     x: _Real,
     about: UpdateResult | JointResult,
     result: UpdateResult,
     level: float,
     noise: _Real | None,
 ) -> Band:
-    H, dH = _solved(problem, x)
-    covariance, free = _covariance(problem, x, about, result)
+    H, dH = _solved(part, x)
+    covariance, free = _covariance(part, x, about, result)
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.einsum("kfij,kl->lfij", dH, free)
         opens = (np.abs(moved) > _OPEN * np.abs(H)).any(axis=0)
@@ -213,36 +197,36 @@ def _from_laplace(
         )
     angle = np.angle(H)
     return Band(
-        _frf(problem, H), level, "Laplace", noise is not None,
+        _frf(part, H), level, "Laplace", noise is not None,
         low, high, angle - turn, angle + turn, np.sqrt(rr), np.sqrt(ii),
     )  # fmt: skip
 
 
 def _covariance(
-    problem: Problem, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
+    part: Part, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
 ) -> tuple[_Real, NDArray[np.float64]]:
     """Return the covariance of what is determined, in x, and the open directions, by column."""
-    slope = problem.coordinates.slope(x)
+    slope = part.coordinates.slope(x)
     if np.isfinite(result.covariance).all():
         return result.covariance / slope / slope[:, None], np.zeros((len(x), 0))
     setting = restore(about)
     local = setting.likelihood().local(setting.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
-    found = analyse(local.R, problem.coordinates.parameters.names)
+    found = analyse(local.R, part.coordinates.parameters.names)
     return found.covariance, found.open
 
 
-def _solved(problem: Problem, x: _Real) -> tuple[_Complex, _Complex]:
+def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
-    blocks = list(problem.blocks(x))
+    blocks = list(part.blocks(x))
     return np.concatenate([b.H for b in blocks]), np.concatenate(
         [b.dH for b in blocks if b.dH is not None], axis=1
     )
 
 
 def _from_draws(
-    problem: Problem, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int
+    part: Part, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int
 ) -> Band:
     values = draws.values
     if len(values) < 2:
@@ -250,8 +234,8 @@ def _from_draws(
     at = np.unique(
         np.linspace(0, len(values) - 1, min(_DRAWS, len(values))).round().astype(np.intp)
     )
-    H = problem.responses(x)
-    drawn = np.array([problem.responses(problem.coordinates.to_x(values[i])) for i in at])
+    H = part.responses(x)
+    drawn = np.array([part.responses(part.coordinates.to_x(values[i])) for i in at])
     if noise is not None:
         normal = np.random.default_rng(seed).standard_normal((2, *drawn.shape)) / np.sqrt(2.0)
         drawn = drawn + np.sqrt(noise) * (normal[0] + 1j * normal[1])
@@ -263,13 +247,13 @@ def _from_draws(
     )  # nearest to the prediction, whatever the branch
     left, right = np.quantile(turned, tails, axis=0)
     return Band(
-        _frf(problem, H), level, draws.kind, noise is not None,
+        _frf(part, H), level, draws.kind, noise is not None,
         low, high, left, right, drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
     )  # fmt: skip
 
 
-def _frf(problem: Problem, H: _Complex) -> FRF:
-    return replace(problem.frf, values=H)
+def _frf(part: Part, H: _Complex) -> FRF:
+    return replace(part.frf, values=H)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

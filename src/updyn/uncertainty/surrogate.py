@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point
-from updyn.uncertainty.setting import Setting
+from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import reduction_of
-from updyn.updating.problem.problem import Task, together
+from updyn.updating.problem.problem import Problem
 
 __all__ = ["Surrogate", "reduced_about"]
 
@@ -35,13 +35,13 @@ class Surrogate:
 
     Parameters
     ----------
-    exact : Task
+    exact : Problem
         The whole models.
     accuracy : float
         Wanted: the error of a receptance as a share of the largest of its line.
     """
 
-    exact: Task
+    exact: Problem
     accuracy: float
     _reductions: list[Reduction] = field(init=False)
 
@@ -82,10 +82,12 @@ class Surrogate:
                     if number == 0:
                         raise
 
-    def task(self) -> Task:
+    def task(self) -> Problem:
         """Return the problem with the reduced models as they are."""
         pairs = zip(self.exact.parts, self._reductions, strict=True)
-        return together([replace(p, solver=r.solver(f"reduced, {r.basis.size}")) for p, r in pairs])
+        return Problem.of(
+            [replace(p, solver=r.solver(f"reduced, {r.basis.size}")) for p, r in pairs]
+        )
 
     def error(self, x: _Vector) -> float:
         """Return the largest error at a point, as a share of the largest receptance of a line; inf where not solved."""
@@ -98,12 +100,14 @@ class Surrogate:
             return np.inf
 
 
-def reduced_about(setting: Setting, accuracy: float, seed: int) -> tuple[Surrogate | None, Setting]:
+def reduced_about(
+    setting: RestoredFit, accuracy: float, seed: int
+) -> tuple[Surrogate | None, RestoredFit]:
     """Return the setting, a model too large for dense matrices reduced about its estimate.
 
     Parameters
     ----------
-    setting : Setting
+    setting : RestoredFit
         An update that has ended.
     accuracy : float
         Of the reduced model.

@@ -21,18 +21,17 @@ from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
 from updyn.updating.fit.journal import Journal, fingerprint
 from updyn.updating.fit.method import Fit, Method
-from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.assessment import Judgement, judge
 from updyn.updating.judge.verdict import verdict
-from updyn.updating.problem.channels import check_method
 from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult
@@ -118,7 +117,7 @@ def run(
     unknowns = selection.parameters
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
-    check_method(unknowns, options.method, strategy)
+    check_channels(unknowns, strategy)
     # A validation that can be iterated only once is read here, for the fit and for the fingerprint.
     tests = [
         test if test.validation is None else replace(test, validation=list(test.validation))  # type: ignore[arg-type]
@@ -135,7 +134,7 @@ def run(
         reducing = is_reduced(options.tier, largest, n_lines, options.method)
         check_regularise(options.regularise, options.method, reducing=reducing)
         problems = [
-            Problem.build(
+            Part.build(
                 test.model,
                 split.fitted,
                 unknowns,
@@ -146,11 +145,11 @@ def run(
             )
             for test, split in zip(tests, splits, strict=True)
         ]
-        whole = together(problems)
+        whole = Problem.of(problems)
         reduced = None
         if reducing:
             all_data = [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
-            reduced = Reducing(together(all_data), options.accuracy)
+            reduced = Reducing(Problem.of(all_data), options.accuracy)
         used = [
             _used(strategy, test, problem, options, reducing=reducing)
             for test, problem in zip(tests, problems, strict=True)
@@ -203,14 +202,14 @@ def run(
 
 
 def _used(
-    strategy: Method, test: Test, problem: Problem, options: RunOptions, *, reducing: bool
+    strategy: Method, test: Test, part: Part, options: RunOptions, *, reducing: bool
 ) -> dict[str, Any]:
     """Return the options as they are used for a test, for its record."""
     used = {key: getattr(strategy, key) for key in options_of(options.method)}
     plain = isinstance(test.lines, str) or test.lines is None
     used["lines"] = test.lines if plain else "list"
-    used["tier"] = "reduced" if reducing else problem.solver.tier
-    used["backend"] = problem.solver.backend if problem.solver.tier == "sparse" else "lapack"
+    used["tier"] = "reduced" if reducing else part.solver.tier
+    used["backend"] = part.solver.backend if part.solver.tier == "sparse" else "lapack"
     return used
 
 
@@ -229,7 +228,7 @@ def _decisive(
 
 
 def _common(
-    problem: Task, found: Judgement, selection: Selection, options: RunOptions, monitor: Monitor
+    problem: Problem, found: Judgement, selection: Selection, options: RunOptions, monitor: Monitor
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
@@ -290,11 +289,9 @@ def _listed(lines: Lines) -> object:
     return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
 
 
-def _solved(problem: Problem, reduced: Reducing | None) -> dict[str, Any]:
+def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     """Return, for the record, how it was solved beyond what was asked for."""
-    return (
-        fallback(problem.solver.used, problem.solver.backend) if reduced is None else reduced.record
-    )
+    return fallback(part.solver.used, part.solver.backend) if reduced is None else reduced.record
 
 
 def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
@@ -306,13 +303,13 @@ def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
 
 
 def _fitted(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit; return the problem on these lines, too.
 
     A line that is a natural frequency of an undamped model where it starts says nothing against
@@ -333,7 +330,7 @@ def _fitted(
         return found
 
 
-def _beside_start(whole: Task) -> Task:
+def _beside_start(whole: Problem) -> Problem:
     """Return the problem with its start moved a little, each unknown by another amount.
 
     Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
@@ -345,17 +342,17 @@ def _beside_start(whole: Task) -> Task:
     step = _ASIDE * share * sign
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     moved = coordinates.moved(x + step)
-    return together([replace(part, coordinates=moved) for part in whole.parts])
+    return Problem.of([replace(part, coordinates=moved) for part in whole.parts])
 
 
 def _fitted_from_start(
-    whole: Task,
+    whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
     reduced: Reducing | None,
-) -> tuple[Task, Fit]:
+) -> tuple[Problem, Fit]:
     """Choose the lines and fit.
 
     Raises
@@ -369,7 +366,7 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = together(
+            problem = Problem.of(
                 [on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)]
             )
             monitor.problem = problem

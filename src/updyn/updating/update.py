@@ -22,7 +22,7 @@ from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.lines import on_lines
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import RunOptions, run
@@ -278,9 +278,7 @@ def joint_identifiability(
         [replace(test, model=chosen.start_of(test.model)) for test in tests],
     )
     check(tests, parameters)
-    parts = [
-        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
-    ]
+    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
     noises = [choose_noise(test.noise, test.frf) for test in tests]
-    analysis, advice = at_start(together(parts), noises)
+    analysis, advice = at_start(Problem.of(parts), noises)
     return replace(analysis.report, advice=advice)

@@ -7,14 +7,12 @@ Adding a format is one new module in this folder, with ``write_plant(plant, path
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from updyn.control.plant import Plant
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.formats import Format, load
 from updyn.io.items import existing
-
-if TYPE_CHECKING:
-    from updyn.control.plant import Plant
 
 __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
@@ -49,8 +47,6 @@ def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) ->
     FormatError
         If no format fits, or the file cannot be written.
     """
-    from updyn.control.plant import Plant
-
     if not isinstance(plant, Plant):
         raise OptionError(f"expected a plant, found {type(plant).__name__}")
     load(plant_format(Path(path), "write_plant", format)).write_plant(plant, path)

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.build import ConversionError, conversions, plant
+from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
-from updyn.control.job.plant_tables import PlantTable
-from updyn.control.job.servo_tables import ServoTable
+from updyn.control.job.servo import Nonlinear, drive_of, nonlinear_of, servo_of
+from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.plant import Plant
-from updyn.errors import InputError, JobError, ToleranceError, UpdynError
+from updyn.control.ports import port_matrix
+from updyn.control.sampled import sampled
+from updyn.control.servo.drive import DriveFigures
+from updyn.control.servo.record import Servo
+from updyn.control.weight import UncertaintyWeight, uncertainty_weight
+from updyn.errors import ToleranceError, UpdynError, key_path
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 from updyn.model import Model
 
 if TYPE_CHECKING:
-    from updyn.control.build import ConversionError
-    from updyn.control.family import PlantFamily
-    from updyn.control.job.nonlinear import Nonlinear
-    from updyn.control.servo.drive_figures import DriveFigures
-    from updyn.control.servo.record import Servo
-    from updyn.control.weight import UncertaintyWeight
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
 
@@ -170,13 +170,11 @@ def planted_of(
     SolverError
         If the model has no answer at a line.
     """
-    from updyn.updating.result import JointResult
-
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)
     assert table is not None
     test = ready.tests[number]
-    one = result.results[test.name] if isinstance(result, JointResult) else result
+    one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
     band = band_of_plant(job, test.frf)
     told = say if say is not None else lambda _: None
@@ -226,17 +224,15 @@ def _servo(
     strict: bool,
 ) -> tuple[dict[str, Any], str]:
     """Return drive and servo, and why one of them is not there."""
-    from updyn.control.job.nonlinear import nonlinear_of
-    from updyn.control.job.servo import drive_of, servo_of
-
     out: dict[str, Any] = {}
     try:
-        out["drive"] = drive_of(job, model, band)
-        if plant is not None:
-            out["servo"] = found = servo_of(job, plant)
-            if found is not None:
-                nominal = plant if isinstance(plant, Plant) else plant.nominal
-                out["nonlinear"] = nonlinear_of(job, model, nominal, found)
+        with job.located():
+            out["drive"] = drive_of(job, model, band)
+            if plant is not None:
+                out["servo"] = found = servo_of(job, plant)
+                if found is not None:
+                    nominal = plant if isinstance(plant, Plant) else plant.nominal
+                    out["nonlinear"] = nonlinear_of(job, model, nominal, found)
     except UpdynError as error:
         if strict:
             raise
@@ -267,37 +263,23 @@ def _of_the_test(ready: Prepared, number: int) -> str:
 
 # -- parts -----------------------------------------------------------------------------------------------------
 def _side_by_side(job: Job, model: Model, given: dict[str, Any]) -> tuple[ConversionError, ...]:
-    from updyn.control.build import conversions
 
-    with _located(job):
+    with key_path("plant"):
         return conversions(model, **given)
 
 
 def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, str]:
     """Return the plant; where no order holds the tolerance, why there is none."""
-    from updyn.control.build import plant
-
     table = job.table(PlantTable)
     assert table is not None
     try:
-        with _located(job):
+        with key_path("plant"):
             return plant(model, tolerance=table.tolerance, route=table.route, **given), ""
     except ToleranceError as error:
         return None, str(error)
 
 
-@contextmanager
-def _located(job: Job) -> Iterator[None]:
-    try:
-        yield
-    except (JobError, ToleranceError):
-        raise
-    except InputError as error:
-        raise job.error_about(str(error), "plant") from error
-
-
 def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
-    from updyn.control.ports import port_matrix
     from updyn.dynamics.response import response
     from updyn.frf import QUANTITIES
 
@@ -342,16 +324,13 @@ def lines_of(plant: Plant) -> _Real:
 
 
 def _sampled(job: Job, made: Plant) -> Plant:
-    from updyn.control.sampled import sampled
 
     table = job.table(PlantTable)
     assert table is not None
     wish = table.sampling
     assert wish is not None
-    try:
+    with key_path("plant", "sampling"):
         return sampled(made, wish.dt, method=wish.method, delay=wish.delay)
-    except InputError as error:
-        raise job.error_about(str(error), "plant", "sampling") from error
 
 
 def _family(
@@ -365,7 +344,6 @@ def _family(
             None,
             "There is no family: the model is not updated, so nothing is known of how sure it is.",
         )
-    from updyn.control.family import plant_family
 
     how: dict[str, Any] = {
         "n": wish.family,
@@ -384,8 +362,6 @@ def _weights(
     job: Job, family: PlantFamily
 ) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
     """Return a weight for each channel of the servo's loops, or for each channel of the plant; and what is missing."""
-    from updyn.control.weight import uncertainty_weight
-
     servo, everything = (
         job.table(ServoTable),
         list(np.ndindex(len(family.outputs), len(family.inputs))),

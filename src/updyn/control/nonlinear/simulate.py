@@ -1,29 +1,462 @@
-"""`simulate`: the loop with its nonlinearity in time, exact but for rounding."""
+"""A loop with backlash or friction as pieces, each linear, with the borders at which one gives way to the next.
+
+The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
+1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
+are not negative.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.nonlinear.around import Around, around
 from updyn.control.nonlinear.balance import LimitCycle
-from updyn.control.nonlinear.elements import Backlash, Nonlinearity
-from updyn.control.nonlinear.pieces import Rules, rules
-from updyn.control.nonlinear.settled import Settled, settled
-from updyn.control.nonlinear.stepping import march
+from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace
-from updyn.errors import OptionError, suggest
+from updyn.errors import OptionError, SolverError, suggest
 from updyn.group import is_number
 
-__all__ = ["Simulation", "simulate"]
+__all__ = [
+    "BackwardsAndForwards",
+    "March",
+    "Piece",
+    "Rules",
+    "Settled",
+    "Simulation",
+    "StickAndSlip",
+    "march",
+    "rules",
+    "settled",
+    "simulate",
+]
 
 _Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """One linear piece.
+
+    Attributes
+    ----------
+    name : str
+        ``"gap"``, ``"contact +"``, ``"contact -"``; ``"stick"``, ``"slip +"``, ``"slip -"``.
+    F : ndarray of float, shape (m, m)
+    borders : ndarray of float, shape (n_b, m)
+    w : ndarray of float, shape (m,)
+        Torque on the plant.
+    z : ndarray of float, shape (m,)
+        What the nonlinearity reads.
+    """
+
+    name: str
+    F: _Real
+    borders: _Real
+    w: _Real
+    z: _Real
+
+
+class Rules(ABC):
+    """The pieces of a loop, which comes first, and which comes next.
+
+    Parameters
+    ----------
+    system : Around
+        The loop.
+    constant : ndarray of float, shape (n_e,)
+        Its entries, held.
+    extra : int
+        States besides those of the loop.
+    """
+
+    pieces: Mapping[str, Piece]
+
+    def __init__(self, system: Around, constant: _Real, extra: int) -> None:
+        n = len(system.A)
+        self.n, self.size = n, n + extra + 1
+        self.base = np.zeros((self.size, self.size))
+        self.base[:n, :n] = system.A
+        self.base[:n, -1] = system.E @ constant
+        self.push = np.zeros(self.size)
+        self.push[:n] = system.B
+        self.read = np.zeros(self.size)
+        self.read[:n] = system.C
+        self.read[-1] = float(system.G @ constant)
+        self.one = np.zeros(self.size)
+        self.one[-1] = 1.0
+
+    def state(self, x: _Real) -> _Real:
+        """Return (x, 0, 1)."""
+        return np.concatenate([x, np.zeros(self.size - self.n - 1), [1.0]])
+
+    @abstractmethod
+    def first(self, X: _Real) -> str:
+        """Return the piece in which a state lies."""
+
+    @abstractmethod
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return what follows when a border is crossed, and the state there."""
+
+
+class BackwardsAndForwards(Rules):
+    """Backlash: gap and two flanks."""
+
+    def __init__(self, system: Around, law: Backlash, constant: _Real) -> None:
+        damped = law.damping > 0.0
+        super().__init__(system, constant, int(damped))
+        self.law, self.damped = law, damped
+        self.pieces = {"gap": self._gap()} | {
+            f"contact {'+' if s > 0 else '-'}": self._contact(
+                s, system.D, float(system.C @ system.B)
+            )
+            for s in (1.0, -1.0)
+        }
+
+    def _gap(self) -> Piece:
+        F, way = self.base.copy(), self.read.copy()
+        if self.damped:
+            F[self.n, self.n] = -self.law.stiffness / self.law.damping
+            way[self.n] -= 1.0  # the flanks' way is the twist less that of the shaft
+        borders = np.array([self.law.half * self.one - way, self.law.half * self.one + way])
+        return Piece("gap", F, borders, np.zeros(self.size), self.read)
+
+    def _contact(self, s: float, D: float, push: float) -> Piece:
+        k, c = self.law.stiffness, self.law.damping
+        shaft = self.read - s * self.law.half * self.one
+        if c == 0.0:
+            T = k * shaft / (1.0 + k * D)
+        elif D == 0.0:
+            T = (k * shaft + c * (self.read @ self.base)) / (1.0 + c * push)
+        else:
+            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is a state
+            # of its own.
+            T = shaft / D
+            T[self.n] -= 1.0 / D
+        F = self.base - np.outer(self.push, T)
+        if c > 0.0 and D != 0.0:
+            F[self.n] = T / c
+            F[self.n, self.n] -= k / c
+        return Piece(f"contact {'+' if s > 0 else '-'}", F, s * T[None], -T, self.read - D * T)
+
+    def first(self, X: _Real) -> str:
+        """Return the gap, or the flank that is pressed."""
+        way = float(self.read @ X)
+        return "gap" if abs(way) <= self.law.half else "contact +" if way > 0 else "contact -"
+
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return the flank that is met, or the gap, in which the shaft begins with its last twist."""
+        if piece == "gap":
+            return ("contact +", "contact -")[border], X
+        if self.damped:
+            s = 1.0 if piece == "contact +" else -1.0
+            X = X.copy()
+            X[self.n] = float(self.pieces[piece].z @ X) - s * self.law.half
+        return "gap", X
+
+
+class StickAndSlip(Rules):
+    """Friction: rest and two senses of motion."""
+
+    def __init__(self, system: Around, law: CoulombFriction, constant: _Real) -> None:
+        super().__init__(system, constant, 0)
+        self.law = law
+        self.gain = float(self.read @ self.push)
+        hold = -(self.read @ self.base) / self.gain  # the torque that keeps the velocity at 0
+        self.hold = hold
+        limits = np.array([law.sticks * self.one - hold, law.sticks * self.one + hold])
+        stick = Piece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
+        self.pieces = {"stick": stick} | {
+            f"slip {'+' if s > 0 else '-'}": self._slip(s, law.level) for s in (1.0, -1.0)
+        }
+
+    def _slip(self, s: float, level: float) -> Piece:
+        w = -s * level * self.one
+        return Piece(
+            f"slip {'+' if s > 0 else '-'}",
+            self.base + np.outer(self.push, w),
+            s * self.read[None],
+            w,
+            self.read,
+        )
+
+    def first(self, X: _Real) -> str:
+        """Return the sense of motion, or what comes of rest."""
+        v = float(self.read @ X)
+        return "slip +" if v > 0 else "slip -" if v < 0 else self._at_rest(X)
+
+    def _at_rest(self, X: _Real) -> str:
+        held = float(self.hold @ X)
+        return "stick" if abs(held) <= self.law.sticks else "slip -" if held > 0 else "slip +"
+
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return the sense in which it breaks away, or what comes of rest."""
+        if piece == "stick":
+            return ("slip -", "slip +")[border], X
+        # What bisection left of the velocity is taken out, along the torque.
+        X = X - self.push * float(self.read @ X) / self.gain
+        return self._at_rest(X), X
+
+
+def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
+    """Return the pieces of a loop.
+
+    Parameters
+    ----------
+    system : Around
+        The loop.
+    nonlinearity : Backlash or CoulombFriction
+        What acts.
+    constant : ndarray of float, shape (n_e,)
+        Its entries, held.
+    """
+    if isinstance(nonlinearity, Backlash):
+        return BackwardsAndForwards(system, nonlinearity, constant)
+    return StickAndSlip(system, nonlinearity, constant)
+
+
+_HALVINGS = 44
+_BLOCK = 64
+_AT_ONCE = 200  # switches within one step: chatter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class March:
+    """A way through pieces.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (n_t,)
+        In s: every step, and every switch.
+    states : ndarray of float, shape (n_t, m)
+    piece : ndarray of int, shape (n_t,)
+        Position in `names` of the piece that holds from that time on.
+    names : tuple of str
+    switches : ndarray of float, shape (n_s,)
+        Times in s.
+    """
+
+    time: _Real
+    states: _Real
+    piece: NDArray[np.intp]
+    names: tuple[str, ...]
+    switches: _Real
+
+
+class _Exact:
+    """The exponentials of one piece."""
+
+    def __init__(self, piece: Piece, step: float) -> None:
+        self.piece = piece
+        once = scipy.linalg.expm(piece.F * step)
+        powers = [once]
+        for _ in range(_BLOCK - 1):
+            powers.append(powers[-1] @ once)
+        self.powers = np.array(powers)
+        self.halves = np.array(
+            [scipy.linalg.expm(piece.F * step * 0.5**i) for i in range(1, _HALVINGS + 1)]
+        )
+
+    def crossing(self, X: _Real) -> tuple[float, _Real, int]:
+        """Return the share of the step at which the first border is crossed, the state just after, and the border."""
+        share = 0.0
+        for i, half in enumerate(self.halves, 1):
+            tried = half @ X
+            if (self.piece.borders @ tried >= 0.0).all():
+                X, share = tried, share + 0.5**i
+        after = self.halves[-1] @ X
+        return share + 0.5**_HALVINGS, after, int(np.argmin(self.piece.borders @ after))
+
+
+def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
+    """Follow a loop through its pieces.
+
+    Parameters
+    ----------
+    rules : Rules
+        Pieces and what follows what.
+    start : ndarray of float, shape (m,)
+        State at time 0.
+    duration, step : float
+        In s; the last whole step ends it.
+
+    Returns
+    -------
+    March
+
+    Raises
+    ------
+    SolverError
+        If pieces change without end within one step, or the state grows beyond all numbers.
+    """
+    exact = {name: _Exact(piece, step) for name, piece in rules.pieces.items()}
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _followed(rules, exact, start, duration, step)
+
+
+def _followed(
+    rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
+) -> March:
+    names = tuple(rules.pieces)
+    now, X, t = rules.first(start), start, 0.0
+    times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
+    switches: list[float] = []
+    while (left := min(int((duration - t) / step + 1e-9), _BLOCK)) > 0:
+        at = exact[now]
+        ahead = at.powers[:left] @ X
+        crossed = (ahead @ at.piece.borders.T < 0.0).any(axis=1)
+        n = int(np.argmax(crossed)) if crossed.any() else left
+        if n:
+            times.append(t + step * np.arange(1, n + 1))
+            states.append(ahead[:n])
+            pieces.append(np.full(n, names.index(now)))
+            t, X = t + n * step, ahead[n - 1]
+        if n < left:
+            share, X, border = at.crossing(X)
+            t += share * step
+            now, X = rules.after(now, border, X)
+            switches.append(t)
+            times.append(np.array([t]))
+            states.append(X[None])
+            pieces.append(np.array([names.index(now)]))
+            if len(switches) > _AT_ONCE and t - switches[-_AT_ONCE] < step:
+                raise SolverError(
+                    f"simulation: {_AT_ONCE} changes between {names[0]!r} and others within"
+                    f" {step:.3g} s at {t:.6g} s: the loop chatters there"
+                )
+        if not np.isfinite(X).all():
+            raise SolverError(
+                f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable"
+            )
+    return March(
+        np.concatenate(times),
+        np.concatenate(states),
+        np.concatenate(pieces).astype(np.intp),
+        names,
+        np.array(switches),
+    )
+
+
+_STEADY = 0.01  # spread of the last periods
+_SMALL = 0.2  # share of the whole series below which what is left has decayed
+_PERIODS = 5
+_LAST = 0.4  # share of the time that is looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """The end of an oscillation.
+
+    Attributes
+    ----------
+    verdict : str
+        As of a `Simulation`.
+    amplitude, peak, frequency : float or None
+        First harmonic, half of peak to peak, and Hz.
+    periods : int
+        Over which they were taken.
+    """
+
+    verdict: str
+    amplitude: float | None = None
+    peak: float | None = None
+    frequency: float | None = None
+    periods: int = 0
+
+
+def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
+    """Judge the end of a series.
+
+    Parameters
+    ----------
+    time : ndarray of float, shape (n_t,)
+        In s, not falling.
+    z : ndarray of float, shape (n_t,)
+        What the nonlinearity reads.
+    switches : ndarray of float
+        Times at which contact or sticking changed.
+    half : float
+        Half the gap of a backlash; 0 for friction.
+    """
+    end = float(time[-1])
+    first = int(np.searchsorted(time, (1.0 - _LAST) * end))
+    t, y = time[first:], z[first:]
+    span, whole = float(np.ptp(y)), float(np.ptp(z))
+    if span <= 1e-9 * max(float(np.abs(z).max()), half):
+        return Settled("at rest")
+    if not len(switches) or switches[-1] < t[0]:
+        # Nothing touches any more: a swing within the gap, or a drift.
+        return (
+            _trend(t, y, whole)
+            if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2])
+            else Settled("decays")
+        )
+    starts = _rises(t, y - 0.5 * (y.max() + y.min()))
+    if len(starts) < 3:
+        return _trend(t, y, whole)
+    lengths = np.diff(starts)
+    tops = np.array([np.ptp(y[(t >= a) & (t <= b)]) / 2 for a, b in pairwise(starts)])
+    n = min(len(lengths), 4 * _PERIODS)
+    lengths, tops = lengths[-n:], tops[-n:]
+    if (
+        n >= _PERIODS
+        and np.ptp(tops) <= _STEADY * tops[-1]
+        and np.ptp(lengths) <= _STEADY * lengths[-1]
+    ):
+        a, b = float(starts[-n - 1]), float(starts[-1])
+        frequency = n / (b - a)
+        return Settled(
+            "limit cycle", _harmonic(t, y, a, b, frequency), float(tops.mean()), frequency, n
+        )
+    return _trend(t, y, whole)
+
+
+def _trend(t: _Real, y: _Real, whole: float) -> Settled:
+    """Judge by the sizes of quarters of the stretch, beside that of the whole series."""
+    edges = np.linspace(t[0], t[-1], 5)
+    sizes = np.array([np.ptp(y[(t >= a) & (t <= b)]) for a, b in pairwise(edges)])
+    steps = np.diff(sizes)
+    small = sizes.max() < _SMALL * whole and sizes[2:].max() <= sizes[:2].max()
+    if small or ((steps < 0).all() and sizes[-1] < (1 - _STEADY) * sizes[0]):
+        return Settled("decays")
+    if (steps > 0).all() and sizes[-1] > (1 + _STEADY) * sizes[0]:
+        return Settled("grows")
+    return Settled("not settled")
+
+
+def _rises(t: _Real, y: _Real) -> _Real:
+    """Return when a series passes 0 upwards, passages that do not reach a tenth of its size left out."""
+    size = 0.1 * float(np.abs(y).max())
+    out, armed = [], False
+    for i in range(1, len(y)):
+        if y[i] < -size:
+            armed = True
+        if armed and y[i - 1] < 0 <= y[i]:
+            crossing = t[i - 1] - y[i - 1] * (t[i] - t[i - 1]) / (y[i] - y[i - 1])
+        if armed and y[i] > size:
+            out.append(float(crossing))
+            armed = False
+    return np.array(out)
+
+
+def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float:
+    """Return the amplitude of the first harmonic between two times, whole periods apart, by the trapezium rule."""
+    inside = (t > a) & (t < b)
+    times = np.concatenate([[a], t[inside], [b]])
+    values = np.interp(times, t, y)
+    wave = np.exp(-2j * np.pi * frequency * times)
+    return float(abs(2.0 / (b - a) * np.trapezoid(values * wave, times)))
+
+
 _POINTS = 40  # steps in a period of the fastest oscillation
 _LEAST = 400  # steps at least
 _MOST = 2_000_000

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from updyn.control.job.nonlinear import Nonlinear
+from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
+from updyn.report import formats as w
 from updyn.report import markup as m
-from updyn.report import words as w
-from updyn.report.plots import Figure, label, numbers
-from updyn.report.stacked import Panel, stacked, with_peaks
+from updyn.report.plots import Figure, Panel, label, numbers, stacked, with_peaks
 
 __all__ = ["nonlinear_figures", "nonlinear_part"]
 

@@ -12,32 +12,43 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.control.servo.state_space import StateSpace, delay_approximation
-from updyn.errors import OptionError
+from updyn.control.family import PlantFamily
+from updyn.control.plant import Plant
+from updyn.control.servo.state_space import StateSpace, Transfer, delay_approximation
+from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
 
-if TYPE_CHECKING:
-    from updyn.control.family import PlantFamily
-    from updyn.control.plant import Plant
-
-__all__ = ["Controller", "Notch"]
+__all__ = ["TO_VELOCITY", "Controller", "Notch", "inertia_of", "require_continuous"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
+
+#: Powers of s that make a velocity of an output.
+TO_VELOCITY = {"receptance": 1, "mobility": 0, "accelerance": -1}
+#: Poles nearer to 0 than this share of the lowest oscillation are as good as at 0; smaller ones
+#: oscillate by rounding.
+_AT_REST = 1e-3
+#: Points on a circle about the slow poles.
+_POINTS = 256
+#: A circle lies between poles whose ratio is larger than this.
+_ROOM = 1.5
+#: Least share of the mobility on the circle that the slow poles have if the structure turns freely.
+_DOMINANT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Notch:
     """A notch filter of second order, of gain 1 far from its frequency.
 
-        N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2),   w = 2 pi
-        frequency
+        N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2)
+
+    with w = 2 pi frequency.
 
     Parameters
     ----------
@@ -71,7 +82,8 @@ class Notch:
         ):
             raise OptionError(
                 f"notch at {self.frequency:g} Hz: zero_damping is {self.zero_damping!r}; expected 0"
-                " or above"
+                " or above",
+                key=("zero_damping",),
             )
 
     @classmethod
@@ -101,7 +113,8 @@ class Notch:
         _positive("notch: width", width, "Hz")
         if not is_number(depth) or not np.isfinite(depth) or depth < 0:
             raise OptionError(
-                f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above"
+                f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above",
+                key=("depth",),
             )
         pole = 0.5 * width / frequency
         return cls(frequency, depth * pole, pole)
@@ -208,20 +221,23 @@ class Controller:
                 _positive(f"controller: {name}", getattr(self, name), unit, "None for none")
         if self.low_pass_damping is not None and self.low_pass is None:
             raise OptionError(
-                "controller: low_pass_damping without low_pass; give its corner in Hz"
+                "controller: low_pass_damping without low_pass; give its corner in Hz",
+                key=("low_pass_damping",),
             )
         for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
                 above = "0 or above, in s" if name == "dead_time" else "a share from 0 to 1"
-                raise OptionError(f"controller: {name} is {value!r}; expected {above}")
+                raise OptionError(f"controller: {name} is {value!r}; expected {above}", key=(name,))
         if self.feed_forward and self.kv is None:
             raise OptionError(
-                "controller: feed_forward without kv; it belongs to the position loop"
+                "controller: feed_forward without kv; it belongs to the position loop",
+                key=("feed_forward",),
             )
         notches = (self.notches,) if isinstance(self.notches, Notch) else self.notches
         wrong = OptionError(
-            f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each"
+            f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each",
+            key=("notches",),
         )
         if not isinstance(notches, Iterable):
             raise wrong
@@ -281,17 +297,38 @@ class Controller:
         Symmetrical optimum: Kessler (1958), "Das symmetrische Optimum", Regelungstechnik 6, 395-400
         and 432-436.
         """
-        from updyn.control.servo.tuning import tuned
-
-        return tuned(
-            plant,
-            crossover,
-            torque=torque,
-            velocity=velocity,
-            ti_ratio=ti_ratio,
-            kv_ratio=kv_ratio,
-            **others,
-        )
+        for name, value, where in (
+            ("crossover", crossover, "in Hz"),
+            ("ti_ratio", ti_ratio, ""),
+            ("kv_ratio", kv_ratio, ""),
+        ):
+            if value is None and name != "crossover":
+                continue
+            if value is None or not is_number(value) or not 0 < value < np.inf:
+                raise OptionError(
+                    f"{name} is {value!r}; expected a number above 0{', ' + where if where else ''}"
+                )
+        nominal = plant if isinstance(plant, Plant) else plant.nominal
+        inertia = inertia_of(nominal, torque, velocity)
+        if inertia is None:
+            raise ModelError(
+                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, of whose inertia"
+                " the gain is to be sized; give kp, ti and kv by hand"
+            )
+        if inertia < 0:
+            raise ModelError(
+                f"a positive torque at {torque!r} turns {velocity!r} the negative way (inertia"
+                f" {inertia:.4g}); turn one of the two ports round (a minus sign in its label or"
+                " weights)"
+            )
+        w = 2.0 * np.pi * crossover
+        gains = {
+            "ti": None if ti_ratio is None else ti_ratio / w,
+            "kv": None if kv_ratio is None else w / kv_ratio,
+        }
+        for name, value in gains.items():
+            others.setdefault(name, value)
+        return cls(kp=inertia * w, **others)
 
     def torque(self, s: ArrayLike) -> _Complex:
         """Return torque over velocity error, the dead time exact.
@@ -395,6 +432,84 @@ class Controller:
         return "\n".join(lines)
 
 
+def require_continuous(plant: Plant) -> None:
+    """Check that a plant is continuous.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant of a servo.
+
+    Raises
+    ------
+    OptionError
+        If it is sampled.
+    """
+    if plant.dt is not None:
+        raise OptionError(
+            f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and"
+            f" the sampling as dead_time of the controller ({1.5 * plant.dt:g} s for one"
+            " interval of computation and the hold)"
+        )
+
+
+def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
+    """Return the rigid-body inertia from a torque to a velocity.
+
+    Its reciprocal is the sum of the residues of the mobility at the slow poles: that at 0 of a body
+    that turns freely, that at -c / J of one with bearing friction c. It is taken from an integral
+    on a circle about them.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant, continuous.
+    torque, velocity : str
+        Names of input and output; a displacement is differentiated.
+
+    Returns
+    -------
+    float or None
+        In kg m2 (kg), negative where a positive torque turns the output the negative way; None
+        where nothing turns freely.
+    """
+    require_continuous(plant)
+    channel = plant.channel(velocity, torque)
+    (quantity,) = channel.quantities
+    if quantity == "accelerance":
+        raise OptionError(
+            f"output {velocity!r} is an acceleration; a velocity has to come from a displacement or"
+            " a velocity: make the plant with quantity='receptance' or 'mobility' for it"
+        )
+    power = TO_VELOCITY[quantity]
+    transfer = Transfer.of(StateSpace(channel.A, channel.B, channel.C, channel.D))
+    best, share = None, _DOMINANT
+    for radius in _radii(plant.poles):
+        points = radius * np.exp(2j * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
+        mobility = points * (transfer.at(points)[:, 0, 0] * points**power)
+        residue = float(mobility.mean().real)
+        own = abs(residue) / float(np.abs(mobility).mean())
+        if own > share:
+            best, share = 1.0 / residue, own
+    return best
+
+
+def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return radii of circles in the gaps below the first oscillation, in rad/s."""
+    size = np.abs(poles)
+    moving = size > 1e-6 * size.max(initial=0.0)
+    oscillating = size[moving & (np.abs(poles.imag) > 0.1 * size)]
+    first = (
+        float(oscillating.min())
+        if len(oscillating)
+        else 10.0 * float(size[moving].max(initial=1.0))
+    )
+    low = _AT_REST * first
+    steps = np.unique(np.concatenate([[low], np.clip(size[size <= first], low, None), [first]]))
+    wide = steps[1:] > _ROOM * steps[:-1]
+    return np.asarray(np.sqrt(steps[1:] * steps[:-1])[wide])
+
+
 def _low_pass(corner: float, damping: float | None) -> StateSpace:
     w = _TWO_PI * corner
     if damping is None:
@@ -416,4 +531,6 @@ def _pair(frequency: float, damping: float) -> _Complex:
 def _positive(what: str, value: object, unit: str, remedy: str = "") -> None:
     if not is_number(value) or not np.isfinite(value) or value <= 0:  # type: ignore[call-overload, operator]
         more = f" ({remedy})" if remedy else ""
-        raise OptionError(f"{what} is {value!r}; expected a number above 0, in {unit}{more}")
+        name = what.rpartition(": ")[2]
+        text = f"{what} is {value!r}; expected a number above 0, in {unit}{more}"
+        raise OptionError(text, key=(name,))

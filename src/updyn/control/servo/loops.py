@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.plant import Plant
-from updyn.control.servo.controller import Controller
-from updyn.control.servo.state_space import StateSpace, connect
-from updyn.control.servo.transfer import Transfer, channel_zeros
+from updyn.control.servo.controller import TO_VELOCITY, Controller, require_continuous
+from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError, suggest
 
 __all__ = ["Cascade", "Wiring"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Powers of s that make a velocity of an output.
-_TO_VELOCITY = {"receptance": 1, "mobility": 0, "accelerance": -1}
 
 
 #: On a pole of the plant nothing is finite; whoever asks leaves such a line out.
@@ -67,12 +63,7 @@ class Wiring:
         OptionError
             If the plant is sampled, lacks one of them, or one is of a quantity that cannot serve.
         """
-        if plant.dt is not None:
-            raise OptionError(
-                f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and"
-                f" the sampling as dead_time of the controller ({1.5 * plant.dt:g} s for one"
-                " interval of computation and the hold)"
-            )
+        require_continuous(plant)
         for name, names, what in (
             (torque, plant.inputs, "input"),
             (disturbance, plant.inputs, "input"),
@@ -130,7 +121,7 @@ class Cascade:
             plant.A, plant.B[:, inputs], plant.C[rows], plant.D[np.ix_(rows, inputs)]
         )
         self._transfer = Transfer.of(self._system)
-        powers = np.array([_TO_VELOCITY[plant.quantities[row]] for row in rows])
+        powers = np.array([TO_VELOCITY[plant.quantities[row]] for row in rows])
         points_at_velocity = wiring.position is None and wiring.pointing == wiring.velocity
         #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without
         #: a position loop).

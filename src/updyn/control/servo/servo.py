@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
-from updyn.control.servo.controller import Controller
-from updyn.control.servo.judged import Judged, judge_all
+from updyn.control.servo.controller import Controller, inertia_of
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import ranges
 from updyn.control.servo.record import Loop, Servo
-from updyn.control.servo.timing import Timed, timed
-from updyn.control.servo.tuning import inertia_of
+from updyn.control.servo.stability import Judged, judge_all
+from updyn.control.servo.time_response import Timed, timed
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
 from updyn.frf import check_lines
-
-if TYPE_CHECKING:
-    from updyn.control.family import PlantFamily
 
 __all__ = ["servo"]
 
@@ -150,9 +147,6 @@ def servo(
 def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     if isinstance(given, Plant):
         return given, ()
-    from updyn.control.family import (
-        PlantFamily,
-    )  # draws, and with them scipy.stats: slow to load, seldom wanted
 
     if not isinstance(given, PlantFamily):
         raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(given).__name__}")

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.servo import grid
 from updyn.control.servo.grid import Loop, resolved
-from updyn.errors import SolverError
+from updyn.control.servo.loops import Cascade
+from updyn.control.servo.margins import Margins
+from updyn.errors import ModelError, SolverError
 
-__all__ = ["count_drifting", "count_growing", "nyquist_count"]
+__all__ = [
+    "Judged",
+    "count_drifting",
+    "count_growing",
+    "judge",
+    "judge_all",
+    "nyquist_count",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -88,3 +100,236 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
             " which is no whole number; the lines do not reach low enough"
         )
     return round(found)
+
+
+_TWO_PI = 2.0 * np.pi
+#: How far lines reach beyond the features of the loop, how small the loop gain is to be there, and
+#: how far they reach beyond where it has become so, with dead time.
+_BELOW, _ABOVE, _SMALL, _BEYOND = 0.02, 10.0, 0.05, 4.0
+#: Lowest feature that counts, as a share of the highest: below it is rounding of a pole at 0.
+_SMALLEST = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """A loop, judged.
+
+    Attributes
+    ----------
+    loop : callable
+        L(s).
+    w : ndarray of float, shape (n,)
+        Lines in rad/s that resolve it.
+    values : ndarray of complex, shape (n,)
+        L there.
+    margins : Margins
+        What follows.
+    poles : ndarray of complex
+        Of the closed loop, in rad/s; of a dead time those of its approximation.
+    pade : int
+        Order of the approximation.
+    agrees : bool
+        Whether the approximated closed loop has as many growing poles as the exact one.
+    """
+
+    loop: Loop
+    w: _Real
+    values: _Complex
+    margins: Margins
+    poles: _Complex
+    pade: int
+    agrees: bool
+
+
+def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
+    """Judge the velocity loop and the position loop of a cascade.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        Controller and plant.
+
+    Raises
+    ------
+    ModelError
+        If the torque does not move what the controller reads.
+    SolverError
+        If stability with dead time cannot be judged.
+    """
+    _check_moves(cascade)
+    zeros = cascade.zeros
+    inner = judge(cascade, cascade.velocity, cascade.velocity, cascade.velocity_poles, zeros, False)
+    if not cascade.has_position:
+        return inner, None
+    features = np.concatenate([zeros, inner.poles])
+    return inner, judge(cascade, cascade.position, cascade.torque, cascade.poles, features, True)
+
+
+def _check_moves(cascade: Cascade) -> None:
+    wiring = cascade.wiring
+    size = np.abs(cascade.motion(1j * np.array([0.9, 11.3, 257.1, 4021.7])))[:, :, 0].max(axis=0)
+    for name, largest in ((wiring.velocity, size[0]), (wiring.position, size[1])):
+        if name is not None and not largest:
+            raise ModelError(
+                f"torque {wiring.torque!r} does not move {name!r}: there is no loop to close"
+            )
+
+
+def judge(
+    cascade: Cascade,
+    loop: Loop,
+    whole: Loop,
+    open_poles: _Complex,
+    features: _Complex,
+    position: bool,
+) -> Judged:
+    """Judge one loop.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        Controller and plant.
+    loop : callable
+        L(s) whose margins are wanted.
+    whole : callable
+        L(s) of the same closed loop, broken where its poles are `open_poles`.
+    open_poles : ndarray of complex
+        Poles of `whole` in rad/s, the dead time left out.
+    features : ndarray of complex
+        Poles and zeros that lines are to be dense around, in rad/s.
+    position : bool
+        Whether the position loop is closed.
+    """
+    controller = cascade.controller
+    free = cascade.closed(0, position=position).poles
+    features = np.concatenate([features, open_poles, free, [-(controller.kv or 0.0)]])
+    pade = 0
+    if controller.dead_time:
+        w, values = _lines(whole, whole, features, controller.dead_time)
+        gains = grid.crossings_of_gain(whole, w, values)
+        last = float(gains[-1]) if len(gains) else float(w[len(w) // 2])
+        pade = int(np.clip(4 + np.ceil(2.0 * last * controller.dead_time), 5, 12))
+    poles = cascade.closed(pade, position=position).poles
+    w, values = _lines(loop, whole, features, controller.dead_time, poles)
+    w, values = grid.with_extremes(loop, w, values)
+    gains, phases = (
+        grid.crossings_of_gain(loop, w, values),
+        grid.crossings_of_phase(loop, w, values),
+    )
+    scale = float(gains[0]) if len(gains) else _reference(features)
+    drifting, growing = count_drifting(poles, scale), count_growing(poles, scale)
+    exact = growing if not pade else nyquist_count(whole, w, open_poles, drifting)
+    margins = _margins(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
+    return Judged(loop, w, values, margins, poles, pade, exact == growing)
+
+
+def _reference(features: _Complex) -> float:
+    size = np.abs(features)
+    size = size[size > _SMALLEST * size.max(initial=0.0)]
+    return float(size.min()) if len(size) else 1.0
+
+
+def _lines(
+    loop: Loop, whole: Loop, features: _Complex, delay: float, beside: _Complex | None = None
+) -> tuple[_Real, _Complex]:
+    """Return lines from below to above some features, dense around them and others, and the loop function there."""
+    size = np.abs(features)
+    size = size[size > _SMALLEST * size.max(initial=0.0)]
+    if not len(size):
+        size = np.ones(1)
+    low, high = _BELOW * float(size.min()), _ABOVE * float(size.max())
+    for _ in range(20):
+        ends = np.array([1j, 2j]) * high
+        size = np.maximum(np.abs(loop(ends)), np.abs(whole(ends)))
+        if size[0] <= _SMALL or size[1] > 0.9 * size[0]:  # or it does not fall any further
+            break
+        high *= 2.0
+    dense = features if beside is None else np.concatenate([features, beside])
+    if delay:  # turns of a gain that has vanished are not followed
+        w = grid.frequencies(dense, low, high)
+        large = np.flatnonzero(~(np.maximum(np.abs(loop(1j * w)), np.abs(whole(1j * w))) <= _SMALL))
+        if len(large):
+            high = min(high, _BEYOND * float(w[large[-1]]))
+    return grid.resolved(loop, grid.frequencies(dense, low, high, delay))
+
+
+def _margins(
+    loop: Loop,
+    w: _Real,
+    values: _Complex,
+    gains: _Real,
+    phases: _Real,
+    growing: int,
+    drifting: int,
+    delay: float,
+) -> Margins:
+    at_phase = 1.0 / np.abs(loop(1j * phases)) if len(phases) else np.zeros(0)
+    angle = np.asarray(
+        np.angle(-loop(1j * gains)) if len(gains) else np.zeros(0)
+    )  # phase margin, -pi to pi
+    delays = np.mod(angle, _TWO_PI) / gains if len(gains) else np.zeros(0)
+    shared = {
+        "stable": growing == 0,
+        "unstable_poles": growing,
+        "drifting": drifting,
+        "judged_by": "Nyquist count" if delay else "eigenvalues",
+        "phase_crossings": phases / _TWO_PI,
+        "gain_margins": at_phase,
+        "gain_crossings": gains / _TWO_PI,
+        "phase_margins": np.degrees(angle),
+        "delay_margins": delays,
+        "crossover": _falling(loop, gains),
+    }
+    if growing:
+        none = dict.fromkeys(
+            ("gain_margin", "gain_reduction", "phase_margin", "delay_margin", "modulus_margin")
+        )
+        return Margins(**shared, **none)  # type: ignore[arg-type]
+    up, down = np.flatnonzero(at_phase > 1.0), np.flatnonzero(at_phase <= 1.0)
+    first = int(up[np.argmin(at_phase[up])]) if len(up) else None
+    lowest = int(down[np.argmax(at_phase[down])]) if len(down) else None
+    thin = int(np.argmin(np.abs(angle))) if len(gains) else None
+    soon = int(np.argmin(delays)) if len(gains) else None
+    modulus, modulus_at = _modulus(loop, w, values, delay)
+    if (
+        modulus > 1.0 and abs(values[-1]) <= _SMALL
+    ):  # L vanishes in the end, so that 1 + L is 1 there
+        modulus, modulus_at = 1.0, np.inf
+    return Margins(
+        **shared,  # type: ignore[arg-type]
+        gain_margin=np.inf if first is None else float(at_phase[first]),
+        gain_reduction=0.0 if lowest is None else float(at_phase[lowest]),
+        phase_margin=np.inf if thin is None else float(np.degrees(angle[thin])),
+        delay_margin=np.inf if soon is None else float(delays[soon]),
+        modulus_margin=modulus,
+        gain_margin_at=None if first is None else float(phases[first] / _TWO_PI),
+        gain_reduction_at=None if lowest is None else float(phases[lowest] / _TWO_PI),
+        phase_margin_at=None if thin is None else float(gains[thin] / _TWO_PI),
+        delay_margin_at=None if soon is None else float(gains[soon] / _TWO_PI),
+        modulus_margin_at=modulus_at / _TWO_PI if np.isfinite(modulus_at) else None,
+    )
+
+
+def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:
+    """Return the smallest |1 + L| and where, in rad/s; with dead time beyond the lines, too, while |L| allows it."""
+
+    def distance(x: _Real) -> _Real:
+        return np.asarray(np.abs(1.0 + loop(1j * x)))
+
+    best = grid.least(distance, w, np.abs(1.0 + values))
+    end = float(w[-1])
+    for _ in range(10):
+        if not delay or end * delay > 1e4 or 1.0 - abs(loop(np.array([1j * end]))[0]) >= best[0]:
+            break
+        more = np.linspace(0.8 * end, 2.0 * end, 9 + int(end * delay / 0.15))
+        best = min(best, grid.least(distance, more, distance(more)))
+        end *= 2.0
+    return best
+
+
+def _falling(loop: Loop, gains: _Real) -> float | None:
+    """Return the first crossing at which the gain falls, in Hz."""
+    if not len(gains):
+        return None
+    falls = np.abs(loop(1j * gains * (1.0 + 1e-7))) < np.abs(loop(1j * gains * (1.0 - 1e-7)))
+    return float(gains[np.argmax(falls)] / _TWO_PI) if falls.any() else None

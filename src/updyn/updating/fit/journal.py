@@ -25,7 +25,7 @@ import numpy as np
 from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, digest
 
 __all__ = ["Journal", "fingerprint"]
@@ -158,13 +158,13 @@ class Journal:
 
 
 def fingerprint(
-    problem: Task, data: Sequence[FRF], options: Mapping[str, object]
+    problem: Problem, data: Sequence[FRF], options: Mapping[str, object]
 ) -> dict[str, Any]:
     """Return what tells a run from others, as plain data.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         Model and unknowns.
     data : sequence of FRF
         All data of each part.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 
 __all__ = [
     "Iteration",
@@ -50,7 +50,7 @@ class Monitor:
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What is fitted.
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops
@@ -64,7 +64,7 @@ class Monitor:
         Seconds by stage.
     """
 
-    problem: Task
+    problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
@@ -81,14 +81,14 @@ class Monitor:
         return self.problem.session.stopped
 
     @contextmanager
-    def stage(self, name: str, problem: Task | None = None) -> Iterator[None]:
+    def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
         """Name the steps made inside, and time them.
 
         Parameters
         ----------
         name : str
             Part of the method.
-        problem : Task, optional
+        problem : Problem, optional
             What is fitted inside, where it is not the whole.
         """
         before, start = (self._stage, self._n_lines), time.perf_counter()

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduced import NOT_CONDENSED, Certificate, Reduction
+from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, scattered
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 from updyn.updating.problem.session import Stopped
 
@@ -38,34 +39,6 @@ _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
-#: Why some methods need the exact model.
-_NEED_EXACT = {
-    "equation-error": NOT_CONDENSED,
-    "rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
-    ),
-    "complex-rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
-        " 'sparse'"
-    ),
-    "frf-sensitivity": (
-        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
-        " use tier 'sparse', or method 'output-error'"
-    ),
-    "force-residual": (
-        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
-        " 'sparse'"
-    ),
-    "constitutive": (
-        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
-        " 'sparse'"
-    ),
-    "modal": (
-        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
-        " tier 'sparse'"
-    ),
-    "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
-}
 #: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
 #: half their value), and make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
@@ -99,36 +72,34 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    refused = _NEED_EXACT.get(method or "")
+    refused = "" if method is None else METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
-        raise OptionError(refused)
+        raise OptionError(refused, key=("tier",))
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
 
 
-def reduction_of(
-    problem: Problem, accuracy: float, others: NDArray[np.intp] | None = None
-) -> Reduction:
-    """Return the reduction of a problem's model for its responses, references and band, not made yet.
+def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
+    """Return the reduction of a part's model for its responses, references and band, not made yet.
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         With its whole model.
     accuracy : float
         Wanted: the error of a receptance as a share of the largest of its line.
     others : ndarray of int, optional
         Further DOFs whose motion counts in its error.
     """
-    freq = problem.frf.freq
+    freq = part.frf.freq
     return Reduction(
-        problem.solver.system,
-        problem.rows,
-        problem.columns,
+        part.solver.system,
+        part.rows,
+        part.columns,
         (float(freq[0]), float(freq[-1])),
-        problem.solver.backend,
+        part.solver.backend,
         accuracy,
         np.zeros(0, dtype=np.intp) if others is None else others,
-        problem.session.check,
+        part.session.check,
     )
 
 
@@ -136,18 +107,18 @@ def reduction_of(
 class _Part:
     """The reduced models of one test."""
 
-    exact: Problem
+    exact: Part
     reduction: Reduction
     solver: FieldSolver | None = None
     first: FieldSolver | None = None
     certificate: Certificate | None = None
 
     @classmethod
-    def of(cls, problem: Problem, accuracy: float) -> _Part:
-        others = problem.solver.others(np.union1d(problem.rows, problem.columns))
+    def of(cls, part: Part, accuracy: float) -> _Part:
+        others = part.solver.others(np.union1d(part.rows, part.columns))
         return cls(
-            problem,
-            reduction_of(problem, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]),
+            part,
+            reduction_of(part, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]),
         )
 
     def build(self, x: _Vector) -> None:
@@ -174,7 +145,7 @@ class Reducing:
 
     Parameters
     ----------
-    exact : Task
+    exact : Problem
         All data, and the whole model of each part.
     accuracy : float
         Wanted: the error of a receptance as a share of the largest of its line.
@@ -185,7 +156,7 @@ class Reducing:
         Whether the latest proof is about the point where the fit ended.
     """
 
-    exact: Task
+    exact: Problem
     accuracy: float
     proved: bool = field(default=False, init=False)
     _parts: list[_Part] = field(init=False)
@@ -210,7 +181,7 @@ class Reducing:
         found = [part.certificate.error for part in self._parts if part.certificate is not None]
         return max(found) if found else None
 
-    def restart(self, exact: Task) -> None:
+    def restart(self, exact: Problem) -> None:
         """Forget what was made, for the same problem with other starts."""
         self.exact = exact
         self.__post_init__()
@@ -230,28 +201,28 @@ class Reducing:
         for part in self._parts:
             part.first = part.solver
 
-    def inside(self, problem: Task) -> Task:
+    def inside(self, problem: Problem) -> Problem:
         """Return a problem with the latest reduced models."""
         pairs = zip(problem.parts, self._parts, strict=True)
-        return together(
+        return Problem.of(
             [replace(p, solver=made.solver) for p, made in pairs if made.solver is not None]
         )
 
     def fit(
-        self, problem: Task, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[Task, Fit]:
+        self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[Problem, Fit]:
         """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             From `inside`.
         strategy, noises, monitor
             As for `Method.fit`.
 
         Returns
         -------
-        problem : Task
+        problem : Problem
             With the last reduced model.
         fit : Fit
             The last fit, or the one before where that was better.
@@ -288,7 +259,7 @@ class Reducing:
         size = max(part.reduction.size_with(_POINTS) for part in self._parts)
         return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
 
-    def _around(self, problem: Task) -> Task:
+    def _around(self, problem: Problem) -> Problem:
         """Return a problem with reduced models that hold, roughly, around the start."""
         far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
         points = np.clip(
@@ -301,14 +272,14 @@ class Reducing:
 
     def _rounds(
         self,
-        problem: Task,
+        problem: Problem,
         strategy: Method,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         x: _Vector,
         *,
         far: bool,
-    ) -> tuple[Task, Fit]:
+    ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
         near, left = False, strategy.max_iterations
         fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
@@ -344,7 +315,7 @@ class Reducing:
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
-    def _better(self, problem: Task, x: _Vector) -> _Vector:
+    def _better(self, problem: Problem, x: _Vector) -> _Vector:
         """Make the reduced model where a search ended, far off, unless the start is as good after all."""
         before = _log_cost(problem, self._home)
         self._make(x)
@@ -441,7 +412,7 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
 
 
-def _log_cost(problem: Task, x: _Vector) -> float:
+def _log_cost(problem: Problem, x: _Vector) -> float:
     local = LogError().local(problem, x)
     return np.inf if local is None else local.cost
 

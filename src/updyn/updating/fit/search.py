@@ -30,8 +30,8 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Task
-from updyn.updating.problem.residuals import LogError, is_solved, with_prior
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import LogError, is_cached, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
@@ -41,7 +41,7 @@ _Found: TypeAlias = "list[tuple[bytes, Record]]"
 #: Where a try begins, and whether it goes up in frequency.
 _Start: TypeAlias = "tuple[_Vector, bool]"
 _Points: TypeAlias = "Generator[_Start, None, None]"
-_Attempt: TypeAlias = "Callable[[Task, tuple[Search, _Start]], _Found]"
+_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Start]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
 #: is sought.
@@ -95,7 +95,7 @@ class Search:
     def _settings(self) -> TrustRegion:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
-    def run(self, problem: Task, monitor: Monitor) -> _Vector:
+    def run(self, problem: Problem, monitor: Monitor) -> _Vector:
         """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
         best: Outcome | None = None
@@ -116,7 +116,7 @@ class Search:
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
         return np.clip(home if best is None else best.x, lower, upper)
 
-    def _try_from(self, problem: Task, start: _Start, monitor: Monitor) -> Outcome | None:
+    def _try_from(self, problem: Problem, start: _Start, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
         x, gradual = start
         for share in _STAGES if gradual else ():
@@ -129,7 +129,7 @@ class Search:
             x = outcome.x
         return self._relaxed_descent(problem, x, monitor)
 
-    def _relaxed_descent(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome | None:
+    def _relaxed_descent(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a descent from x ends, or None where the model cannot be solved there."""
 
         def evaluate(at: _Vector) -> Local | None:
@@ -143,17 +143,17 @@ class Search:
         relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
         return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
-    def _descend(self, problem: Task, x: _Vector, monitor: Monitor) -> Outcome:
+    def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, LogError(), x, monitor, self._settings)
 
-    def _ahead(self, attempt: _Attempt, problem: Task, points: Iterable[_Start]) -> _Points:
+    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Start]) -> _Points:
         """Yield starts; where workers are free, what an attempt from each evaluates has been evaluated by then."""
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
             yield from points
             return
         points = list(points)
-        known = [not gradual and is_solved(LogError(), problem, x) for x, gradual in points]
+        known = [not gradual and is_cached(LogError(), problem, x) for x, gradual in points]
         items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
         with closing(session.map(attempt, problem, items, spread=True)) as results:
             for start, k in zip(points, known, strict=True):
@@ -163,7 +163,7 @@ class Search:
                     session.remember(found)
                 yield start
 
-    def _points(self, problem: Task) -> Iterator[_Start]:
+    def _points(self, problem: Problem) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         loss = ~problem.coordinates.parameters.is_factor
@@ -182,7 +182,7 @@ class Search:
                     self.continuation,
                 )
 
-    def escape(self, problem: Task, x: _Vector, monitor: Monitor) -> _Vector:
+    def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
 
         Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each
@@ -213,7 +213,7 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _neighbours(problem: Task, at: Outcome) -> Iterator[_Start]:
+    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
@@ -226,7 +226,7 @@ class Search:
                     yield np.clip(moved, lower, upper), False
 
     @staticmethod
-    def _believed(problem: Task, best: _Vector, costs: list[float]) -> bool:
+    def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
         """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
         agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
         return (
@@ -236,11 +236,11 @@ class Search:
         )
 
     @staticmethod
-    def _rms(problem: Task, x: _Vector) -> float:
+    def _rms(problem: Problem, x: _Vector) -> float:
         return float(np.sqrt(_power(_log_misfits(problem, x))))
 
     @staticmethod
-    def _is_noise(problem: Task, x: _Vector) -> bool:
+    def _is_noise(problem: Problem, x: _Vector) -> bool:
         """Whether what is left looks like noise: small, and not correlated from line to line."""
         misfits = _log_misfits(problem, x)
         power = _power(misfits)
@@ -258,26 +258,26 @@ def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArr
     return np.asarray(x + far * (2.0 * draws - 1.0))
 
 
-def _try(problem: Task, item: tuple[Search, _Start]) -> _Found:
+def _try(problem: Problem, item: tuple[Search, _Start]) -> _Found:
     """Make a try elsewhere; return all that it evaluated."""
     search, start = item
     return _recorded(problem, lambda alone: search._try_from(alone, start, Monitor(alone)))
 
 
-def _descend(problem: Task, item: tuple[Search, _Start]) -> _Found:
+def _descend(problem: Problem, item: tuple[Search, _Start]) -> _Found:
     """Descend elsewhere; return all that it evaluated."""
     search, (x, _) = item
     return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
 
-def _recorded(problem: Task, work: Callable[[Task], object]) -> _Found:
+def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
     memory = Recent(limit=np.inf)
     with suppress(SolverError):  # to be met again when its turn comes
         work(problem.with_session(Session(memory=memory)))
     return memory.items
 
 
-def _log_misfits(problem: Task, x: _Vector) -> list[NDArray[np.complex128]]:
+def _log_misfits(problem: Problem, x: _Vector) -> list[NDArray[np.complex128]]:
     """Return ln(H_A / H_X) of each part, 0 where either is zero."""
     out = []
     for part in problem.parts:

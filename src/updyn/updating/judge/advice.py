@@ -13,7 +13,7 @@ from updyn.dofs import DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.identifiability import Analysis
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 
 __all__ = ["advise"]
 
@@ -27,14 +27,14 @@ _VISIBLE = 1e-6
 _NOISY = 1e-3
 
 
-def advise(analysis: Analysis, problem: Task, x: NDArray[np.float64], noise: float = 0.0) -> str:
+def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
     """Say in words what is open and what would cure it.
 
     Parameters
     ----------
     analysis : Analysis
         At x.
-    problem : Task
+    problem : Problem
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
         In the optimiser's coordinates.
@@ -117,14 +117,12 @@ def _sees(
     return float(s[-1]) if len(s) == directions.shape[1] else 0.0
 
 
-def _best_line(
-    analysis: Analysis, problem: Problem, x: NDArray[np.float64]
-) -> tuple[str, float] | None:
+def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
     """Return the best further line and the least relative change that it would see."""
-    freq = problem.frf.freq
+    freq = part.frf.freq
     low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
-    candidates = replace(problem, frf=_blank(problem, lines))
+    candidates = replace(part, frf=_blank(part, lines))
     items = [(x, analysis.open, block) for block in candidates.partition()]
     try:
         seen = np.concatenate(list(candidates.each(_seen_at_lines, items)))
@@ -135,27 +133,27 @@ def _best_line(
 
 
 def _seen_at_lines(
-    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+    part: Part, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
 ) -> NDArray[Any]:
     x, directions, lines = item
-    block = problem.block(x, lines)
+    block = part.block(x, lines)
     assert block.dH is not None
     return np.array([_sees(block.dH[:, i], H, directions) for i, H in enumerate(block.H)])
 
 
 def _best_sensor(
-    analysis: Analysis, problem: Problem, x: NDArray[np.float64]
+    analysis: Analysis, part: Part, x: NDArray[np.float64]
 ) -> tuple[str, float] | None:
     """Return the best further sensor and the least relative change that it would see."""
-    system = problem.solver.system
-    others = problem.solver.others(problem.rows)
+    system = part.solver.system
+    others = part.solver.others(part.rows)
     # Each candidate takes one field of the whole model.
     count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * system.n)))
     others = others[:: max(1, -(-len(others) // count))]
     if others.size == 0:
         return None
-    freq = problem.frf.freq[problem.frf.freq > 0]
-    few = replace(problem, frf=_blank(problem, freq[:: max(1, len(freq) // 20)]))
+    freq = part.frf.freq[part.frf.freq > 0]
+    few = replace(part, frf=_blank(part, freq[:: max(1, len(freq) // 20)]))
     items = [(x, others, slice(i, i + 1)) for i in range(len(few.frf.freq))]
     try:
         parts = list(few.each(_motion_elsewhere, items))
@@ -168,25 +166,25 @@ def _best_sensor(
 
 
 def _motion_elsewhere(
-    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.intp], slice]
+    part: Part, item: tuple[NDArray[np.float64], NDArray[np.intp], slice]
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return receptance at other DOFs, shape (n_f, n_others, n_j), and its derivatives by x."""
     x, others, lines = item
-    freq = problem.frf.freq[lines]
+    freq = part.frf.freq[lines]
     H, dH = sensitivity.receptance(
-        problem.solver, problem.unknowns, problem.values(x), freq, others, problem.columns
+        part.solver, part.unknowns, part.values(x), freq, others, part.columns
     )
     assert dH is not None
-    return H, dH * problem.coordinates.slope(x)[:, None, None, None]
+    return H, dH * part.coordinates.slope(x)[:, None, None, None]
 
 
-def _blank(problem: Problem, lines: NDArray[np.float64]) -> FRF:
-    """Return data of the problem's channels at other lines; only lines, DOFs and quantity count."""
-    shape = (len(lines), len(problem.rows), len(problem.columns))
+def _blank(part: Part, lines: NDArray[np.float64]) -> FRF:
+    """Return data of the part's channels at other lines; only lines, DOFs and quantity count."""
+    shape = (len(lines), len(part.rows), len(part.columns))
     return FRF(
         lines,
         np.ones(shape),
-        DofSet(problem.frf.responses),
-        DofSet(problem.frf.references),
-        problem.frf.quantity,
+        DofSet(part.frf.responses),
+        DofSet(part.frf.references),
+        part.frf.quantity,
     )

@@ -28,7 +28,7 @@ from updyn.updating.judge.rounding import Rounding, worst_rounding
 from updyn.updating.problem.data import Split
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Stopped
 
@@ -83,7 +83,7 @@ class Judgement:
 
 
 def judge(
-    problem: Task,
+    problem: Problem,
     data: Sequence[Split],
     fit: Fit,
     noises: Sequence[NoiseModel],
@@ -93,7 +93,7 @@ def judge(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     data : sequence of Split
         For each part, all its data, and what of them was held out.
@@ -152,12 +152,12 @@ def judge(
     )
 
 
-def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
+def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
     """Analyse the data at the start of the unknowns, and advise.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         Model, data and unknowns.
     noises : sequence of NoiseModel
         How uncertain the data of each part are; noise of ordinary size is taken where it would be
@@ -174,7 +174,7 @@ def at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Analysis, str
     return analysis, advise(analysis, problem, x, share)
 
 
-def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
+def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
     """Return the output error at the start of the unknowns, in standard deviations, and the median of them over |H|.
 
     Parameters
@@ -201,7 +201,7 @@ def local_at_start(problem: Task, noises: Sequence[NoiseModel]) -> tuple[Local, 
     return local, float(np.median(np.concatenate(shares)))
 
 
-def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
+def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
     if fit.pull is not None and fit.pull.within is not None:
@@ -216,7 +216,7 @@ def _covariance(problem: Task, fit: Fit) -> NDArray[np.float64]:
     return np.asarray(out)
 
 
-def _typical_misfit(problem: Task, x: NDArray[np.float64]) -> float:
+def _typical_misfit(problem: Problem, x: NDArray[np.float64]) -> float:
     misfits = []
     for part in problem.parts:
         measured = part.frf.values
@@ -226,7 +226,7 @@ def _typical_misfit(problem: Task, x: NDArray[np.float64]) -> float:
     return float(np.median(misfit)) if misfit.size else 0.0
 
 
-def _at_bound(problem: Task, x: NDArray[np.float64]) -> dict[str, str]:
+def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
@@ -236,14 +236,14 @@ def _at_bound(problem: Task, x: NDArray[np.float64]) -> dict[str, str]:
 
 
 def _correlation(
-    problem: Problem, x: NDArray[np.float64], split: Split, first: FieldSolver
+    part: Part, x: NDArray[np.float64], split: Split, first: FieldSolver
 ) -> dict[str, Any]:
-    whole = problem.with_data(split.whole)
+    whole = part.with_data(split.whole)
     untouched = replace(whole, solver=first)
-    start = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    start = part.coordinates.to_x(part.coordinates.parameters.start)
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
     # none.
-    end = np.where(problem.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
+    end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
     parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
     scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
     out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
@@ -258,7 +258,7 @@ def _no_figures(split: Split) -> dict[str, Any]:
 
 
 def _scores(
-    whole: Problem, x: NDArray[np.float64], parts: Mapping[str, FRF]
+    whole: Part, x: NDArray[np.float64], parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
     """Score the model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
     frf = whole.frf
@@ -279,7 +279,7 @@ _MOVING = 0.05
 
 
 def examine(
-    problem: Task, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
+    problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
     """Test whether what a fit leaves is noise, at the lines of the fit, by the noise models of its tests.
 
@@ -289,7 +289,7 @@ def examine(
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -317,7 +317,7 @@ def examine(
             misfit = part.frf.values - H
             whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
         base = noise.base if isinstance(noise, Robust) else noise
-        absolute = base.scale_known and not base.kind.startswith(("estimated", "assumed"))
+        absolute = base.scale_known and base.source in ("data", "stated")
         found.append(
             assess(
                 whitened[-1],
@@ -327,7 +327,7 @@ def examine(
                 part.frf.references.labels,
                 n_unknowns=share,
                 absolute=absolute,
-                averages=part.frf.averages if base.kind != "stated" else None,
+                averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
             )
@@ -347,14 +347,14 @@ def examine(
     return tuple(blamed(a, suspects) for a in found)
 
 
-def _moves(problem: Task, residual: Each, x: NDArray[np.float64]) -> bool:
+def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
     """Return whether the unknowns could still take away a good part of what is left."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
 def _weight(
-    noise: NoiseModel, H: NDArray[np.complex128], part: Problem, share: int
+    noise: NoiseModel, H: NDArray[np.complex128], part: Part, share: int
 ) -> NDArray[np.float64]:
     """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance."""
     known = noise.refit(H, part.frf, share)
@@ -364,7 +364,7 @@ def _weight(
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
-def _relative(misfit: NDArray[np.complex128], part: Problem) -> float:
+def _relative(misfit: NDArray[np.complex128], part: Part) -> float:
     """Return the largest rms misfit of a channel over the rms of its data."""
     left, size = (np.sqrt(np.mean(np.abs(a) ** 2, axis=0)) for a in (misfit, part.frf.values))
     return float(np.max(left / np.where(size > 0.0, size, 1.0)))

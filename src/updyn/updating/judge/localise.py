@@ -24,7 +24,7 @@ from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.adequacy import Suspect
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each
 
 __all__ = [
@@ -45,12 +45,12 @@ _MOST_LINES = 60
 _LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
 
 
-def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
+def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
     """Return the least error in the constitutive relations that the misfit at some lines asks for.
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         Model and data.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -74,13 +74,13 @@ def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines:
     forces of covariance W had caused it, plus noise. theta is set at every line so that both
     together are as large as the misfit.
     """
-    freq = problem.frf.freq[lines]
+    freq = part.frf.freq[lines]
     omega = 2.0 * np.pi * freq
-    system = problem.solver.system
-    c, w = constitutive_weights(system, problem.state(x), omega)
-    factor = problem.sign * ((2j * np.pi * freq) ** QUANTITIES[problem.frf.quantity])[:, None, None]
-    rows, place = np.unique(problem.rows, return_inverse=True)
-    P = problem.solver.solve(c, rows, freq)[:, :, place.ravel()]
+    system = part.solver.system
+    c, w = constitutive_weights(system, part.state(x), omega)
+    factor = part.sign * ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
+    rows, place = np.unique(part.rows, return_inverse=True)
+    P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
     for t, term in enumerate(system.terms):
         own = P[term.own]
@@ -103,13 +103,13 @@ def breach(problem: Problem, x: _Real, misfit: _Complex, variance: _Real, lines:
 
 
 def localise(
-    problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
+    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
 ) -> tuple[Suspect, ...]:
     """Say which quantity of which group or sensor, not among the unknowns, would explain what a fit leaves.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         What was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -133,7 +133,7 @@ def localise(
     n = problem.n
     wide = ParameterSet((*problem.coordinates.parameters.items, *tried))
     coordinates = replace(problem.coordinates, parameters=wide, box=None)
-    task = together(
+    task = Problem.of(
         [
             replace(p, unknowns=Unknowns.find(p.solver.system, wide), coordinates=coordinates)
             for p in problem.parts
@@ -171,7 +171,7 @@ def _alike(whitened: Sequence[_Complex]) -> float:
 
 
 def _energies(
-    problem: Task, x: _Real, residual: Each, whitened: Sequence[_Complex]
+    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
 ) -> dict[tuple[str, str], float]:
     """Return the energy of the breach by group and matrix, each line counted by its misfit."""
     out: dict[tuple[str, str], float] = {}
@@ -198,11 +198,11 @@ def _energies(
     return out
 
 
-def _breach(problem: Problem, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
-    return breach(problem, *item)
+def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+    return breach(part, *item)
 
 
-def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
+def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
     """Return the quantities to try: all that are not unknowns, or of very many those with the most energy."""
     alone = [p.acts_on[0] for p in problem.coordinates.parameters if len(p.acts_on) == 1]
     free = {(d.group, d.quantity) for d in alone}
@@ -230,7 +230,7 @@ def _tried(problem: Task, x: _Real, energy: dict[tuple[str, str], float]) -> lis
     return (_sensors(problem, free) + items)[:_MOST_TRIED]
 
 
-def _sensors(problem: Task, free: set[tuple[str, str]]) -> list[Parameter]:
+def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
     """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
     tried = calibration([part.frf for part in problem.parts], references="all")
     return (

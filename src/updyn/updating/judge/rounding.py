@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part
 
 __all__ = ["REMEDY", "Rounding", "worst_rounding"]
 
@@ -61,7 +61,7 @@ class Rounding:
         )
 
 
-def worst_rounding(parts: Iterable[Problem], x: NDArray[np.float64]) -> Rounding | None:
+def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | None:
     """Look for lines at which the answer of a model is moved by rounding more than a fit can bear.
 
     A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded anew. What the
@@ -72,7 +72,7 @@ def worst_rounding(parts: Iterable[Problem], x: NDArray[np.float64]) -> Rounding
 
     Parameters
     ----------
-    parts : iterable of Problem
+    parts : iterable of Part
         Models and data of the tests.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -105,9 +105,7 @@ def worst_rounding(parts: Iterable[Problem], x: NDArray[np.float64]) -> Rounding
     return max(found, key=lambda r: r.share, default=None)
 
 
-def _shares(
-    part: Problem, x: NDArray[np.float64], freq: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _shares(part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far rounding moves the answers at some lines, as a share of them, shape (n_f, n_i, n_j)."""
     solver, system = part.solver, part.solver.system
     Z = system.coefficients(part.unknowns.state(system, part.values(x)), 2.0 * np.pi * freq)

@@ -20,7 +20,7 @@ from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.lines import on_lines
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Problem, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 
 __all__ = [
@@ -290,11 +290,13 @@ def select_jointly(
         or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))
     ):
         raise OptionError(
-            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None"
+            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None",
+            key=("n",),
         )
     if isinstance(max_collinearity, bool) or not max_collinearity >= 1.0:
         raise OptionError(
-            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1"
+            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1",
+            key=("max_collinearity",),
         )
     R = _sensitivity(tests, before)
     count = analyse(R, given.names).report.rank if n == "rank" else n
@@ -391,7 +393,8 @@ def cluster_jointly(
     if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
         raise OptionError(
             f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
-            f" {ALIKE}"
+            f" {ALIKE}",
+            key=("threshold",),
         )
     R = _sensitivity(tests, before)
     cosine = _cosines(R)
@@ -514,11 +517,9 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    parts = [
-        on_lines(Problem.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests
-    ]
+    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
     noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
-    return local_at_start(together(parts), noises)[0].R
+    return local_at_start(Problem.of(parts), noises)[0].R
 
 
 def _cosines(R: _Matrix) -> _Matrix:

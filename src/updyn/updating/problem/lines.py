@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -28,8 +28,8 @@ _RELATIVE_FLOOR = 1e-2
 _FEW, _EXCHANGES, _RISE = 2, 20, 1e-6
 
 
-def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.intp]:
-    """Return the positions of the lines to use in the problem's data.
+def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
+    """Return the positions of the lines to use in the part's data.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
         None: all. ``"d-optimal:40"``: the 40 that tell most of all unknowns together;
         ``"a-optimal:40"``: the 40 that leave them least uncertain, ``"a-optimal:40:shaft.*"`` those
         of that name, globs with commas between. Else frequencies in Hz, each a line of the data.
-    problem : Problem
+    part : Part
         Built on all lines.
 
     Raises
@@ -48,7 +48,7 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
     DataError
         If a frequency is not a line of the data.
     """
-    frf = problem.frf
+    frf = part.frf
     if lines is None:
         return np.arange(len(frf.freq))
     if isinstance(lines, str):
@@ -57,19 +57,21 @@ def choose_lines(lines: str | ArrayLike | None, problem: Problem) -> NDArray[np.
             raise OptionError(
                 f"lines {lines!r}: expected 'd-optimal:N' or 'a-optimal:N' with a whole number N,"
                 " after the latter a colon and names of unknowns where only some count, or"
-                " frequencies in Hz"
+                " frequencies in Hz",
+                key=("lines",),
             )
         count = int(found[2])
         if not 1 <= count <= len(frf.freq):
             raise OptionError(
-                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from"
+                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from",
+                key=("lines",),
             )
-        wanted = _wanted(lines, found[3], problem.coordinates.parameters.names)
-        return d_optimal(problem, count) if found[1] == "d" else a_optimal(problem, count, wanted)
+        wanted = _wanted(lines, found[3], part.coordinates.parameters.names)
+        return d_optimal(part, count) if found[1] == "d" else a_optimal(part, count, wanted)
     return frf.find_lines(lines)
 
 
-def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
+def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
     """Choose lines one by one, each the one that raises the determinant of the Fisher information most.
 
     The information is taken at the start of the unknowns, for noise that is relative with a floor
@@ -78,7 +80,7 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         Built on all lines.
     count : int
         How many lines to choose.
@@ -96,13 +98,11 @@ def d_optimal(problem: Problem, count: int) -> NDArray[np.intp]:
     still count.
     """
     return _chosen(
-        problem, f"d-optimal {count}", lambda information: _most_telling(information, count)
+        part, f"d-optimal {count}", lambda information: _most_telling(information, count)
     )
 
 
-def a_optimal(
-    problem: Problem, count: int, wanted: Sequence[int] | None = None
-) -> NDArray[np.intp]:
+def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> NDArray[np.intp]:
     """Choose lines one by one, each the one that lowers the variance of some unknowns most.
 
     The mean over these unknowns of the variance over that with all lines; for one unknown it is
@@ -110,7 +110,7 @@ def a_optimal(
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         Built on all lines.
     count : int
         How many lines to choose.
@@ -127,9 +127,9 @@ def a_optimal(
     Greedy minimisation of a weighted trace of the covariance (Fedorov, Theory of Optimal
     Experiments, 1972, chapter 2).
     """
-    at = list(range(problem.n)) if wanted is None else list(wanted)
+    at = list(range(part.n)) if wanted is None else list(wanted)
     return _chosen(
-        problem,
+        part,
         f"a-optimal {count} {at}",
         lambda information: _least_uncertain(information, count, at),
     )
@@ -143,23 +143,26 @@ def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | 
     for pattern in (text.strip() for text in names.split(",")):
         fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
         if not fits:
-            raise OptionError(f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}")
+            raise OptionError(
+                f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}",
+                key=("lines",),
+            )
         at.update(fits)
     return sorted(at)
 
 
 def _chosen(
-    problem: Problem, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
+    part: Part, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
 ) -> NDArray[np.intp]:
     """Choose by the information of each line, shape (n_f, n, n)."""
-    x = _start(problem)
-    floor = _RELATIVE_FLOOR * level_by_unit(problem.frf)
+    x = _start(part)
+    floor = _RELATIVE_FLOOR * level_by_unit(part.frf)
 
     def compute() -> Record:
-        items = [(x, floor, lines) for lines in problem.partition()]
-        return (choose(np.concatenate(list(problem.each(_information, items)))),)
+        items = [(x, floor, lines) for lines in part.partition()]
+        return (choose(np.concatenate(list(part.each(_information, items)))),)
 
-    return problem.recall("lines", x, compute, kind)[0]
+    return part.recall("lines", x, compute, kind)[0]
 
 
 def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
@@ -227,37 +230,37 @@ def _scaled(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     return information / scale[:, None] / scale, 1e-9 * np.eye(len(scale))
 
 
-def _start(problem: Problem) -> NDArray[np.float64]:
-    coordinates = problem.coordinates
+def _start(part: Part) -> NDArray[np.float64]:
+    coordinates = part.coordinates
     x = coordinates.to_x(coordinates.parameters.start)
     highest = coordinates.to_x(coordinates.parameters.upper)
     return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
 
 
 def _information(
-    problem: Problem, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+    part: Part, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
 ) -> NDArray[np.float64]:
     """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
     x, floor, lines = item
-    block = problem.block(x, lines)
+    block = part.block(x, lines)
     assert block.dH is not None
     weight = 1.0 / np.hypot(np.abs(block.H), floor)
-    J = (block.dH * weight).reshape(problem.n, len(block.H), -1)
+    J = (block.dH * weight).reshape(part.n, len(block.H), -1)
     return np.asarray(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
 
 
 Lines = str | ArrayLike | None
 
 
-def on_lines(problem: Problem, lines: Lines) -> Problem:
-    """Return the problem on chosen lines of its data.
+def on_lines(part: Part, lines: Lines) -> Part:
+    """Return the part on chosen lines of its data.
 
     Raises
     ------
     InputError
         If the choice is not understood, or a line is not in the data.
     """
-    at = choose_lines(lines, problem)
-    if len(at) == len(problem.frf.freq):
-        return problem
-    return replace(problem, frf=problem.frf.select(lines=problem.frf.freq[at]))
+    at = choose_lines(lines, part)
+    if len(at) == len(part.frf.freq):
+        return part
+    return replace(part, frf=part.frf.select(lines=part.frf.freq[at]))

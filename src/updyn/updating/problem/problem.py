@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from updyn.updating.problem.session import Record, Session, digest
 __all__ = [
     "Block",
     "Coordinates",
-    "Joint",
+    "Part",
     "Problem",
-    "Task",
-    "together",
 ]
 
 _Vector = NDArray[np.float64]
@@ -158,8 +156,8 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
-    """What an update works on.
+class Part:
+    """Model, data and unknowns of one test.
 
     Attributes
     ----------
@@ -204,7 +202,7 @@ class Problem:
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return Problem, (self.solver, *about, Session(), self.name, self.as_read)
+        return Part, (self.solver, *about, Session(), self.name, self.as_read)
 
     @classmethod
     def build(
@@ -217,7 +215,7 @@ class Problem:
         backend: str | None = None,
         session: Session | None = None,
         name: str = "",
-    ) -> Problem:
+    ) -> Part:
         """Bring model, data and unknowns together.
 
         Raises
@@ -242,15 +240,15 @@ class Problem:
             name,
         )
 
-    def with_data(self, frf: FRF) -> Problem:
-        """Return the problem on other data, whose responses and references are DOFs of the model too."""
+    def with_data(self, frf: FRF) -> Part:
+        """Return the part on other data, whose responses and references are DOFs of the model too."""
         rows = self.solver.system.dofs.match(frf.responses, "response")
         columns = self.solver.system.dofs.match(frf.references, "reference")
         sign = rows.sign[:, None] * columns.sign
         return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
 
-    def thinned(self, largest: int) -> Problem:
-        """Return the problem on every second, third, ... line, so that at most `largest` lines are left.
+    def thinned(self, largest: int) -> Part:
+        """Return the part on every second, third, ... line, so that at most `largest` lines are left.
 
         Parameters
         ----------
@@ -259,7 +257,7 @@ class Problem:
 
         Returns
         -------
-        Problem
+        Part
             Itself where it has no more lines than that.
         """
         stride = -(-len(self.frf.freq) // largest)
@@ -269,19 +267,14 @@ class Problem:
             else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
         )
 
-    def lowest(self, share: float) -> Problem:
-        """Return the problem on a share of its lines, from the lowest; at least four of them."""
+    def lowest(self, share: float) -> Part:
+        """Return the part on a share of its lines, from the lowest; at least four of them."""
         n = max(4, round(share * self.n_lines))
         return (
             self
             if n >= self.n_lines
             else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
         )
-
-    @property
-    def parts(self) -> tuple[Problem, ...]:
-        """The tests that are fitted together: this one."""
-        return (self,)
 
     @property
     def n(self) -> int:
@@ -298,12 +291,12 @@ class Problem:
         """Number of lines."""
         return len(self.frf.freq)
 
-    def with_session(self, session: Session) -> Problem:
-        """Return the problem with another session."""
+    def with_session(self, session: Session) -> Part:
+        """Return the part with another session."""
         return replace(self, session=session)
 
-    def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
-        """Return the problem with narrower bounds in x."""
+    def with_box(self, box: tuple[_Vector, _Vector]) -> Part:
+        """Return the part with narrower bounds in x."""
         return replace(self, coordinates=replace(self.coordinates, box=box))
 
     def values(self, x: _Vector) -> _Vector:
@@ -338,7 +331,7 @@ class Problem:
         return self.work > _LONG
 
     def partition(self, n_columns: int | None = None) -> list[slice]:
-        """Return the blocks of lines in which the problem is worked on; they depend on the problem alone.
+        """Return the blocks of lines in which the part is evaluated; they depend on the part alone.
 
         Parameters
         ----------
@@ -352,8 +345,8 @@ class Problem:
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
 
-    def each(self, function: Callable[[Problem, T], R], items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(problem, item)`` for tuples that end with their block of lines, in their order.
+    def each(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
+        """Yield ``function(part, item)`` for tuples that end with their block of lines, in their order.
 
         Parameters
         ----------
@@ -464,22 +457,33 @@ def _middle(freq: NDArray[np.float64]) -> float:
     return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max())) if moving.size else 1.0
 
 
-def _responses(problem: Problem, item: tuple[_Vector, slice]) -> _Complex:
+def _responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
     x, lines = item
-    return problem.block(x, lines, derivatives=False).H
+    return part.block(x, lines, derivatives=False).H
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Joint:
-    """Problems with the same unknowns and the same session.
+class Problem:
+    """What an update works on: a part for each test, with the same unknowns and the same session.
 
     Attributes
     ----------
-    parts : tuple of Problem
-        One for each test; their names differ.
+    parts : tuple of Part
+        At least one; where there are several, their names differ.
     """
 
-    parts: tuple[Problem, ...]
+    parts: tuple[Part, ...]
+
+    @classmethod
+    def of(cls, parts: Sequence[Part]) -> Problem:
+        """Return parts as one problem, in the coordinates of the first."""
+        shared = parts[0].coordinates
+        own = []
+        for part in parts:
+            if part.coordinates is not shared:
+                part = replace(part, coordinates=shared)
+            own.append(part)
+        return cls(tuple(own))
 
     @property
     def coordinates(self) -> Coordinates:
@@ -511,21 +515,21 @@ class Joint:
         """Whether the lines of one evaluation are worth spreading over workers; else whole descents are."""
         return any(part.spreads for part in self.parts)
 
-    def thinned(self, largest: int) -> Joint:
+    def thinned(self, largest: int) -> Problem:
         """Return the parts on at most `largest` lines each."""
-        return Joint(tuple(part.thinned(largest) for part in self.parts))
+        return Problem(tuple(part.thinned(largest) for part in self.parts))
 
-    def lowest(self, share: float) -> Joint:
+    def lowest(self, share: float) -> Problem:
         """Return the parts on a share of their lines, from the lowest."""
-        return Joint(tuple(part.lowest(share) for part in self.parts))
+        return Problem(tuple(part.lowest(share) for part in self.parts))
 
-    def with_session(self, session: Session) -> Joint:
+    def with_session(self, session: Session) -> Problem:
         """Return the parts with another session."""
-        return Joint(tuple(part.with_session(session) for part in self.parts))
+        return Problem(tuple(part.with_session(session) for part in self.parts))
 
-    def with_box(self, box: tuple[_Vector, _Vector]) -> Joint:
+    def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
         """Return the parts with narrower bounds in x."""
-        return Joint(tuple(part.with_box(box) for part in self.parts))
+        return Problem(tuple(part.with_box(box) for part in self.parts))
 
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
@@ -536,17 +540,3 @@ class Joint:
         return self.session.recall(
             [k for part in self.parts for k in part.key(kind, x, *about)], compute
         )
-
-
-#: What a method works on.
-Task: TypeAlias = "Problem | Joint"
-
-
-def together(problems: Sequence[Problem]) -> Task:
-    """Return one problem as it is, several as one, in the coordinates of the first."""
-    first = problems[0]
-    rest = (
-        p if p.coordinates is first.coordinates else replace(p, coordinates=first.coordinates)
-        for p in problems
-    )
-    return first if len(problems) == 1 else Joint(tuple(rest))

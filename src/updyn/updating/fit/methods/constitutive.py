@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ from updyn.errors import DataError, OptionError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem, Task
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -43,7 +43,7 @@ _NOTE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ConstitutiveMethod:
+class ConstitutiveMethod(Method):
     """Least error in the constitutive relations with a weighted measurement term (method ``"constitutive"``).
 
     Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
@@ -74,22 +74,25 @@ class ConstitutiveMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = (
         "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
     )
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.weight <= 1.0:
             raise OptionError(
-                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1"
+                f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1",
+                key=("weight",),
             )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         with monitor.stage(_NAME):
             try:
@@ -106,7 +109,7 @@ class ConstitutiveMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConstitutiveError:
+class ConstitutiveError(LineResidual):
     """r = L^-1 (h - h_X), L L^H = S + slack: half its square is the error E for one line and reference.
 
     Parameters
@@ -140,38 +143,34 @@ class ConstitutiveError:
     name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Level, slack and compliance."""
         given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
         return np.concatenate([[self.level], *given])
 
-    def of(self, part: int) -> ConstitutiveError:
-        """Return itself: it is of one test."""
-        return self
-
-    def on(self, problem: Problem, lines: slice) -> ConstitutiveError:
+    def on(self, part: Part, lines: slice) -> Self:
         """Return it with the slack of a block of lines."""
         return self if self.slack is None else replace(self, slack=self.slack[lines])
 
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        n_i = len(problem.rows)
-        return problem.partition(
-            4 * n_i + len(problem.columns) + problem.n * n_i * n_i // problem.solver.system.n
+        n_i = len(part.rows)
+        return part.partition(
+            4 * n_i + len(part.columns) + part.n * n_i * n_i // part.solver.system.n
         )
 
     @alone
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
-        system, unknowns, values = problem.solver.system, problem.unknowns, problem.values(x)
-        freq, state = problem.frf.freq[lines], problem.state(x)
+        system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
+        freq, state = part.frf.freq[lines], part.state(x)
         omega = 2.0 * np.pi * freq
-        P, U, S, moved, c = adjoint_fields(problem, state, freq, self.compliance)
-        measured = problem.frf.converted("receptance").values[lines] * problem.sign
-        misfit = U[problem.rows].transpose(1, 0, 2) - measured
+        P, U, S, moved, c = adjoint_fields(part, state, freq, self.compliance)
+        measured = part.frf.converted("receptance").values[lines] * part.sign
+        misfit = U[part.rows].transpose(1, 0, 2) - measured
         slopes = unknowns.slopes(system, state, values, omega)
-        assert isinstance(problem.solver, LineSolver)
-        Y = problem.solver.forced(c, moved, freq)
+        assert isinstance(part.solver, LineSolver)
+        Y = part.solver.forced(c, moved, freq)
         crossed = contract(system, unknowns, slopes, P, Y)
         change = -(crossed + crossed.conj().swapaxes(2, 3))
         if self.compliance is None:
@@ -185,18 +184,18 @@ class ConstitutiveError:
         r = np.linalg.solve(L, misfit)
         J = contract(system, unknowns, -slopes, P, U)
         J -= 0.5 * (change @ np.linalg.solve(C, misfit))
-        J *= (problem.coordinates.slope(x) / self.level)[:, None, None, None]
+        J *= (part.coordinates.slope(x) / self.level)[:, None, None, None]
         return np.asarray(r / self.level), np.asarray(np.linalg.solve(L, J))
 
 
 def adjoint_fields(
-    problem: Problem, state: State, freq: _Vector, compliance: _Vector | None = None
+    part: Part, state: State, freq: _Vector, compliance: _Vector | None = None
 ) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
     """Return the fields from which errors in the relations, or forces, are told that make up for a misfit.
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         Model and data.
     state : State
         Of the model.
@@ -221,11 +220,11 @@ def adjoint_fields(
     SolverError
         If the model is singular at a line.
     """
-    system = problem.solver.system
+    system = part.solver.system
     c, w = constitutive_weights(system, state, 2.0 * np.pi * freq)
-    loaded, place = np.unique(np.concatenate([problem.rows, problem.columns]), return_inverse=True)
-    fields = problem.solver.solve(c, loaded, freq)
-    n_i = len(problem.rows)
+    loaded, place = np.unique(np.concatenate([part.rows, part.columns]), return_inverse=True)
+    fields = part.solver.solve(c, loaded, freq)
+    n_i = len(part.rows)
     P, U = fields[:, :, place[:n_i]], fields[:, :, place[n_i:]]
     if compliance is None:
         moved = np.zeros_like(P)
@@ -252,7 +251,7 @@ def _weight_slopes(
     return np.asarray(2.0 * change / safe - np.abs(own) ** 2 * scale / safe**2)
 
 
-def _at_start(problem: Problem, weight: float) -> ConstitutiveError:
+def _at_start(part: Part, weight: float) -> ConstitutiveError:
     """Return the residual whose slack is in proportion to S at the start of the unknowns: so r means the same anywhere.
 
     Raises
@@ -262,23 +261,23 @@ def _at_start(problem: Problem, weight: float) -> ConstitutiveError:
     SolverError
         If the model cannot be solved there.
     """
-    if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+    if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
         raise DataError(
-            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+            f"{_NAME}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave it out"
         )
-    blank = ConstitutiveError(np.zeros((len(problem.frf.freq), len(problem.rows))), 1.0)
+    blank = ConstitutiveError(np.zeros((len(part.frf.freq), len(part.rows))), 1.0)
     spread = np.concatenate(
-        list(problem.each(_diagonal, [(lines,) for lines in blank.partition(problem)]))
+        list(part.each(_diagonal, [(lines,) for lines in blank.partition(part)]))
     )
     spread = np.maximum(spread, np.finfo(float).tiny)
-    size = np.abs(problem.frf.converted("receptance").values) ** 2
+    size = np.abs(part.frf.converted("receptance").values) ** 2
     level = float(np.sqrt(np.mean(size / spread[:, :, None]))) or 1.0
     return ConstitutiveError((1.0 - weight) / weight * spread, level)
 
 
-def _diagonal(problem: Problem, item: tuple[slice]) -> _Vector:
-    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    S = adjoint_fields(problem, problem.state(x), problem.frf.freq[item[0]])[2]
+def _diagonal(part: Part, item: tuple[slice]) -> _Vector:
+    x = part.coordinates.to_x(part.coordinates.parameters.start)
+    S = adjoint_fields(part, part.state(x), part.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
 
 

@@ -14,7 +14,7 @@ from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
     Amounts,
@@ -27,8 +27,8 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem, Task
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["ForceResidual", "ForceResidualMethod"]
@@ -46,7 +46,7 @@ _ADVICE = "Use solver='trust-region'."
 
 
 @dataclass(frozen=True, slots=True)
-class ForceResidualMethod:
+class ForceResidualMethod(Method):
     """Least ||Z(p) h - f|| over the unknowns and over the motion h where there is no sensor (``"force-residual"``).
 
     In turn: the measured motion is expanded to all DOFs such that the present model leaves the
@@ -74,21 +74,26 @@ class ForceResidualMethod:
     solver: str = "alternating"
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("alternating", "trust-region")
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = "Farhat & Hemez 1993; Hemez, as in Bao, Wang & Cheng 2010"
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
-            raise OptionError(f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}")
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "alternating"
-        check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
+        check_unknowns(problem, self, priors=not plain)
         for part in problem.parts:
             _check(part)
         residual = EachOf(
@@ -117,7 +122,7 @@ class ForceResidualMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ForceResidual:
+class ForceResidual(LineResidual):
     """r = Z h - e_j with h expanded at the same point, and its derivatives with h held.
 
     Parameters
@@ -127,6 +132,8 @@ class ForceResidual:
         moments.
     level : float
         What the residual is divided by.
+    name : str
+        How the report calls it.
 
     Notes
     -----
@@ -137,11 +144,11 @@ class ForceResidual:
 
     compliance: _Vector
     level: float
-    name: ClassVar[str] = _NAME
+    name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Compliance and level."""
         return np.append(self.compliance, self.level)
 
     @property
@@ -149,46 +156,42 @@ class ForceResidual:
         """The same sum of squares with the expanded motion eliminated: its derivatives are those of the whole."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 
-    def on(self, problem: Problem, lines: slice) -> ForceResidual:
-        """Return itself."""
-        return self
-
-    def partition(self, problem: Problem) -> list[slice]:
+    def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        return problem.partition(2 * len(problem.rows) + (4 + problem.n) * len(problem.columns))
+        return part.partition(2 * len(part.rows) + (4 + part.n) * len(part.columns))
 
     @alone
-    def block(self, problem: Problem, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, N, n_j), and derivatives by x, shape (n, n_f, N, n_j), at some lines."""
-        system, unknowns, freq = problem.solver.system, problem.unknowns, problem.frf.freq[lines]
-        state = problem.state(x)
-        _, U, S, moved, c = adjoint_fields(problem, state, freq, self.compliance)
-        measured = problem.frf.converted("receptance").values[lines] * problem.sign
-        misfit = U[problem.rows].transpose(1, 0, 2) - measured
+        system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
+        state = part.state(x)
+        _, U, S, moved, c = adjoint_fields(part, state, freq, self.compliance)
+        measured = part.frf.converted("receptance").values[lines] * part.sign
+        misfit = U[part.rows].transpose(1, 0, 2) - measured
         force = -(moved.transpose(1, 0, 2) @ np.linalg.solve(S, misfit)).transpose(1, 0, 2)
-        assert isinstance(problem.solver, LineSolver)
-        motion = U + problem.solver.forced(c, force, freq)
-        slopes = unknowns.slopes(system, state, problem.values(x), 2.0 * np.pi * freq)
-        J = np.zeros((problem.n, *force.shape), dtype=np.complex128)
+        assert isinstance(part.solver, LineSolver)
+        motion = U + part.solver.forced(c, force, freq)
+        slopes = unknowns.slopes(system, state, part.values(x), 2.0 * np.pi * freq)
+        J = np.zeros((part.n, *force.shape), dtype=np.complex128)
         for d, (p, t) in enumerate(zip(unknowns.owner, unknowns.at, strict=True)):
             term = system.terms[t]
             J[p, term.own] += slopes[d][None, :, None] * term.times(motion[term.own])
         weight = 1.0 / (np.sqrt(self.compliance) * self.level)
-        J *= problem.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
+        J *= part.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
         r = np.asarray(force * weight[:, None, None], dtype=np.complex128)
         return r.transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
 
 
-def _check(problem: Problem) -> None:
-    if QUANTITIES[problem.frf.quantity] and problem.frf.freq[0] == 0.0:
+def _check(part: Part) -> None:
+    if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
         raise DataError(
-            f"{_NAME}: the 0 Hz line of {problem.frf.quantity} holds no receptance; leave it out"
+            f"{_NAME}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave it out"
         )
 
 
-def _compliance(problem: Problem) -> _Vector:
+def _compliance(part: Part) -> _Vector:
     """Return 1 for forces, and for moments the square of the length at which stiffnesses of both kinds are alike."""
-    system = problem.solver.system
+    system = part.solver.system
     turns = np.asarray(system.dofs.axes) >= 3
     if turns.all() or not turns.any():
         return np.ones(system.n)
@@ -204,6 +207,6 @@ def _compliance(problem: Problem) -> _Vector:
     return np.where(turns, squared, 1.0)
 
 
-def _level(problem: Problem) -> float:
+def _level(part: Part) -> float:
     """Return the root of the number of lines and references: half the square of the residual is then per unit force."""
-    return float(np.sqrt(problem.n_lines * len(problem.columns)))
+    return float(np.sqrt(part.n_lines * len(part.columns)))

@@ -6,27 +6,26 @@ logarithms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, ParameterError, SolverError
-from updyn.updating.fit.method import Fit, spread_of
+from updyn.updating.fit.method import Fit, Method, spread_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Task
-from updyn.updating.problem.residuals import solved
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EachOf, LineResidual, solved
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "Amounts",
-    "ByLine",
     "Plain",
     "basic_solution",
     "check_unknowns",
@@ -48,17 +47,6 @@ _ROUNDING = 1e-6
 _HALVINGS = 20
 #: Columns whose lengths differ by less than this share are equally long but for rounding.
 _TIE = 1e-6
-
-
-class ByLine(Protocol):
-    """A residual that `solved` reduces; see `updyn.updating.problem.residuals`."""
-
-    @property
-    def name(self) -> str:
-        """How the report calls it."""
-
-    def of(self, part: int) -> Any:
-        """Return the residual of one of several tests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +128,7 @@ class Plain:
 
     def run(
         self,
-        problem: Task,
+        problem: Problem,
         evaluate: Callable[[_Vector], Local],
         solve: Callable[[Local, _Vector], _Vector],
         x: _Vector,
@@ -150,7 +138,7 @@ class Plain:
 
         Parameters
         ----------
-        problem : Task
+        problem : Problem
             Whose unknowns they are.
         evaluate : callable
             Returns the local problem at a point; raises SolverError where the model cannot be
@@ -193,7 +181,7 @@ class Plain:
 
     def _next(
         self,
-        problem: Task,
+        problem: Problem,
         evaluate: Callable[[_Vector], Local],
         values: _Vector,
         wanted: _Vector,
@@ -218,7 +206,7 @@ class Plain:
             share *= 0.5
         return None
 
-    def _checked(self, problem: Task, values: _Vector, number: int) -> _Vector:
+    def _checked(self, problem: Problem, values: _Vector, number: int) -> _Vector:
         factors = values[problem.coordinates.parameters.is_factor]
         again = f"in step {number}: the plain iteration has diverged. {self.advice}"
         if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
@@ -230,11 +218,11 @@ class Plain:
         return problem.coordinates.to_x(values)
 
 
-def _is_rounding(problem: Task, x: _Vector, values: _Vector) -> bool:
+def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
     return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
 
 
-def linear_step(problem: Task, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
     """Return the values, shape (n,), where the residual linearised at x in the amounts is least."""
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)
@@ -280,7 +268,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
+def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector) -> Local:
     """Return the reduced problem of all tests at x.
 
     Raises
@@ -293,44 +281,46 @@ def local_of(problem: Task, residual: ByLine, x: _Vector) -> Local:
     )
 
 
-def check_unknowns(
-    problem: Task, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
-) -> None:
+def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
     """Refuse unknowns that a method cannot update, and priors where it knows none.
 
     Parameters
     ----------
-    problem : Task
+    problem : Problem
         Whose unknowns they are.
-    name : str
+    method : Method
         The method.
-    cannot : sequence of str
-        Quantities that it cannot update.
-    instead : str
-        What to do, for the message.
     priors : bool
         Whether it knows priors.
 
     Raises
     ------
     ParameterError
-        If an unknown acts on such a quantity.
+        If an unknown acts on a quantity that the method cannot update.
     OptionError
         If an unknown has a prior.
     """
     for p in problem.coordinates.parameters:
         for d in p.acts_on:
-            if d.quantity in cannot:
+            if d.quantity in method.cannot:
                 raise ParameterError(
-                    f"method {name!r} cannot update {d.quantity} (unknown {p.name!r}); {instead}"
+                    f"method {method.name!r} cannot update {d.quantity} (unknown {p.name!r});"
+                    f" {method.instead}"
                 )
     if not priors and problem.coordinates.prior[1].any():
         raise OptionError(
-            f"method {name!r}, the plain iteration, knows no priors; leave prior_std out"
+            f"method {method.name!r}, the plain iteration, knows no priors; leave prior_std out"
         )
 
 
-def fit_of(problem: Task, residual: ByLine, x: _Vector, reason: str, kind: str, note: str) -> Fit:
+def fit_of(
+    problem: Problem,
+    residual: LineResidual | EachOf[Any],
+    x: _Vector,
+    reason: str,
+    kind: str,
+    note: str,
+) -> Fit:
     """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere."""
     try:
         local = local_of(problem, residual, x)

@@ -10,12 +10,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.method import Fit, descend, known_length, stopped_at
+from updyn.updating.fit.method import Fit, Method, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Task
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 from updyn.updating.problem.session import Stopped
 
@@ -27,7 +27,7 @@ _FALL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class MaximumLikelihood:
+class MaximumLikelihood(Method):
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
     The weights follow the model, not the noisy data: they are renewed after every descent until the
@@ -57,21 +57,16 @@ class MaximumLikelihood:
     inflate: bool = True
     continuation: bool = True
 
+    name: ClassVar[str] = "maximum-likelihood"
+    label: ClassVar[str] = "fit weighted with the noise"
     reference: ClassVar[str] = "Pintelon & Schoukens 2012; Green 1984"
-    calibrates: ClassVar[bool] = (
-        True  # compares with `Problem.block`, which has the calibration factors
-    )
+    calibrates: ClassVar[bool] = True
+    can_regularise: ClassVar[bool] = True
+    is_likelihood: ClassVar[bool] = True
+    states_noise: ClassVar[bool] = True
 
-    def search(self, problem: Task, monitor: Monitor) -> NDArray[np.float64]:
-        """Return where to begin: the best basin of the log error, shape (n,).
-
-        Parameters
-        ----------
-        problem : Task
-            Model, data and unknowns.
-        monitor : Monitor
-            Who watches.
-        """
+    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
+        """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
             rough = problem.thinned(SEARCH_LINES)
@@ -96,26 +91,14 @@ class MaximumLikelihood:
         return x
 
     def fit(
-        self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: NDArray[np.float64]
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns.
-
-        Parameters
-        ----------
-        problem : Task
-            Model, data and unknowns.
-        noises : sequence of NoiseModel
-            How uncertain the data of each part are.
-        monitor : Monitor
-            Who watches.
-        x : ndarray of float, shape (n,)
-            Where to begin.
-
-        Returns
-        -------
-        Fit
-        """
-        with monitor.stage("maximum-likelihood"):
+        """Fit the unknowns from x, weighted by the noise."""
+        with monitor.stage(self.name):
             x, reason, weighted = self._weighted(problem, noises, x, monitor)
             if weighted is not None:
                 with suppress(Stopped):
@@ -123,7 +106,11 @@ class MaximumLikelihood:
             return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
 
     def _weighted(
-        self, problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64], monitor: Monitor
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: NDArray[np.float64],
+        monitor: Monitor,
     ) -> tuple[NDArray[np.float64], str, tuple[Sequence[NoiseModel], Each] | None]:
         """Return the estimate, why it ended, and the noise and weights of its last descent."""
         left, reason = self.max_iterations, "converged"
@@ -150,7 +137,7 @@ class MaximumLikelihood:
 
     def _judge(
         self,
-        problem: Task,
+        problem: Problem,
         x: NDArray[np.float64],
         noises: Sequence[NoiseModel],
         residual: Each,
@@ -182,7 +169,7 @@ class MaximumLikelihood:
 
 
 def _weigh(
-    problem: Task, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
     """Return the noise models after a look at the residual, and the weights that follow from them at x."""
     looked, errors = [], []

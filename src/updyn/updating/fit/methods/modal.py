@@ -16,13 +16,13 @@ from updyn.errors import DataError, OptionError, ParameterError, SolverError, su
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.sensitivity import RealModes, separated, slopes
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local, joined, reduce
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import CHANNELS
-from updyn.updating.problem.problem import Problem, Task
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record, Stopped
 
 __all__ = [
@@ -45,7 +45,7 @@ _CURE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ModalMethod:
+class ModalMethod(Method):
     """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
 
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
@@ -88,8 +88,13 @@ class ModalMethod:
     mac: float = 0.8
     modes: ModeSet | Mapping[str, ModeSet] | None = None
 
+    name: ClassVar[str] = "modal"
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
     needs: ClassVar[str] = "modes that can be told apart"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    )
     cannot: ClassVar[tuple[str, ...]] = (
         *(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")),
         *CHANNELS,
@@ -98,23 +103,25 @@ class ModalMethod:
     def __post_init__(self) -> None:
         if self.shapes and not self.shape_weight > 0:
             raise OptionError(
-                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out"
+                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out",
+                key=("shape_weight",),
             )
         if self.mac > 1.0:
-            raise OptionError(f"option mac = {self.mac:g}: expected a number from 0 to 1")
+            raise OptionError(
+                f"option mac = {self.mac:g}: expected a number from 0 to 1", key=("mac",)
+            )
         given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
         for one in given:
             if one is not None and not isinstance(one, ModeSet):
                 raise OptionError(
                     f"option modes: expected a ModeSet, found {type(one).__name__}; read one with"
-                    " updyn.read_modes, or name the file in a job: [test] modes"
+                    " updyn.read_modes, or name the file in a job: [test] modes",
+                    key=("modes",),
                 )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; how exact the modes are is taken from the residual.
 
         Raises
@@ -130,7 +137,7 @@ class ModalMethod:
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
-        with monitor.stage("modal"):
+        with monitor.stage(self.name):
             try:
                 measured = [Target.of(part, self._measured(part)) for part in problem.parts]
                 outcome, residual, kept = self._in_rounds(problem, measured, x, monitor)
@@ -161,7 +168,7 @@ class ModalMethod:
         unit = sigma if sigma > 0 else 1.0
         return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), cure=_CURE)
 
-    def _check_unknowns(self, problem: Task) -> None:
+    def _check_unknowns(self, problem: Problem) -> None:
         unseen = [
             p.name
             for p in problem.coordinates.parameters
@@ -180,22 +187,25 @@ class ModalMethod:
     def _check_names(self, names: Sequence[str]) -> None:
         if isinstance(self.modes, ModeSet) and len(names) > 1:
             raise OptionError(
-                "option modes: there are several tests; give modes by the name of the test"
+                "option modes: there are several tests; give modes by the name of the test",
+                key=("modes",),
             )
         for name in self.modes if isinstance(self.modes, Mapping) else ():
             if name not in names:
-                raise OptionError(f"option modes: no test {name!r}; {suggest(str(name), names)}")
+                raise OptionError(
+                    f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
+                )
 
-    def _measured(self, problem: Problem) -> ModeSet:
-        given = self.modes.get(problem.name) if isinstance(self.modes, Mapping) else self.modes
+    def _measured(self, part: Part) -> ModeSet:
+        given = self.modes.get(part.name) if isinstance(self.modes, Mapping) else self.modes
         if given is None:
             # A viscous matrix has the rate 1, Rayleigh damping its coefficient.
-            viscous = bool(problem.solver.system.start.rate.any())
-            given = identify_modes(problem.frf, damping="viscous" if viscous else "structural")
+            viscous = bool(part.solver.system.start.rate.any())
+            given = identify_modes(part.frf, damping="viscous" if viscous else "structural")
         return given.select(range(min(self.n_modes or len(given), len(given))))
 
     def _in_rounds(
-        self, problem: Task, measured: Sequence[Target], x: _Vector, monitor: Monitor
+        self, problem: Problem, measured: Sequence[Target], x: _Vector, monitor: Monitor
     ) -> tuple[Outcome, ModalError, list[NDArray[np.bool_]]]:
         """Fit the modes that resemble one of the model, then those too that do so there, until there are no more."""
         left, kept = (
@@ -290,8 +300,8 @@ class Target:
     digest: str
 
     @classmethod
-    def of(cls, problem: Problem, modes: ModeSet) -> Target:
-        """Bring modes to the DOFs of a problem's model.
+    def of(cls, part: Part, modes: ModeSet) -> Target:
+        """Bring modes to the DOFs of a part's model.
 
         Raises
         ------
@@ -300,7 +310,7 @@ class Target:
         DataError
             If a measured mode has the frequency 0.
         """
-        match = problem.solver.system.dofs.match(modes.dofs, "DOF of the modes")
+        match = part.solver.system.dofs.match(modes.dofs, "DOF of the modes")
         if (modes.frequency == 0).any():
             raise DataError(
                 "modal: a measured mode at 0 Hz, a rigid-body motion, says nothing; leave it out"
@@ -350,7 +360,7 @@ class Pairs:
     mac: _Real
 
     @classmethod
-    def at(cls, problem: Problem, target: Target, x: _Real) -> Pairs:
+    def at(cls, part: Part, target: Target, x: _Real) -> Pairs:
         """Compute the model's modes at x and pair them.
 
         One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
@@ -364,15 +374,13 @@ class Pairs:
             If the model has fewer.
         """
         highest = _BEYOND * float(np.sqrt(target.value[-1])) / (2.0 * np.pi)
-        modes = RealModes.lowest(
-            problem.solver.system, problem.state(x), len(target.value), highest
-        )
+        modes = RealModes.lowest(part.solver.system, part.state(x), len(target.value), highest)
         if len(modes.value) < len(target.value):
             raise DataError(
                 f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
                 f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
-        about = problem.solver.system, problem.unknowns, problem.values(x)
+        about = part.solver.system, part.unknowns, part.values(x)
         modes = separated(modes, *about, target.seen, target.shapes)
         seen = target.seen(modes.shapes)
         moving = np.linalg.norm(seen, axis=0) > 0
@@ -411,14 +419,14 @@ class ModalError:
         shapes = [t.shapes.shape[0] - 1 if self.shape_weight else 0 for t in self.targets]
         return sum(len(t.value) * (1 + s) for t, s in zip(self.targets, shapes, strict=True))
 
-    def local(self, problem: Task, x: _Real) -> Local | None:
+    def local(self, problem: Problem, x: _Real) -> Local | None:
         """Return the reduced problem at x, or None where modes or their derivatives cannot be computed."""
         try:
             return self.solved(problem, x)
         except SolverError:
             return None
 
-    def solved(self, problem: Task, x: _Real) -> Local:
+    def solved(self, problem: Problem, x: _Real) -> Local:
         """Return the reduced problem at x.
 
         Raises
@@ -429,30 +437,30 @@ class ModalError:
         parts = zip(problem.parts, self.targets, strict=True)
         return joined([self._part(part, target, x) for part, target in parts], problem.n)
 
-    def _part(self, problem: Problem, target: Target, x: _Real) -> Local:
+    def _part(self, part: Part, target: Target, x: _Real) -> Local:
         if not len(target.value):  # all left out
-            return Local(0.0, np.zeros((problem.n, problem.n)), np.zeros(problem.n))
+            return Local(0.0, np.zeros((part.n, part.n)), np.zeros(part.n))
 
         def compute() -> Record:
-            local = reduce([np.hstack(self._rows(problem, target, x))], problem.n)
+            local = reduce([np.hstack(self._rows(part, target, x))], part.n)
             return np.array(local.cost), local.R, local.q
 
-        cost, R, q = problem.recall("ModalError", x, compute, target.digest, str(self.shape_weight))
+        cost, R, q = part.recall("ModalError", x, compute, target.digest, str(self.shape_weight))
         return Local(float(cost), R, q)
 
-    def _rows(self, problem: Problem, target: Target, x: _Real) -> tuple[_Real, _Real]:
+    def _rows(self, part: Part, target: Target, x: _Real) -> tuple[_Real, _Real]:
         """Return the Jacobian by x, shape (r, n), and the residuals, shape (r, 1)."""
-        pairs = Pairs.at(problem, target, x)
-        values, slope = problem.values(x), problem.coordinates.slope(x)
+        pairs = Pairs.at(part, target, x)
+        values, slope = part.values(x), part.coordinates.slope(x)
         with_shapes = self.shape_weight > 0 and len(target.rows) > 1
         J, r = [], []
         for k, which in enumerate(pairs.which):
-            problem.session.check()
+            part.session.check()
             value, shape = slopes(
                 pairs.modes,
                 int(which),
-                problem.solver.system,
-                problem.unknowns,
+                part.solver.system,
+                part.unknowns,
                 values,
                 target.rows if with_shapes else None,
             )
@@ -484,9 +492,7 @@ def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Rea
     return u * factor - measured, du * factor + np.outer(u, measured @ du)
 
 
-def measured_rms(
-    problems: Sequence[Problem], targets: Sequence[Target], x: _Real
-) -> dict[str, float]:
+def measured_rms(problems: Sequence[Part], targets: Sequence[Target], x: _Real) -> dict[str, float]:
     """Return, for the record, what is left of frequencies and shapes, and the least alike pair."""
     found = [
         (Pairs.at(p, target, x), target)

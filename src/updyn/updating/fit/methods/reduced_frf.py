@@ -15,7 +15,7 @@ from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
-from updyn.updating.fit.method import Fit
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
@@ -28,7 +28,7 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Problem, Task, together
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError
 
 __all__ = ["ReducedFrfMethod", "independently_reduced"]
@@ -49,7 +49,7 @@ _ADVICE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ReducedFrfMethod:
+class ReducedFrfMethod(Method):
     """e_j - Z_r h_X = dZ_r h_X with unit matrices reduced independently of each other (method ``"reduced-frf"``).
 
     The method that Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with and
@@ -84,22 +84,24 @@ class ReducedFrfMethod:
     frequency: float = 0.0
     separate: bool = True
 
+    name: ClassVar[str] = _NAME
+    label: ClassVar[str] = "force equation of the reduced model"
     reference: ClassVar[str] = "Xu Zhangming, as in Bao, Wang & Cheng 2010"
     needs: ClassVar[str] = "the drive point of every reference"
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'"
+    )
 
-    def search(self, problem: Task, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
-    def fit(self, problem: Task, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector) -> Fit:
+    def fit(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+    ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        check_unknowns(problem, _NAME, self.cannot, "")
+        check_unknowns(problem, self)
         residual = _ReducedEquationError(frequency=self.frequency)
         for part in problem.parts:
             residual.check(part)
         with monitor.stage(_NAME):
-            reduced = together(
+            reduced = Problem.of(
                 [independently_reduced(part, x, self.frequency) for part in problem.parts]
             )
             amounts = Amounts.find(problem.coordinates.parameters)
@@ -127,17 +129,17 @@ class _ReducedEquationError(EquationError):
     frequency: float = 0.0
 
     @property
-    def mark(self) -> str:  # type: ignore[override]
-        """What tells it from others of its name."""
+    def cache_key(self) -> str:
+        """The frequency of the transformation."""
         return f"frequency={self.frequency!r}"
 
 
-def independently_reduced(problem: Problem, x: _Vector, frequency: float) -> Problem:
-    """Return the problem on a model of the measured DOFs alone: every matrix A becomes T^T A T.
+def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
+    """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
     Parameters
     ----------
-    problem : Problem
+    part : Part
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
         Where T is made.
@@ -149,13 +151,13 @@ def independently_reduced(problem: Problem, x: _Vector, frequency: float) -> Pro
     SolverError
         If the undamped structure with its measured DOFs held is singular there.
     """
-    system, rows = problem.solver.system, problem.rows
+    system, rows = part.solver.system, part.rows
     share = {"stiffness": 1.0, "mass": -((2.0 * np.pi * frequency) ** 2)}
-    undamped = problem.state(x).factor * np.array(
+    undamped = part.state(x).factor * np.array(
         [share.get(term.quantity, 0.0) for term in system.terms]
     )
     try:
-        T = problem.solver.condense(
+        T = part.solver.condense(
             undamped[:, None].astype(np.complex128), rows, np.array([frequency])
         )[1][:, 0].real
     except SolverError as error:
@@ -169,13 +171,11 @@ def independently_reduced(problem: Problem, x: _Vector, frequency: float) -> Pro
     dofs = DofSet([system.dofs[int(i)] for i in rows])
     small = AffineSystem(terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs)
     return replace(
-        problem,
-        solver=LineSolver(small, "dense", problem.solver.backend),
-        unknowns=Unknowns.find(small, problem.coordinates.parameters),
+        part,
+        solver=LineSolver(small, "dense", part.solver.backend),
+        unknowns=Unknowns.find(small, part.coordinates.parameters),
         rows=own,
-        columns=np.array(
-            [int(np.flatnonzero(rows == c)[0]) for c in problem.columns], dtype=np.intp
-        ),
+        columns=np.array([int(np.flatnonzero(rows == c)[0]) for c in part.columns], dtype=np.intp),
     )
 
 
@@ -188,7 +188,7 @@ def _projected(
     return replace(term, rows=own, local=A, slots=entries, data=A.ravel())
 
 
-def _in_turn(problem: Task, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
     """Return the values, shape (n,), after one step each for stiffness, mass and damping, the others held."""
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)

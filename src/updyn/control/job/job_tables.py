@@ -1,0 +1,154 @@
+"""``[plant]`` and ``[servo]`` of a job as tables of it: their work after the update, and the files that come of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from updyn.control.files.plant_file import write_plant
+from updyn.control.job.checks import check_control, check_control_tables, check_servo_table
+from updyn.control.job.messages import describe_planted, describe_wish
+from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.record import write_control_record
+from updyn.control.job.tables import PlantTable, ServoTable
+from updyn.errors import UpdynWarning
+from updyn.job.job_table import JobTable
+from updyn.job.prepare import Prepared
+from updyn.job.schema import Job
+
+if TYPE_CHECKING:
+    from updyn.updating.fit.monitor import Progress
+    from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["CONTROL", "PLANT", "PLANT_PAGE", "SERVO", "plant_outputs", "write_plant_files"]
+
+#: The page and the record of a plant.
+PLANT_PAGE = "plant.html"
+CONTROL = "control.json"
+
+
+def plant_outputs(table: PlantTable) -> tuple[str, ...]:
+    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+
+    Parameters
+    ----------
+    table : PlantTable
+        ``[plant]`` of the job.
+    """
+    return (*table.files, *table.sampled_files, PLANT_PAGE, CONTROL)
+
+
+class _PlantJobTable(JobTable):
+    """``[plant]``."""
+
+    schema = PlantTable
+
+    def outputs(self, table: PlantTable) -> tuple[str, ...]:
+        return plant_outputs(table)
+
+    def check_text(self, job: Job) -> None:
+        check_control_tables(job)
+
+    def check(self, prepared: Prepared) -> None:
+        check_control(
+            prepared.job,
+            [test.model for test in prepared.tests],
+            [test.frf for test in prepared.tests],
+        )
+
+    def announce(self, prepared: Prepared) -> str:
+        return describe_wish(prepared)
+
+    def run(
+        self,
+        prepared: Prepared,
+        result: UpdateResult | JointResult,
+        found: Mapping[str, Any],
+        callback: Callable[[Progress], bool | None] | None,
+        engine: Any,
+    ) -> Planted | None:
+        """Return the plant; None where the update was stopped or has failed.
+
+        Warns
+        -----
+        UpdynWarning
+            If it does not hold its tolerance.
+        """
+        from updyn.uncertainty.draws import Draws
+
+        if result.status in ("stopped", "failed"):
+            return None
+        draws = found.get("uncertainty")
+        if not isinstance(draws, Draws) or len(draws) < 2:
+            draws = None
+        with prepared.job.located():
+            planted = planted_of(
+                prepared,
+                result,
+                f"The updated model ({result.status}).",
+                draws=draws,
+                engine=engine,
+                say=_shown(callback),
+                strict=False,
+            )
+        if not planted.met:
+            text = f"{prepared.job.path}: no plant is written: {planted.message}"
+            warnings.warn(text, UpdynWarning, stacklevel=4)
+        return planted
+
+    def write(self, found: Planted, job: Job, folder: Path) -> None:
+        write_plant_files(found, job, folder)
+
+    def summary(self, found: Planted) -> str:
+        return describe_planted(found)
+
+
+class _ServoJobTable(JobTable):
+    """``[servo]``: checked here; the work is that of ``[plant]``."""
+
+    schema = ServoTable
+
+    def outputs(self, table: ServoTable) -> tuple[str, ...]:
+        return ()
+
+    def check_text(self, job: Job) -> None:
+        check_servo_table(job)
+
+
+PLANT = _PlantJobTable()
+SERVO = _ServoJobTable()
+
+
+def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str], object] | None:
+    """Return what shows a stage as progress of the run is shown."""
+    if callback is None:
+        return None
+    from updyn.updating.fit.monitor import Progress as Step
+
+    return lambda stage: callback(Step(stage, 0, float("nan"), 0, 0))
+
+
+def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:
+    """Write the files that ``[plant]`` names, and the record.
+
+    Parameters
+    ----------
+    planted : Planted
+        What was made.
+    job : Job
+        Its job.
+    folder : Path
+        Where to.
+    """
+    table = job.table(PlantTable)
+    assert table is not None
+    for made, names in (
+        (planted.plant, table.files),
+        (planted.sampled, table.sampled_files),
+    ):
+        if made is not None:
+            for name in names:
+                write_plant(made, folder / name)
+    write_control_record(planted, folder / CONTROL)

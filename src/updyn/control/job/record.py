@@ -1,0 +1,285 @@
+"""``control.json``: what ``[plant]`` of a job gave, for other programs. Strict JSON; inf and nan are null."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn import __version__
+from updyn.control.job.plant_result import Planted
+from updyn.control.job.servo import Nonlinear
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+from updyn.control.servo.drive import DriveFigures
+from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
+from updyn.store.values import plain
+
+__all__ = [
+    "control_record",
+    "drive_record",
+    "nonlinear_record",
+    "servo_record",
+    "write_control_record",
+]
+
+
+def control_record(planted: Planted) -> dict[str, Any]:
+    """Return what was made as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    planted : Planted
+        What the job gave.
+
+    Returns
+    -------
+    dict
+        ``title``; ``updated``, whether the plant is of the updated model, and ``source``; ``band``
+        in Hz; ``tolerance`` and ``met``, whether it was; ``message``, why there is no plant;
+        ``plant``, None where there is none: ``error``, ``peak_error``, ``route``, ``order``,
+        ``rigid``, ``inputs``, ``outputs``, ``modes_hz``, ``poles`` (``re``, ``im`` in rad/s,
+        ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each; ``conversions``
+        of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where
+        not asked for; ``nonlinear``, limit cycles; ``notes``; ``versions``.
+    """
+    return {
+        "title": planted.title,
+        "updated": planted.updated,
+        "source": planted.source,
+        "band": plain(planted.band),
+        "tolerance": plain(planted.tolerance),
+        "met": planted.met,
+        "message": planted.message,
+        "plant": None if planted.plant is None else _plant(planted, planted.plant),
+        "conversions": [
+            {
+                "name": c.name,
+                "error": plain(c.error),
+                "peak_error": plain(c.peak_error),
+                "note": c.note,
+            }
+            for c in planted.conversions
+        ],
+        "sampled": None if planted.sampled is None else _sampled(planted.sampled),
+        "family": _family(planted),
+        "servo": None if planted.servo is None else servo_record(planted.servo),
+        "nonlinear": [nonlinear_record(found) for found in planted.nonlinear],
+        "drive": None if planted.drive is None else drive_record(planted.drive),
+        "notes": list(planted.notes),
+        "versions": {"updyn": __version__},
+    }
+
+
+def write_control_record(planted: Planted, path: str | Path) -> None:
+    """Write `control_record` to a file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    planted : Planted
+        What the job gave.
+    path : path
+        File to write, usually ``control.json``.
+    """
+    from updyn.io.atomic import write_json
+
+    write_json(control_record(planted), path)
+
+
+def _plant(planted: Planted, plant: Plant) -> dict[str, Any]:
+    errors = planted.channel_errors()
+    poles = plant.poles[np.lexsort((-plant.poles.imag, np.abs(plant.poles)))]
+    size = np.abs(poles)
+    damping = np.divide(-poles.real, size, out=np.full(len(poles), np.nan), where=size > 0)
+    return {
+        "error": plain(plant.error),
+        "peak_error": plain(plant.peak_error),
+        "route": plant.route,
+        "order": plant.n_states,
+        "rigid": plant.rigid,
+        "inputs": [_port(p, p.force_unit) for p in plant.input_ports],
+        "outputs": [
+            {**_port(p, unit), "quantity": quantity}
+            for p, unit, quantity in zip(
+                plant.output_ports, plant.output_units, plant.quantities, strict=True
+            )
+        ],
+        "modes_hz": plain(plant.modes),
+        "poles": [
+            plain(
+                {"re": p.real, "im": p.imag, "frequency_hz": f / (2.0 * np.pi), "damping_ratio": z}
+            )
+            for p, f, z in zip(poles, size, damping, strict=True)
+        ],
+        "channels": [
+            {"output": output, "input": name, "error": plain(errors[i, j])}
+            for i, output in enumerate(plant.outputs)
+            for j, name in enumerate(plant.inputs)
+        ],
+        "facts": plain(dict(plant.facts)),
+    }
+
+
+def _port(port: Port, unit: str) -> dict[str, Any]:
+    return {"name": port.name, "unit": unit, "weights": plain(dict(port.weights))}
+
+
+def _sampled(plant: Plant) -> dict[str, Any]:
+    return {
+        "dt": plant.dt,
+        "delay": plant.delay,
+        "order": plant.n_states,
+        "facts": plain(dict(plant.facts)),
+    }
+
+
+def _family(planted: Planted) -> dict[str, Any] | None:
+    if planted.family is None:
+        return None
+    return {
+        "members": len(planted.family),
+        "error": plain(planted.family.error),
+        "unknowns": list(planted.family.names),
+        "facts": plain(dict(planted.family.facts)),
+        "weights": _weights(planted),
+    }
+
+
+def _weights(planted: Planted) -> list[dict[str, Any]]:
+    out = []
+    for found in planted.weights.values():
+        ((weight,),) = found.weights
+        roots = {
+            key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
+            for key in ("zeros", "poles")
+        }
+        figures = {
+            key: plain(getattr(weight, key))
+            for key in ("largest", "mean", "peak", "peak_at", "note")
+        }
+        names = {"output": found.outputs[0], "input": found.inputs[0], "kind": found.kind}
+        out.append({**names, "order": weight.order, "gain": plain(weight.gain), **roots, **figures})
+    return out
+
+
+_STEP = ("of", "size", "input", "input_unit", "output", "output_unit", "final", "rise_time", "overshoot",
+         "settling_time", "peak", "peak_time")  # fmt: skip
+_WIND = (
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "rms",
+    "peak",
+    "mean",
+    "rms_expected",
+    "facts",
+)
+
+
+def servo_record(servo: Servo) -> dict[str, Any]:
+    """Return a servo as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    servo : Servo
+        From `updyn.servo`.
+
+    Returns
+    -------
+    dict
+        ``stable``, of every loop and member of a family; ``controller``; the names of the ports;
+        ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
+        ``velocity_loop`` and ``position_loop``: ``margins`` as
+        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
+        ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
+    """
+    return {
+        "stable": servo.stable,
+        "controller": plain(asdict(servo.controller)),
+        "torque": servo.torque,
+        "velocity": servo.velocity,
+        "position": servo.position,
+        "disturbance": servo.disturbance,
+        "pointing": servo.pointing,
+        "inertia": plain(servo.plant.get("inertia")),
+        "bandwidth": plain(servo.bandwidth),
+        "poles": [{"re": float(p.real), "im": float(p.imag)} for p in servo.poles],
+        "velocity_loop": _loop(servo.velocity_loop),
+        "position_loop": None if servo.position_loop is None else _loop(servo.position_loop),
+        "step": _figures(servo.step, _STEP),
+        "disturbance_step": _figures(servo.disturbance_step, _STEP),
+        "wind": _figures(servo.wind, _WIND),
+        "notes": list(servo.notes),
+    }
+
+
+def _loop(loop: Loop) -> dict[str, Any]:
+    return {
+        "margins": plain(asdict(loop.margins)),
+        "bandwidth": plain(loop.bandwidth),
+        "worst": {name: plain(asdict(spread)) for name, spread in loop.worst.items()},
+        "unstable_members": list(loop.unstable_members),
+    }
+
+
+def _figures(
+    found: StepResponse | WindResponse | None, names: tuple[str, ...]
+) -> dict[str, Any] | None:
+    return None if found is None else {name: plain(getattr(found, name)) for name in names}
+
+
+def drive_record(drive: DriveFigures) -> dict[str, Any]:
+    """Return the figures of a drive as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    drive : DriveFigures
+        From `updyn.drive_figures`.
+
+    Returns
+    -------
+    dict
+        What `updyn.control.servo.drive.DriveFigures` holds, by the same names.
+    """
+    out = plain(asdict(drive))
+    assert isinstance(out, dict)
+    if drive.bandwidth is not None:
+        out["bandwidth"]["rule"] = drive.bandwidth.rule
+    return out
+
+
+def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
+    """Return a loop with backlash or friction as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    found : Nonlinear
+        What the job gave.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``where``, ``law`` (its numbers); ``linear_stable``; ``cycles``, one dict each
+        with what `updyn.control.nonlinear.balance.LimitCycle` holds but the describing function;
+        ``simulation``, None where there is none: ``verdict``, ``amplitude``, ``frequency`` and so
+        on; ``begun``, ``disputed`` and ``note``.
+    """
+    ended = found.simulation
+    names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
+    cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")
+    return {
+        "kind": found.kind,
+        "where": found.where,
+        "law": plain(asdict(found.law)),
+        "linear_stable": bool(found.cycles.linear_stable),
+        "cycles": [{name: plain(getattr(c, name)) for name in cycle} for c in found.cycles],
+        "simulation": (
+            None if ended is None else {name: plain(getattr(ended, name)) for name in names}
+        ),
+        "begun": found.begun,
+        "disputed": found.disputed,
+        "note": found.note,
+    }

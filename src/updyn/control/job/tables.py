@@ -1,0 +1,407 @@
+"""Tables of a job file about control: ``[plant]``, what is handed to the servo designer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import PurePath
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+from updyn.control.servo.controller import Controller, Notch
+from updyn.control.servo.wind import Wind
+from updyn.errors import OptionError, nearest, suggest
+from updyn.frf import QUANTITIES
+from updyn.job.schema import Pair, Table, tables_of
+
+__all__ = [
+    "PLANT_FILES",
+    "PLANT_SUFFIXES",
+    "ControllerTable",
+    "NonlinearTable",
+    "NotchTable",
+    "PlantTable",
+    "PortTable",
+    "SamplingTable",
+    "ServoTable",
+    "WindTable",
+]
+
+#: What a plant is written to where the job does not say, and the suffixes that there are.
+PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
+PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
+#: Files of the folder that no plant may replace.
+_TAKEN = ("control.json", "result.json", "compare.json")
+
+
+def _quantities(given: Any) -> Any:
+    names = [given] if isinstance(given, str) else given
+    if (
+        not isinstance(names, list | tuple)
+        or not names
+        or not all(isinstance(n, str) for n in names)
+    ):
+        raise ValueError(
+            f"expected one of {', '.join(map(repr, QUANTITIES))}, or an array with one for each"
+            " output"
+        )
+    for name in names:
+        if name not in QUANTITIES:
+            raise ValueError(
+                suggest(name, QUANTITIES)
+                if given == name
+                else f"{name!r}: {suggest(name, QUANTITIES)}"
+            )
+    return given if isinstance(given, str) else tuple(names)
+
+
+def _ports(what: str) -> Callable[[Any], Any]:
+    """Return what turns labels and tables into tables of ports, and one of them into an array of one."""
+
+    def several(given: Any) -> Any:
+        items = [given] if isinstance(given, str | Mapping) else given
+        if not isinstance(items, list | tuple) or not items:
+            raise ValueError(
+                f"expected {what}: labels such as '1:RZ', or tables {{ name = ..., dof = ... }}"
+            )
+        return tuple({"dof": item} if isinstance(item, str) else item for item in items)
+
+    return several
+
+
+def _files(given: Any) -> Any:
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list | tuple) or not all(isinstance(n, str) for n in names):
+        raise ValueError("expected names of files, such as ['plant.mat', 'plant.h']")
+    for name in names:
+        suffix = PurePath(name).suffix.lower()
+        if PurePath(name).name != name or name in _TAKEN:
+            raise ValueError(f"{name!r}: expected the name of a file of its own, without a folder")
+        if suffix not in PLANT_SUFFIXES:
+            said = (
+                f"did you mean {close[0]!r}?" if (close := nearest(suffix, PLANT_SUFFIXES)) else ""
+            )
+            raise ValueError(
+                f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}; {said}".rstrip(
+                    "; "
+                )
+            )
+    if len({name.casefold() for name in names}) < len(names):
+        raise ValueError("a file stands twice")
+    return tuple(names)
+
+
+class PortTable(Table):
+    """An input or output of the plant: one DOF, geared where there is a ratio; or weights by DOF, with a name."""
+
+    name: str | None = None
+    dof: str | None = None
+    ratio: float | None = None
+    weights: dict[str, float] | None = None
+    rotation: bool | None = None
+
+    @model_validator(mode="after")
+    def _valid(self) -> PortTable:
+        if (self.dof is None) == (self.weights is None):
+            raise ValueError("expected dof, or weights by DOF; one of the two")
+        if self.weights is not None and self.name is None:
+            raise ValueError("weights without a name; give the port one")
+        if self.dof is not None and self.rotation is not None:
+            raise ValueError("rotation belongs to weights; a DOF says itself what it is")
+        if self.ratio is not None and self.dof is None:
+            raise ValueError("ratio belongs to dof; put it into the weights")
+        self.port()
+        return self
+
+    def port(self) -> Port:
+        """Return the port.
+
+        Returns
+        -------
+        Port
+
+        Raises
+        ------
+        InputError
+            If a label or a number cannot be used.
+        """
+        if self.weights is not None:
+            assert self.name is not None
+            return Port(self.name, self.weights, self.rotation)
+        assert self.dof is not None
+        if self.ratio is not None:
+            return Port.geared(self.dof, self.ratio, self.name)
+        return Port.at(self.dof, self.name)
+
+
+class SamplingTable(Table):
+    """``sampling`` of ``[plant]``: the same plant behind a hold, for a digital controller."""
+
+    dt: float = Field(gt=0)
+    method: Literal["zoh", "tustin"] = "zoh"
+    delay: float = Field(default=0.0, ge=0)
+
+
+class PlantTable(Table):
+    """``[plant]``: inputs, outputs and band of the plant, how exact it has to be, and where it is written to."""
+
+    inputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("inputs")), Strict(False)] = (
+        Field(min_length=1)
+    )
+    outputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("outputs")), Strict(False)] = (
+        Field(min_length=1)
+    )
+    quantity: Annotated[str | tuple[str, ...], BeforeValidator(_quantities)] = "receptance"
+    band: Pair | None = None
+    tolerance: float = Field(default=0.02, ge=1e-9, le=0.5)
+    route: Literal["auto", "modal", "complex", "biot"] = "auto"
+    family: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0)
+    sampling: SamplingTable | None = None
+    files: Annotated[tuple[str, ...], BeforeValidator(_files)] = PLANT_FILES
+    test: str | None = None
+
+    @property
+    def input_ports(self) -> tuple[Port, ...]:
+        """The inputs."""
+        return tuple(table.port() for table in self.inputs)
+
+    @property
+    def output_ports(self) -> tuple[Port, ...]:
+        """The outputs."""
+        return tuple(table.port() for table in self.outputs)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What each output is."""
+        return (
+            (self.quantity,) * len(self.outputs)
+            if isinstance(self.quantity, str)
+            else self.quantity
+        )
+
+    @property
+    def sampled_files(self) -> tuple[str, ...]:
+        """Names of the files of the sampled plant; empty where none is asked for."""
+        if self.sampling is None:
+            return ()
+        return tuple(f"{PurePath(n).stem}-sampled{PurePath(n).suffix}" for n in self.files)
+
+
+#: Keys of the controller that are of the rule by which it is sized.
+_RULE = ("crossover", "ti_ratio", "kv_ratio")
+
+
+def _not_zero(given: float) -> float:
+    if given == 0:
+        raise ValueError("expected a number other than 0")
+    return given
+
+
+class NotchTable(Table):
+    """``[[servo.controller.notch]]``: a notch filter, by damping ratios, or by width and depth."""
+
+    frequency: float
+    zero_damping: float | None = None
+    pole_damping: float | None = None
+    width: float | None = None
+    depth: float | None = None
+
+    def notch(self) -> Notch:
+        """Return the filter.
+
+        Returns
+        -------
+        Notch
+
+        Raises
+        ------
+        OptionError
+            If a number is out of its range, or both ways to state the width are used.
+        """
+        dampings = {
+            k: v for k in ("zero_damping", "pole_damping") if (v := getattr(self, k)) is not None
+        }
+        if self.width is None and self.depth is None:
+            return Notch(self.frequency, **dampings)
+        if dampings or self.width is None:
+            raise OptionError(
+                f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios",
+                key=("depth",) if self.width is None else tuple(dampings)[:1],
+            )
+        return Notch.of_width(self.frequency, self.width, self.depth or 0.0)
+
+
+class ControllerTable(Table):
+    """``[servo.controller]``: gains as they are set, or sized by rule from the inertia of the plant."""
+
+    kp: float | None = None
+    ti: float | None = None
+    kv: float | None = None
+    crossover: float | None = None
+    ti_ratio: float | None = None
+    kv_ratio: float | None = None
+    low_pass: float | None = None
+    low_pass_damping: float | None = None
+    feed_forward: float = 0.0
+    dead_time: float = 0.0
+    notch: Annotated[
+        tuple[NotchTable, ...], BeforeValidator(tables_of("servo.controller.notch")), Strict(False)
+    ] = ()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What is stated, as `Controller` takes it, the rule left out."""
+        out = self.model_dump(exclude={"notch", *_RULE}, exclude_none=True)
+        return out | {"notches": tuple(table.notch() for table in self.notch)}
+
+    def check(self) -> None:
+        """Check what can be known without the plant.
+
+        Raises
+        ------
+        OptionError
+            If a number is out of its range, or gains are both stated and sized by rule.
+        """
+        if (self.kp is None) == (self.crossover is None):
+            raise OptionError(
+                "controller: expected kp, or crossover to size it by rule; one of the two",
+                key=("kp",),
+            )
+        given = self.settings
+        if self.kp is None:
+            given |= {"kp": 1.0} | ({"kv": 1.0} if "kv" not in given else {})
+        else:
+            ruled = next((key for key in _RULE if getattr(self, key) is not None), None)
+            if ruled is not None:
+                raise OptionError(
+                    f"controller: {ruled} sizes a gain by rule; give crossover in place of kp",
+                    key=(ruled,),
+                )
+        for key in _RULE:
+            value = getattr(self, key)
+            if value is not None and value <= 0:
+                raise OptionError(
+                    f"controller: {key} is {value!r}; expected a number above 0", key=(key,)
+                )
+        Controller(**given)
+
+    def controller(
+        self, plant: Plant, torque: str, velocity: str, position: str | None
+    ) -> Controller:
+        """Return the controller.
+
+        Parameters
+        ----------
+        plant : Plant
+            Of whose inertia gains are sized by rule.
+        torque, velocity : str
+            Names of its input and output.
+        position : str or None
+            Name of the output that the position loop reads; None: gains of a position loop are not
+            sized by rule.
+
+        Returns
+        -------
+        Controller
+
+        Raises
+        ------
+        InputError
+            If the plant has no inertia to size gains by, or a number is out of its range.
+        """
+        if self.crossover is None:
+            return Controller(**self.settings)
+        rule: dict[str, Any] = {}
+        if self.ti_ratio is not None:
+            rule["ti_ratio"] = self.ti_ratio
+        if self.kv_ratio is not None:
+            rule["kv_ratio"] = self.kv_ratio
+        elif position is None:
+            rule["kv_ratio"] = None
+        return Controller.tuned(
+            plant, self.crossover, torque=torque, velocity=velocity, **rule, **self.settings
+        )
+
+
+class WindTable(Table):
+    """``wind`` of ``[servo]``: gusts by Davenport's spectrum, at the input ``disturbance``."""
+
+    mean_speed: float
+    coefficient: float
+    roughness: float | None = None
+    turbulence: float | None = None
+    duration: float = 600.0
+    dt: float | None = None
+    seed: int = 0
+
+    def wind(self) -> Wind:
+        """Return the wind.
+
+        Returns
+        -------
+        Wind
+
+        Raises
+        ------
+        OptionError
+            If a number is out of its range.
+        """
+        return Wind(**self.model_dump())
+
+
+class NonlinearTable(Table):
+    """``[[servo.nonlinear]]``: backlash in a mesh, or dry friction at a DOF."""
+
+    kind: Literal["backlash", "friction"]
+    at: str
+    mesh: str | None = None
+    gap: float | None = Field(default=None, gt=0)
+    frequency: float | None = Field(default=None, gt=0)
+    level: float | None = Field(default=None, gt=0)
+    breakaway: float | None = Field(default=None, gt=0)
+    duration: float | None = Field(default=None, gt=0)
+
+    def check(self) -> None:
+        """Check that the keys are those of the kind.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or belongs to the other kind.
+        """
+        own = {"backlash": ("mesh", "gap"), "friction": ("level",)}[self.kind]
+        others = {"backlash": ("level", "breakaway"), "friction": ("mesh", "gap", "frequency")}[
+            self.kind
+        ]
+        for key in own:
+            if getattr(self, key) is None:
+                raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}", key=("kind",))
+        for key in others:
+            if getattr(self, key) is not None:
+                raise OptionError(
+                    f"nonlinear: {key} does not belong to kind {self.kind!r}", key=(key,)
+                )
+
+
+class ServoTable(Table):
+    """``[servo]``: which ports the loop uses, the controller, and what acts on it."""
+
+    torque: str | None = None
+    velocity: str | None = None
+    position: str | None = None
+    disturbance: str | None = None
+    pointing: str | None = None
+    motor: str | None = None
+    load: str | None = None
+    ratio: float | None = None
+    step: Annotated[float, AfterValidator(_not_zero)] = 1.0
+    disturbance_step: Annotated[float, AfterValidator(_not_zero)] = 1.0
+    duration: float | None = Field(default=None, gt=0)
+    wind: WindTable | None = None
+    controller: ControllerTable | None = None
+    nonlinear: Annotated[
+        tuple[NonlinearTable, ...], BeforeValidator(tables_of("servo.nonlinear")), Strict(False)
+    ] = ()

@@ -1,0 +1,384 @@
+"""Real modes with a real damping matrix: q'' + C q' + Omega^2 q = Phi_u^T u, y = Phi_y q.
+
+Structural damping is not causal as it stands: iD has no counterpart in time. In real modes it
+becomes
+
+    C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s),
+
+which equals D at resonance, keeps it symmetric and positive semidefinite (so that every pole is
+stable and the plant passive), and couples the modes as D does. Its diagonal alone, the usual modal
+damping ratios, loses that coupling; D divided by one frequency is right at that frequency only. A
+loss factor with a table is taken at sqrt(f_r f_s).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from updyn.control.space import Lossy, Matrices, ModalSpace, imaginary, nonnegative, rates
+from updyn.errors import ModelError
+
+__all__ = [
+    "Biot",
+    "Relaxation",
+    "SecondOrder",
+    "biot",
+    "diagonal",
+    "full",
+    "relaxation",
+    "single_frequency",
+]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SecondOrder:
+    """Modes with a damping matrix.
+
+    Attributes
+    ----------
+    name : str
+        Which conversion made the damping.
+    space : ModalSpace
+        The modes.
+    damping : ndarray of float, shape (r, r)
+        All damping, viscous included, in 1/s.
+    powers : ndarray of int, shape (n_y,)
+        0, 1 or 2: displacement, velocity or acceleration.
+    """
+
+    name: str
+    space: ModalSpace
+    damping: _Real
+    powers: NDArray[np.intp]
+
+    @property
+    def frequency(self) -> _Real:
+        """Natural frequency of each mode in Hz."""
+        return self.space.omega / _TWO_PI
+
+    @property
+    def always(self) -> NDArray[np.bool_]:
+        """Rigid-body modes."""
+        return np.arange(len(self.space)) < self.space.rigid
+
+    def costs(self, freq: _Real) -> _Real:
+        """Return what leaving each mode out changes, its coupling to others aside."""
+        space, s = self.space, imaginary(freq)
+        square = np.where(self.always, 1.0, space.omega**2)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
+            own = 1.0 / (
+                square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2
+            )  # (n_f, r)
+        size = rates(self.powers, s)[:, :, 0]
+        out = np.empty((len(space), len(space.outputs), len(space.inputs)))
+        for i, power in enumerate(self.powers):
+            left = own - 1.0 / square if power == 0 else own
+            largest = np.abs(left * size[:, [i]]).max(axis=0)
+            out[:, i] = largest[:, None] * np.abs(space.outputs[i][:, None] * space.inputs.T)
+        return out
+
+    def potential(self, freq: _Real) -> _Real:
+        """Return how large each channel might be by what its two ports have each: |H_ij|^2 <= H_ii H_jj, by mode.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+
+        Returns
+        -------
+        ndarray of float, shape (n_y, n_u)
+        """
+        space, s = self.space, imaginary(freq)
+        square = space.omega**2
+        size = np.abs(rates(self.powers, s)[:, :, 0])
+        with np.errstate(divide="ignore"):  # a mode without damping, on a line
+            own = np.abs(1.0 / (square + s[:, None] * np.diag(self.damping) + s[:, None] ** 2))
+        peak = np.stack(
+            [np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))]
+        )
+        return np.asarray(
+            np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2))
+        )
+
+    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+        """Return the response with some modes kept."""
+        space, s = self.space, imaginary(freq)
+        Z = s[:, None, None] * self.damping[np.ix_(kept, kept)]
+        at = np.arange(int(kept.sum()))
+        Z[:, at, at] += space.omega[kept] ** 2 + s[:, None] ** 2
+        q = np.linalg.solve(
+            Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
+        )
+        return (space.outputs[:, kept] @ q) * rates(self.powers, s) + self._static(kept)
+
+    def _static(self, kept: NDArray[np.bool_]) -> _Real:
+        """Return the flexibility of what is left out, where the output is a displacement."""
+        space, out = self.space, ~kept
+        rest = (space.outputs[:, out] / space.omega[out] ** 2) @ space.inputs[:, out].T
+        return np.where((self.powers == 0)[:, None], rest, 0.0)
+
+    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+        """Return A, B, C, D in the states omega q (q of rigid-body modes) and q'."""
+        space = self.space
+        omega, damping = space.omega[kept], self.damping[np.ix_(kept, kept)]
+        shapes_out, shapes_in = space.outputs[:, kept], space.inputs[:, kept]
+        n = len(omega)
+        scale = np.where(omega > 0, omega, 1.0)
+        A = np.zeros((2 * n, 2 * n))
+        A[:n, n:], A[n:, :n], A[n:, n:] = np.diag(scale), -np.diag(omega**2 / scale), -damping
+        B = np.vstack([np.zeros_like(shapes_in.T), shapes_in.T])
+        displacement = np.hstack([shapes_out / scale, np.zeros_like(shapes_out)])
+        velocity = np.hstack([np.zeros_like(shapes_out), shapes_out])
+        acceleration = shapes_out @ A[n:]
+        C = np.stack([displacement, velocity, acceleration])[
+            self.powers, np.arange(len(self.powers))
+        ]
+        D = np.where((self.powers == 2)[:, None], shapes_out @ shapes_in.T, self._static(kept))
+        return A, B, C, D
+
+
+def full(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+    """Return the modes with the full modal damping matrix.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    powers : ndarray of int, shape (n_y,)
+        Of each output.
+    """
+    return SecondOrder("modal", space, space.viscous + _structural(space), powers)
+
+
+def diagonal(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+    """Return the modes with its diagonal alone: a damping ratio each."""
+    return SecondOrder(
+        "diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers
+    )
+
+
+def single_frequency(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:
+    """Return the modes with D divided by one circular frequency, that of a line in Hz."""
+    D = space.structural(freq)
+    return SecondOrder("single-frequency", space, space.viscous + D / (_TWO_PI * freq), powers)
+
+
+def _structural(space: ModalSpace) -> _Real:
+    n = space.rigid
+    root = np.sqrt(space.omega[n:])
+    C = np.zeros((len(space), len(space)))
+    for part in space.lossy:
+        between = np.outer(root, root)
+        own = part.matrix[n:, n:] / between
+        C[n:, n:] += own * part.relative(between.ravel() / _TWO_PI).reshape(own.shape)
+    return nonnegative(C)
+
+
+_LINES = 200
+#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
+_RANK = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relaxation:
+    """g(s) = sum of a s / (s + b).
+
+    Attributes
+    ----------
+    a : ndarray of float, shape (n,)
+        Not negative.
+    b : ndarray of float, shape (n,)
+        In rad/s.
+    """
+
+    a: _Real
+    b: _Real
+
+    def at(self, omega: _Real) -> _Complex:
+        """Return g(i omega), of the shape of `omega`, in rad/s."""
+        s = 1j * np.asarray(omega)[..., None]
+        return np.asarray((self.a * (s / (s + self.b))).sum(axis=-1))
+
+
+def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
+    """Fit terms to the loss factor of a group, relative to what it is without a table, over a band in Hz.
+
+    Parameters
+    ----------
+    part : Lossy
+        The group.
+    band : (float, float)
+        Lowest and highest line in Hz.
+    n : int
+        Number of terms.
+
+    Returns
+    -------
+    Relaxation
+
+    Notes
+    -----
+    Rates b_k stand geometrically over the band and a little beyond; their weights by non-negative
+    least squares.
+    """
+    low, high = max(band[0], 1e-4 * band[1]), band[1]
+    freq = np.geomspace(low, high, _LINES)
+    omega = _TWO_PI * freq
+    wanted = part.relative(freq)
+    best, least = None, np.inf
+    for beyond in (1.0, 1.5, 2.0, 3.0, 5.0):
+        b = (
+            np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
+            if n > 1
+            else np.sqrt(omega[[0]] * omega[[-1]])
+        )
+        shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
+        a, left = nnls(shares, wanted)
+        if left < least:
+            best, least = Relaxation(a, b), left
+    assert best is not None
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Biot:
+    """Modes with internal variables.
+
+    Attributes
+    ----------
+    base : SecondOrder
+        The modes with viscous damping only; the choice of modes is by their cost with all damping.
+    ranking : SecondOrder
+        The modes with the full modal damping matrix.
+    terms : tuple of Relaxation
+        One for each lossy group, all with the same rates.
+    """
+
+    base: SecondOrder
+    ranking: SecondOrder
+    terms: tuple[Relaxation, ...]
+    name: str = "biot"
+
+    @property
+    def frequency(self) -> _Real:
+        """Natural frequency of each mode in Hz."""
+        return self.base.frequency
+
+    @property
+    def always(self) -> NDArray[np.bool_]:
+        """Rigid-body modes."""
+        return self.base.always
+
+    def costs(self, freq: _Real) -> _Real:
+        """Return what leaving each mode out changes."""
+        return self.ranking.costs(freq)
+
+    def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
+        """Return the static stiffness of the kept modes: without what relaxes at their own frequencies."""
+        space = self.base.space
+        omega = space.omega[kept]
+        K = np.diag(omega**2)
+        pair = np.sqrt(np.outer(omega, omega))
+        for part, term in zip(space.lossy, self.terms, strict=True):
+            K -= part.matrix[np.ix_(kept, kept)] * term.at(pair).real
+        first = int(self.always[kept].sum())
+        flexible = K[first:, first:]
+        scale = omega[first:]
+        if len(scale) and np.linalg.eigvalsh(flexible / np.outer(scale, scale))[0] <= 0.0:
+            raise ModelError(
+                "plant: route 'biot': the damping is so strong that a passive stiffness which has"
+                " it over the whole band would be negative at rest; narrow the band, or use"
+                " route='complex'"
+            )
+        return K
+
+    def _relaxing(self, kept: NDArray[np.bool_]) -> list[tuple[float, _Real]]:
+        """Return rate and factor L of each term, its stiffness being L L^T."""
+        out = []
+        lossy = self.base.space.lossy
+        for k in range(len(self.terms[0].b) if self.terms else 0):
+            W = sum(
+                (t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(())
+            )
+            values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
+            use = values > _RANK * max(values[-1], 1e-300)
+            if use.any() and values[-1] > 0:
+                out.append((float(self.terms[0].b[k]), vectors[:, use] * np.sqrt(values[use])))
+        return out
+
+    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+        """Return the response with some modes kept."""
+        space, s = self.base.space, imaginary(freq)
+        Z = s[:, None, None] * self.base.damping[np.ix_(kept, kept)] + self._stiffness(kept)
+        at = np.arange(int(kept.sum()))
+        Z[:, at, at] += s[:, None] ** 2
+        for rate, L in self._relaxing(kept):
+            Z += (s / (s + rate))[:, None, None] * (L @ L.T)
+        q = np.linalg.solve(
+            Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
+        )
+        return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
+
+    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+        """Return A, B, C, D; after the states of the modes those of the internal variables, z' = -b z + L^T q'."""
+        A0, B0, C0, D = self.base.matrices(kept)
+        n = int(kept.sum())
+        omega = self.base.space.omega[kept]
+        scale = np.where(omega > 0, omega, 1.0)
+        A0[n:, :n] = -self._stiffness(kept) / scale
+        relaxing = self._relaxing(kept)
+        more = sum(L.shape[1] for _, L in relaxing)
+        A = np.zeros((2 * n + more,) * 2)
+        A[: 2 * n, : 2 * n] = A0
+        first = 2 * n
+        for rate, L in relaxing:
+            own = slice(first, first + L.shape[1])
+            A[own, own] = -rate * np.eye(L.shape[1])
+            A[own, n : 2 * n], A[n : 2 * n, own] = L.T, -L
+            first = own.stop
+        C = np.hstack([C0, np.zeros((len(C0), more))])
+        if (self.base.powers == 2).any():
+            C[self.base.powers == 2] = (self.base.space.outputs[:, kept] @ A[n : 2 * n])[
+                self.base.powers == 2
+            ]
+        return A, np.vstack([B0, np.zeros((more, B0.shape[1]))]), C, D
+
+
+def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: int) -> Biot:
+    """Return the modes with n internal variables a lossy motion.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    ranking : SecondOrder
+        The same with the full modal damping matrix.
+    band : (float, float)
+        Over which the terms are fitted, in Hz.
+    n : int
+        Number of terms.
+    """
+    plain = replace(ranking, name="viscous", damping=space.viscous)
+    return Biot(plain, ranking, _with_same_rates(space, band, n))
+
+
+def _with_same_rates(
+    space: ModalSpace, band: tuple[float, float], n: int
+) -> tuple[Relaxation, ...]:
+    """Fit the groups; where tables make their rates differ, all take those of the first and fit again."""
+    found = [relaxation(part, band, n) for part in space.lossy]
+    if not found or all(np.array_equal(f.b, found[0].b) for f in found):
+        return tuple(found)
+    b = found[0].b
+    omega = _TWO_PI * np.geomspace(max(band[0], 1e-4 * band[1]), band[1], _LINES)
+    shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
+    return tuple(Relaxation(nnls(shares, p.relative(omega / _TWO_PI))[0], b) for p in space.lossy)

@@ -1,0 +1,46 @@
+"""`write_plant_page`: the plant of a job as one self-contained HTML page."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from updyn import __version__
+from updyn.control.job.plant_result import Planted
+from updyn.report import markup as m
+from updyn.report.page import assemble
+from updyn.report.section import Content
+from updyn.report.templates import write_page
+
+__all__ = ["write_plant_page"]
+
+
+def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
+    """Write a plant as one HTML page that needs nothing else: no network, no other file.
+
+    Parameters
+    ----------
+    planted : Planted
+        What `updyn.control.job.make_plant.plant_job` made.
+    path : str or path-like
+        Where to write; an existing file is replaced only once the new page is complete.
+
+    Returns
+    -------
+    Path
+        Where the page is.
+    """
+    return write_page(render(planted), path)
+
+
+def render(planted: Planted) -> str:
+    """Return the page as text."""
+    badge = ("Updated", "good") if planted.updated else ("Not updated", "warn")
+    if not planted.met:
+        badge = ("Tolerance not met", "bad")
+    content = Content(further={"plant": planted})
+    head = (
+        f"<header><h1>{m.esc(planted.title)}</h1>{m.paragraph(planted.source, 'byline')}"
+        f'<p><span class="badge {badge[1]}">{m.esc(badge[0])}</span></p></header>'
+    )
+    return assemble(content, head, f"{planted.title}: plant", __version__)
