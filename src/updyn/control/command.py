@@ -7,8 +7,8 @@ from pathlib import Path
 from updyn.cli.commands import open_engine
 from updyn.cli.terminal import DONE, NOT_DETERMINED, note, say
 from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
-from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
-from updyn.control.job.messages import describe_planted
+from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.plant_job import check_plant_out, default_plant_out, plant_job
 from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.job import load_job, prepare
@@ -58,7 +58,7 @@ def plant(
             engine=where,
             say=lambda text: note(text, "dim"),
         )
-    say(describe_planted(made))
+    say(describe_plant_result(made))
     table = loaded.table(PlantTable)
     assert table is not None
     if not made.met:

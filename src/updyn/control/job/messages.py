@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.job.prepare import Prepared
 from updyn.text_table import text_table
 
-__all__ = ["describe_planted", "describe_wish"]
+__all__ = ["describe_plant_result", "describe_request"]
 
 
-def describe_planted(made: Planted) -> str:
+def describe_plant_result(made: PlantResult) -> str:
     """Return a plant's figures as text: order, errors, route, and the conversions of the damping side by side."""
     found, (low, high) = made.plant, made.band
     lines = [f"{made.title}: plant from {low:g} to {high:g} Hz", made.source]
@@ -66,7 +66,7 @@ def describe_planted(made: Planted) -> str:
     return "\n".join(lines)
 
 
-def describe_wish(ready: Prepared) -> str:
+def describe_request(ready: Prepared) -> str:
     """Return what a job asks for with ``[plant]`` and ``[servo]``, as text; empty where it asks for nothing."""
     table, servo = ready.job.table(PlantTable), ready.job.table(ServoTable)
     if table is None:

@@ -1,4 +1,4 @@
-"""`Planted`: what ``[plant]`` of a job gives, and how it is made: of an updated model, or of a model as it stands."""
+"""`PlantResult`: what ``[plant]`` of a job gives, and how it is made: of an updated model, or of a model as it stands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["Planted", "planted_of"]
+__all__ = ["PlantResult", "make_plant"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -47,7 +47,7 @@ _MODES = 80
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Planted:
+class PlantResult:
     """A plant with what it was made of and how far it can be trusted.
 
     Attributes
@@ -128,7 +128,7 @@ class Planted:
         )
 
 
-def planted_of(
+def make_plant(
     ready: Prepared,
     result: UpdateResult | JointResult | None,
     source: str,
@@ -137,7 +137,7 @@ def planted_of(
     engine: Any = None,
     say: Callable[[str], object] | None = None,
     strict: bool = True,
-) -> Planted:
+) -> PlantResult:
     """Make what ``[plant]`` and ``[servo]`` of a job ask for.
 
     Parameters
@@ -160,7 +160,7 @@ def planted_of(
 
     Returns
     -------
-    Planted
+    PlantResult
         Without a plant where no order holds the tolerance.
 
     Raises
@@ -191,7 +191,7 @@ def planted_of(
     }
     told("plant: conversions of the damping")
     side_by_side = _side_by_side(job, model, given)
-    base = Planted(
+    base = PlantResult(
         job.title or job.path.stem, model, one is not None, source, band, table.tolerance
     )
     told("plant: order")

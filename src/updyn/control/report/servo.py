@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_figures, nonlinear_part
 from updyn.control.report.plant import degree_axis
@@ -364,16 +364,16 @@ class ServoSection(Section):
 
     def applies(self, content: Content) -> bool:
         """Whether there is a servo or a drive: any page shows it."""
-        planted: Planted = content.further["plant"]
-        return planted.servo is not None or planted.drive is not None
+        result: PlantResult = content.further["plant"]
+        return result.servo is not None or result.drive is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return loops, responses over time, and simulations with backlash or friction."""
-        planted: Planted = content.further["plant"]
-        if planted.servo is None:
+        result: PlantResult = content.further["plant"]
+        if result.servo is None:
             return {}
-        assert planted.plant is not None
-        return nonlinear_figures(planted.nonlinear) | servo_figures(planted.servo, planted.plant)
+        assert result.plant is not None
+        return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
         """Return words, tables and places of figures."""
@@ -383,15 +383,15 @@ class ServoSection(Section):
 SERVO = ServoSection()
 
 
-def _body(planted: Planted, figures: Mapping[str, Figure]) -> str:
+def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
     parts = []
-    if planted.servo is not None:
-        parts += _servo(planted.servo, figures)
+    if result.servo is not None:
+        parts += _servo(result.servo, figures)
         parts += [
-            nonlinear_part(number, found, figures) for number, found in enumerate(planted.nonlinear)
+            nonlinear_part(number, found, figures) for number, found in enumerate(result.nonlinear)
         ]
-    if planted.drive is not None:
-        parts.append(_drive(planted.drive))
+    if result.drive is not None:
+        parts.append(_drive(result.drive))
     return "".join(parts)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from updyn.control.job.checks import part_of_plant
 from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
-from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.tables import PlantTable
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
@@ -101,7 +101,7 @@ def plant_job(
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     say: Callable[[str], object] | None = None,
-) -> Planted:
+) -> PlantResult:
     """Make the plant of a job and write its files.
 
     It is that of the updated model where the job has been run: by default the result is sought in
@@ -128,7 +128,7 @@ def plant_job(
 
     Returns
     -------
-    Planted
+    PlantResult
         In `out`: the files that ``[plant]`` names, ``control.json`` and, with `report`,
         ``plant.html``, each replaced as a whole. Where no plant holds the tolerance, no file of it
         is there afterwards, also none of an earlier one, as it would pass for this one; record and
@@ -154,13 +154,13 @@ def plant_job(
     else:
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
-        planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
+        plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
     with made_folder(out), unfinished(out) as temporary:
-        write_plant_files(planted, job, temporary)
+        write_plant_files(plant_result, job, temporary)
         if report is not None:
-            report(planted, temporary / PLANT_PAGE)
+            report(plant_result, temporary / PLANT_PAGE)
         put_in_place(plant_outputs(table), temporary, out)
-    return planted
+    return plant_result
 
 
 # -- the finished run ----------------------------------------------------------------------------------------
