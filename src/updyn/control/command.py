@@ -25,7 +25,7 @@ def plant(
     workers: int | None = None,
     cluster: str | None = None,
 ) -> int:
-    """Make the plant that [plant] of a job asks for: plant.mat, plant.json, plant.h, plant.html and control.json.
+    """Make the plant of a job: plant.mat, plant.json, plant.h, plant.html and control.json.
 
     It is that of the updated model where the job has been run, and else of the model as it stands,
     which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and

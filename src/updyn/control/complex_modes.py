@@ -1,4 +1,4 @@
-"""Complex modes of the damped structure, those that feed energy in turned over: real, causal and stable.
+"""Complex modes of the damped structure as a real, causal and stable system.
 
 With structural damping the model has the receptance (M = I in modal coordinates)
 
@@ -118,7 +118,7 @@ class ComplexModes:
         return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
 
     def slow_response(self, s: _Complex) -> _Complex:
-        """Return what the motion with real poles gives, without feed-through, shape (n_f, n_y, n_u)."""
+        """Return the response of the part with real poles, shape (n_f, n_y, n_u)."""
         A, B, _ = self.slow
         if not len(A):
             return np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
@@ -264,7 +264,7 @@ def _followed(
 
 
 def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
-    """Return the part of the structure without D that has real poles: A, B (of modal forces), C (modal motion)."""
+    """Return A, B (of modal forces) and C (modal motion) of the part with real poles, D left out."""
     r, still = len(space), _undamped_rigid(space)
     A = np.zeros((0, 0))
     B, C = np.zeros((0, r)), np.zeros((r, 0))
@@ -293,7 +293,7 @@ def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
 
 
 def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
-    """Split off the part with real poles: an ordered Schur form, decoupled by a Sylvester equation."""
+    """Split off the part with real poles: ordered Schur form, then a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
     floor = (

@@ -1,4 +1,4 @@
-"""A plant as a C99 header for the code of a controller: matrices, names, and the function that steps or derives.
+"""A plant as a C99 header for the code of a controller: matrices, names and functions.
 
 Every name begins with the stem of the file, so that a program can include several plants. Of ``mount.h``::
 
@@ -193,7 +193,7 @@ def _comment(text: str) -> str:
 
 
 def _string(text: str) -> str:
-    """Return a C string; what is not plain is written octal, byte by byte of UTF-8: no trigraph, quote or newline."""
+    """Return a C string; other than plain letters are written octal, byte by byte of UTF-8."""
     return (
         '"'
         + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text)

@@ -1,4 +1,4 @@
-"""What a file holds of a plant, item by item, whatever the format: names, checks, and the flat form of some formats.
+"""The items of a plant in a file: their names, their checks, and their form in flat formats.
 
 Items (`plant_items`), as ``.json`` has them::
 
@@ -146,7 +146,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         )
 
 
-# -- arrays and texts only ---------------------------------------------------------------------------------
+# -- arrays and texts only ------------------------------------------------------------------------
 def flat_items(plant: Plant) -> dict[str, Any]:
     """Return what a file of arrays, texts and lists of texts holds of a plant."""
     items = plant_items(plant)
@@ -175,7 +175,7 @@ def flat_items(plant: Plant) -> dict[str, Any]:
 
 
 def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Return the items of a plant from `flat_items` as a file gave them back: numbers in arrays, texts in lists.
+    """Return the items of a plant from those of a flat file: numbers in arrays, texts in lists.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
     return out
 
 
-# -- one item ----------------------------------------------------------------------------------------------
+# -- one item -------------------------------------------------------------------------------------
 def _port_items(port: Port, unit: str) -> dict[str, Any]:
     return {
         "name": port.name,

@@ -1,4 +1,4 @@
-"""``[plant]`` and ``[servo]`` of a job as tables of it: their work after the update, and the files that come of it."""
+"""The job tables ``[plant]`` and ``[servo]``, and the files of a plant."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CONTROL = "control.json"
 
 
 def plant_outputs(table: PlantTable) -> tuple[str, ...]:
-    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+    """Return the names of the files that ``updyn plant`` writes; a run writes all but the page.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ SERVO = _ServoJobTable()
 
 
 def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str], object] | None:
-    """Return what shows a stage as progress of the run is shown."""
+    """Return a function that shows the name of a stage as progress of the run."""
     if callback is None:
         return None
     from updyn.updating.fit.monitor import Progress as Step
@@ -136,11 +136,11 @@ def write_plant_files(plant_result: PlantResult, job: Job, folder: Path) -> None
     Parameters
     ----------
     plant_result : PlantResult
-        What was made.
+        The plant result.
     job : Job
         Its job.
     folder : Path
-        Where to.
+        Where to write.
     """
     table = job.table(PlantTable)
     assert table is not None

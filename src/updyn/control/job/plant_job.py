@@ -1,4 +1,4 @@
-"""`plant_job`: the plant of a finished run, or of a model as it stands, and the files that come of it."""
+"""`plant_job`: make and write the plant of a finished run, or of a model as it stands."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_plant_out", "default_plant_out", "plant_job"]
 
-#: Tables that say nothing about the update.
+#: Tables that do not change the update.
 _LATER = ("title", "plant", "servo", "uncertainty", "output")
 
 
@@ -52,7 +52,7 @@ def default_plant_out(job: Job) -> Path:
     Returns
     -------
     Path
-        That of the job's run; of a job that a run has left behind, the folder in which it lies.
+        That of the job's run; of a job file that a run has written, its own folder.
     """
     return job.path.parent if _left_behind(job) else default_out(job)
 
@@ -117,14 +117,13 @@ def plant_job(
     run : path, optional
         The folder of the finished run, where it is another.
     report : callable, optional
-        Writes the page, usually `write_plant_page`. It is handed in, as the way to a
-        plant does not depend on how it is shown.
+        Writes the page, usually `write_plant_page`.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
         Where a family of plants is made, as for `updyn.update`.
     say : callable, optional
-        Called with what is being done.
+        Called with the name of each stage.
 
     Returns
     -------
@@ -163,11 +162,11 @@ def plant_job(
     return plant_result
 
 
-# -- the finished run ----------------------------------------------------------------------------------------
+# -- the finished run -----------------------------------------------------------------------------
 def _finished(
     ready: Prepared, out: Path, run: str | Path | None
 ) -> tuple[UpdateResult, Draws | None, Path] | None:
-    """Return the result of the job's run, draws of its unknowns where there are any, and the folder.
+    """Return the result of the finished run, draws of its unknowns, and its folder.
 
     Raises
     ------
@@ -202,7 +201,7 @@ def _finished(
 
 
 def _folders(job: Job, out: Path) -> Iterator[Path]:
-    """Yield where a finished run is sought: the folder to write to, the job's own, and that in which the job lies."""
+    """Yield the folders that may hold a finished run of the job."""
     yield out
     yield default_out(job)
     if _left_behind(job):
@@ -235,7 +234,7 @@ def _check_same(job: Job, folder: Path) -> None:
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
-    """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
+    """Return the draws of a bootstrap or a sampling; None without usable ones."""
     from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 

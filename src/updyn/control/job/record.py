@@ -1,4 +1,4 @@
-"""``control.json``: what ``[plant]`` of a job gave, for other programs. Strict JSON; inf and nan are null."""
+"""``control.json``: the plant result for other programs. Strict JSON; inf and nan are null."""
 
 from __future__ import annotations
 
@@ -164,8 +164,20 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
     return out
 
 
-_STEP = ("of", "size", "input", "input_unit", "output", "output_unit", "final", "rise_time", "overshoot",
-         "settling_time", "peak", "peak_time")  # fmt: skip
+_STEP = (
+    "of",
+    "size",
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "final",
+    "rise_time",
+    "overshoot",
+    "settling_time",
+    "peak",
+    "peak_time",
+)
 _WIND = (
     "input",
     "input_unit",
@@ -252,7 +264,7 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
 
 
 def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
-    """Return a loop with backlash or friction as a dict that `json.dumps` writes without inf or nan.
+    """Return a loop with backlash or friction as a dict for `json.dumps`, without inf or nan.
 
     Parameters
     ----------

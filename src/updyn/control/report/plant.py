@@ -1,4 +1,4 @@
-"""The figures of a plant: Bode diagrams against the model with the error below, and the weight of a family."""
+"""The report section on the plant: Bode diagrams, errors, poles, conversions, weights."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def plant_figures(result: PlantResult) -> dict[str, Figure]:
 
 
 def channels(result: PlantResult) -> list[tuple[int, int]]:
-    """Return the channels that are drawn, output by output: all, or those with the largest errors."""
+    """Return the channels that are drawn: all, or those with the largest errors."""
     assert result.plant is not None
     everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
     if len(everything) <= _DRAWN:

@@ -1,4 +1,4 @@
-"""The figures of a servo: Bode and Nichols of its loops, the closed loop, and what it does over time."""
+"""The report section on the servo: loops, margins, closed loop, time responses, drive."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
     return out
 
 
-# -- loops -----------------------------------------------------------------------------------------------------
+# -- loops ----------------------------------------------------------------------------------------
 def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
-    """Return which lines to draw: where the loop is neither loud nor quiet beyond interest, and every margin's line."""
+    """Return the lines to draw: gains of interest, and the line of every margin."""
     size = _decibels(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
     m = loop.margins
@@ -119,7 +119,7 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
 
 
 def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
-    """Return points where the margins are read: the gain margin in the upper panel, the phase margin in the lower."""
+    """Return the points of the gain margin (upper panel) and of the phase margin (lower)."""
     m = loop.margins
     if (
         panel == "gain"
@@ -230,7 +230,7 @@ def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
 
 
 def _critical(turn: _Real) -> list[float]:
-    """Return the odd half turns in degrees that a curve passes; the nearest one where it passes none."""
+    """Return the odd half turns in degrees that a curve passes, or the nearest one."""
     low, high = (float(turn.min()), float(turn.max())) if turn.size else (-180.0, -180.0)
     first, last = math.ceil((low - 180.0 - 30.0) / 360.0), math.floor((high - 180.0 + 30.0) / 360.0)
     found = [180.0 + 360.0 * k for k in range(first, last + 1)]
@@ -241,7 +241,7 @@ def _half_turns(turn: _Real) -> tuple[float, ...]:
     return tuple(_critical(turn))
 
 
-# -- closed loop -----------------------------------------------------------------------------------------------
+# -- closed loop ----------------------------------------------------------------------------------
 def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # those of the loop and of the reference are the same
@@ -282,7 +282,7 @@ def _compliance_unit(servo: Servo, plant: Plant) -> str:
     return f"{top}/{below}"
 
 
-# -- over time -------------------------------------------------------------------------------------------------
+# -- over time ------------------------------------------------------------------------------------
 def _step_figure(step: StepResponse, unit: str) -> Figure:
     value = _timed(step.time, step.value, step.output, step.output_unit, "@after")
     final = [] if not math.isfinite(step.final) else [step.final]
@@ -327,7 +327,7 @@ def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict
     }
 
 
-# -- what they share -------------------------------------------------------------------------------------------
+# -- what they share ------------------------------------------------------------------------------
 def _unit(unit: str) -> str:
     return unit.replace("s2", "s²")
 
@@ -395,7 +395,7 @@ def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
     return "".join(parts)
 
 
-# -- the loop ---------------------------------------------------------------------------------------------------
+# -- the loop -------------------------------------------------------------------------------------
 def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     parts = [
         m.paragraph(_verdict(servo), "lead"),
@@ -553,7 +553,7 @@ def _controller(servo: Servo) -> str:
     return m.details("Controller", m.definition_table(rows))
 
 
-# -- margins ----------------------------------------------------------------------------------------------------
+# -- margins --------------------------------------------------------------------------------------
 def _margins(servo: Servo) -> str:
     head, kinds = ["figure"], [""]
     for loop in servo.loops:
@@ -657,7 +657,7 @@ def _crossings(loop: Loop) -> str:
     return m.details(f"All crossings of the {loop.name} loop{more}", table)
 
 
-# -- over time --------------------------------------------------------------------------------------------------
+# -- over time ------------------------------------------------------------------------------------
 def _step(step: StepResponse) -> str:
     if step.of == "disturbance":
         text = (
@@ -694,7 +694,7 @@ def _wind(wind: WindResponse) -> str:
     return text
 
 
-# -- the drive --------------------------------------------------------------------------------------------------
+# -- the drive ------------------------------------------------------------------------------------
 def _drive(drive: DriveFigures) -> str:
     mass, stiff = ("kg m²", "N m/rad") if "R" in drive.motor else ("kg", "N/m")
     load_mass, load_stiff = ("kg m²", "N m/rad") if "R" in drive.load else ("kg", "N/m")
