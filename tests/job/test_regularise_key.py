@@ -41,9 +41,7 @@ def job(folder):
 
 @pytest.mark.parametrize("value", ['"gcv"', '"tsvd:3"', "2.0", "2"])
 def test_a_job_is_regularised_and_its_folder_says_so(job, tmp_path, value):
-    result = run_job(
-        load_job(job(value)), tmp_path / "out", report=lambda result, path: path.write_text("r")
-    )
+    result = run_job(load_job(job(value)), tmp_path / "out").result
     told = json.loads((tmp_path / "out" / "result.json").read_text())
     record = result.options["regularisation"]
     assert (

@@ -158,9 +158,13 @@ def _cell(margins: Margins, attribute: str) -> str:
 def job_tables() -> str:
     """Return the tables of a job that ask for this plant and this controller."""
     (notch,) = CONTROLLER.notches
+    inputs = (
+        f'{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}',
+        f'{{ name = "wind", dof = "{HUB}" }}',
+    )
     return f"""\
 [plant]  # the azimuth axis; torque and speed of the motor are counted at the load
-inputs = [{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}, {{ name = "wind", dof = "{HUB}" }}]
+inputs = [{", ".join(inputs)}]
 quantity = ["{'", "'.join(QUANTITIES)}"]
 band = [{BAND[0]:g}, {BAND[1]:g}]
 test = "rotors free"

@@ -329,7 +329,7 @@ class Biot:
         return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D; the states of the internal variables, z' = -b z + L^T q', come last."""
+        """Return A, B, C, D; the internal variables, z' = -b z + L^T q', are the last states."""
         A0, B0, C0, D = self.base.matrices(kept)
         n = int(kept.sum())
         omega = self.base.space.omega[kept]

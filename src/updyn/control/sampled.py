@@ -223,7 +223,7 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
 
 # -- delay ----------------------------------------------------------------------------------------
 def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
-    """Return the matrices with the input `whole` intervals late: states x, u[k-1], ..., u[k-whole]."""
+    """Return the matrices with the input `whole` intervals late, in x, u[k-1], ..., u[k-whole]."""
     if not whole:
         return A, B, C, D
     (n, m), held = B.shape, whole * B.shape[1]

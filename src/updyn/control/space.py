@@ -163,7 +163,7 @@ class ModalSpace:
         return nonnegative(total)
 
     def loss_factors(self) -> _Real:
-        """Return the loss factor of each mode by strain energy, shape (r,); 0 of rigid-body modes."""
+        """Return the loss factor of each mode by strain energy, shape (r,); 0 of rigid bodies."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
             own = sum(
@@ -240,15 +240,14 @@ def modal_space(
     ):
         if loss:
             own = shapes.T @ (factor * loss * matrix) @ shapes
-            own[:rigid] = own[:, :rigid] = (
-                0.0  # a rigid-body motion strains nothing; what stands there is rounding
-            )
+            # A rigid-body motion strains nothing: only rounding stands there.
+            own[:rigid] = 0.0
+            own[:, :rigid] = 0.0
             lossy.append(Lossy(term.group, own, term.table))
     viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
-    return ModalSpace(
-        omega, rigid, weights_out @ at(at_outputs) @ shapes, weights_in @ at(at_inputs) @ shapes, viscous,
-        tuple(lossy), source, solver,
-    )  # fmt: skip
+    shapes_out = weights_out @ at(at_outputs) @ shapes
+    shapes_in = weights_in @ at(at_inputs) @ shapes
+    return ModalSpace(omega, rigid, shapes_out, shapes_in, viscous, tuple(lossy), source, solver)
 
 
 def _projected(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from updyn.updating.problem.selection import Selection
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
+__all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
@@ -46,17 +47,40 @@ _SELECTION_KEYS: Mapping[object, tuple[str, ...]] = {
 }
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JobRun:
+    """A finished run of a job.
+
+    Attributes
+    ----------
+    result : UpdateResult or JointResult
+        The update; the latter for several tests.
+    further : mapping of str to object
+        What tables such as ``[uncertainty]`` and ``[plant]`` gave, by their names.
+    folder : Path
+        Where it was written to.
+    """
+
+    result: UpdateResult | JointResult
+    further: Mapping[str, Any]
+    folder: Path
+
+    def summary(self) -> str:
+        """Return the update, and what the further tables gave, as text."""
+        texts = [self.result.summary()]
+        texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
+        return "\n\n".join(text for text in texts if text)
+
+
 def run_job(
     job: Job,
     out: str | Path | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
-    report: Callable[..., object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
-    further: Callable[[Mapping[str, Any]], object] | None = None,
-) -> UpdateResult | JointResult:
+) -> JobRun:
     """Run a job and write its folder.
 
     Parameters
@@ -69,9 +93,6 @@ def run_job(
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops
         the run.
-    report : callable, optional
-        Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result
-        does not depend on how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -80,19 +101,14 @@ def run_job(
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
         of steps: to the same answer as if it had not been.
 
-    further : callable, optional
-        Called once all is written, with what tables such as ``[uncertainty]`` and ``[plant]`` gave,
-        by their names.
-
     Returns
     -------
-    UpdateResult or JointResult
-        The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and
-        ``report.html`` in a folder of its name. Also in `out`: ``result.json``, ``run.nc``,
-        ``model.h5``, ``job.toml`` (all defaults written out; runs again from there), what
-        ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask for and, unless the job says
-        not to, what `report` makes: ``report.html``. While it runs, and until it has finished,
-        ``run.journal`` is there, too, which `resume` needs.
+    JobRun
+        In `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out;
+        runs again from there), what ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask
+        for and, unless the job says not to, ``report.html``. Each of several tests has its
+        ``model.h5``, ``run.nc`` and ``report.html`` in a folder of its name. While it runs, and
+        until it has finished, ``run.journal`` is there, too, which `resume` needs.
 
     Raises
     ------
@@ -105,25 +121,23 @@ def run_job(
     Warns
     -----
     UpdynWarning
-        If the job asks for a report and `report` is not given, or for an uncertainty or a plant
-        that cannot be had.
+        If the job asks for an uncertainty or a plant that cannot be had.
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
     with made_folder(out), journal_of(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
-        found = _further(ready, result, callback, engine)
+        further = _further(ready, result, callback, engine)
         with unfinished(out) as temporary:
             _write(result, job, out, temporary)
-            for name, one in found.items():
-                JOB_TABLES[name].write(one, job, temporary)
-            _report(result, job, temporary, report, found)
+            for name, found in further.items():
+                JOB_TABLES[name].write(found, job, temporary)
+            if job.output.report:
+                _write_reports(result, temporary, further)
             put_in_place([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
-    if further is not None:
-        further(found)
-    return result
+    return JobRun(result, further, out)
 
 
 def job_selection(prepared: Prepared) -> Selection | None:
@@ -306,33 +320,18 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
     """Return the result of each test with the folder that it belongs to."""
-    from updyn.updating.result import UpdateResult
-
-    if isinstance(result, UpdateResult):
-        return [(folder, result)]
     return [(folder / name, one) for name, one in result.results.items()]
 
 
-def _report(
-    result: UpdateResult | JointResult,
-    job: Job,
-    folder: Path,
-    report: Callable[..., object] | None,
-    found: Mapping[str, Any],
+def _write_reports(
+    result: UpdateResult | JointResult, folder: Path, further: Mapping[str, Any]
 ) -> None:
-    if not job.output.report:
-        return
+    """Write the report and, of several tests, one for each in its folder."""
+    from updyn.report import write_report
     from updyn.report.section import objects_shown
 
-    if report is None:
-        text = (
-            f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
-            " get it"
-        )
-        warnings.warn(text, UpdynWarning, stacklevel=3)
-        return
-    shown = {name: one for name, one in found.items() if name in objects_shown()}
-    report(result, folder / "report.html", **shown)
+    shown = {name: found for name, found in further.items() if name in objects_shown()}
+    write_report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
-            report(one, own / "report.html")
+            write_report(one, own / "report.html")

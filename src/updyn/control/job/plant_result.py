@@ -172,13 +172,11 @@ def make_plant(
     SolverError
         If the model has no answer at a line.
     """
-    from updyn.updating.result import JointResult
-
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)
     assert table is not None
     test = ready.tests[number]
-    one = result.results[test.name] if isinstance(result, JointResult) else result
+    one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
     band = band_of_plant(job, test.frf)
     told = say if say is not None else lambda stage: None

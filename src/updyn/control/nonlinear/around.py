@@ -26,15 +26,20 @@ _NOTHING = 1e-9  # flexibility beside that of the mesh
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Around:
-    """x' = A x + B w + E e, z = C x + D w + G e; series = rows of the plant's outputs and the controller's torque.
+    """The closed loop without its nonlinearity.
+
+        x' = A x + B w + E e,   z = C x + D w + G e
+
+    with the torque w of the nonlinearity, the motion z that it reads, and the entries e. `series`
+    are the rows of the plant's outputs and the controller's torque.
 
     Attributes
     ----------
     A : ndarray of float, shape (n, n)
     B, C : ndarray of float, shape (n,)
-        From the nonlinearity's torque, to what it reads.
+        Column of w, row of z.
     D : float
-        Residual flexibility between both.
+        Direct feed-through from w to z: residual flexibility.
     E : ndarray of float, shape (n, n_e)
         From the entries: every input of the plant, and the reference.
     G : ndarray of float, shape (n_e,)

@@ -1,14 +1,14 @@
-"""`limit_cycles`: oscillations that a nonlinearity keeps up in a loop, by harmonic balance.
+"""`limit_cycles`: limit cycles of a loop with one nonlinearity, by harmonic balance.
 
-With the nonlinearity pulled out, z = S(s) w and w = -N(A, omega) z, an oscillation z = A sin(omega
-t) needs
+With the linear part z = S(s) w and the describing function w = -N(A, omega) z, an oscillation
+z = A sin(omega t) exists where
 
     N(A, omega) = -1 / S(i omega).
 
-|N| falls or rises steadily with A, so that each frequency has at most one amplitude at which the moduli agree; what is
-left is one equation, of the phases, along the frequency axis, whose roots are all found by a scan
-and refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design,
-1968, chapter 3).
+|N| is monotonic in A, so that each frequency has at most one amplitude at which the moduli agree.
+The remaining equation, of the phases, is solved along the frequency axis: a scan finds all roots,
+which are then refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear
+System Design, 1968, chapter 3).
 """
 
 from __future__ import annotations

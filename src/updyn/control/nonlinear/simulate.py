@@ -267,7 +267,7 @@ class _Exact:
         )
 
     def crossing(self, X: _Real) -> tuple[float, _Real, int]:
-        """Return the share of the step before the first border, the state just after, the border."""
+        """Return share of the step before the first border, state just after it, and border."""
         share = 0.0
         for i, half in enumerate(self.halves, 1):
             tried = half @ X

@@ -405,30 +405,7 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     ]
     parts.append(_margins(servo))
     for loop in servo.loops:
-        caption = (
-            f"L of the {loop.name} loop, broken at the {loop.name}"
-            + (
-                ", the velocity loop closed"
-                if loop.name == "position"
-                else ", the position loop open"
-            )
-            + (
-                f"; the band holds the {len(loop.members)} plants of the family"
-                if loop.members
-                else ""
-            )
-            + ". Circles: where the margins are read; dotted: 0 dB and −180°."
-        )
-        nichols = (
-            "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
-        )
-        parts.append(
-            f"<h3>{m.esc(loop.name.capitalize())} loop</h3><div class='pair wide'>"
-            + f"<div>{_place(figures, f'bode-{loop.name}', f'Bode diagram of the {loop.name} loop', caption)}</div>"
-            + f"<div>{_place(figures, f'nichols-{loop.name}', f'Nichols plot of the {loop.name} loop', nichols)}</div>"
-            + "</div>"
-            + _crossings(loop)
-        )
+        parts.append(_loop(loop, figures))
     parts.append("<h3>Closed loop</h3>")
     bandwidth = (
         ""
@@ -454,6 +431,24 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     if places:
         parts.append(f"<div class='pair wide'>{''.join(places)}</div>")
     return parts
+
+
+def _loop(loop: Loop, figures: Mapping[str, Figure]) -> str:
+    """Return the part on one loop: Bode diagram, Nichols plot and crossings."""
+    name = loop.name
+    other = "the velocity loop closed" if name == "position" else "the position loop open"
+    caption = f"L of the {name} loop, broken at the {name}, {other}"
+    if loop.members:
+        caption += f"; the band holds the {len(loop.members)} plants of the family"
+    caption += ". Circles: where the margins are read; dotted: 0 dB and −180°."
+    nichols = "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
+    places = (
+        _place(figures, f"bode-{name}", f"Bode diagram of the {name} loop", caption),
+        _place(figures, f"nichols-{name}", f"Nichols plot of the {name} loop", nichols),
+    )
+    pair = "".join(f"<div>{place}</div>" for place in places)
+    heading = f"<h3>{m.esc(name.capitalize())} loop</h3>"
+    return f"{heading}<div class='pair wide'>{pair}</div>{_crossings(loop)}"
 
 
 def _place(figures: Mapping[str, Figure], name: str, alternative: str, caption: str) -> str:

@@ -312,8 +312,8 @@ class Controller:
         inertia = inertia_of(nominal, torque, velocity)
         if inertia is None:
             raise ModelError(
-                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, of whose inertia"
-                " the gain is to be sized; give kp, ti and kv by hand"
+                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, whose inertia"
+                " would size the gain; give kp, ti and kv by hand"
             )
         if inertia < 0:
             raise ModelError(

@@ -92,7 +92,7 @@ class Bandwidth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveFigures:
-    """The figures of a drive: motor, train, load; linear DOFs have kg for kg m2 and N/m for N m/rad.
+    """The figures of a drive: motor, train, load. Of linear DOFs in kg and N/m.
 
     Frequencies are those without damping; damping ratios stand beside them. What a figure needs and
     the model does not have (a rigid-body motion, a stated ratio) leaves it None, and `notes` say

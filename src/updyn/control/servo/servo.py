@@ -98,8 +98,9 @@ def servo(
 
     Examples
     --------
-    >>> controller = updyn.Controller.tuned(plant, 5.0, torque="M", velocity="speed")  # doctest: +SKIP
-    >>> found = updyn.servo(plant, controller, torque="M", velocity="speed", position="angle")  # doctest: +SKIP
+    >>> ports = {"torque": "M", "velocity": "speed"}
+    >>> controller = updyn.Controller.tuned(plant, 5.0, **ports)  # doctest: +SKIP
+    >>> found = updyn.servo(plant, controller, position="angle", **ports)  # doctest: +SKIP
     >>> print(found.summary())  # doctest: +SKIP
     """
     nominal, others = _plants(plant)

@@ -438,9 +438,22 @@ def _reference_step(
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
     time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
-        "reference", float(size), name, unit, name, unit, time, value, torque, final, figures.rise_time,
-        figures.overshoot, figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="reference",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=name,
+        output_unit=unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=figures.rise_time,
+        overshoot=figures.overshoot,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _record(
@@ -488,9 +501,22 @@ def _disturbance_step(
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
     time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
-        "disturbance", float(size), name, unit, output, output_unit, time, value, torque, final, None, None,
-        figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="disturbance",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=output,
+        output_unit=output_unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=None,
+        overshoot=None,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _wind(
@@ -501,9 +527,13 @@ def _wind(
         expected, needed = _expected(cascade, judged, wind)
         time, torque = wind.series(max(needed, wind.duration / _LONGEST))
         facts = {
-            "mean_speed": wind.mean_speed, "coefficient": wind.coefficient, "turbulence": wind.intensity,
-            "roughness": wind.drag, "seed": wind.seed, "mean_torque": wind.mean_torque,
-        }  # fmt: skip
+            "mean_speed": wind.mean_speed,
+            "coefficient": wind.coefficient,
+            "turbulence": wind.intensity,
+            "roughness": wind.drag,
+            "seed": wind.seed,
+            "mean_torque": wind.mean_torque,
+        }
     else:
         time, torque = _series(wind)
     rest = at_rest(system, _POINTING, _DISTURBANCE)

@@ -18,7 +18,7 @@ from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["LIKELIHOOD", "WITH_NOISE", "Setting", "chosen", "parts_of", "restore"]
+__all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of", "restore"]
 
 _Vector = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _ENDED = ("converged", "not-identifiable", "stalled")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Setting:
+class RestoredFit:
     """An update that has ended, ready to be looked at again.
 
     Attributes
@@ -63,7 +63,7 @@ class Setting:
         """The unknowns."""
         return self.first.parameters.names
 
-    def with_problem(self, problem: Problem) -> Setting:
+    def with_problem(self, problem: Problem) -> RestoredFit:
         """Return the setting with a problem that is solved otherwise."""
         return replace(self, problem=problem)
 
@@ -110,7 +110,7 @@ def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
     methods: Sequence[str] = LIKELIHOOD,
-) -> Setting:
+) -> RestoredFit:
     """Bring an update back to its problem.
 
     Parameters
@@ -124,7 +124,7 @@ def restore(
 
     Returns
     -------
-    Setting
+    RestoredFit
 
     Raises
     ------
@@ -159,7 +159,7 @@ def restore(
     x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
     shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
     noises = tuple(_noise(r, p, x, n) for r, p, n in zip(results, whole.parts, shares, strict=True))
-    return Setting(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
+    return RestoredFit(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
 
 
 def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
@@ -170,15 +170,13 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     OptionError
         If it is no result.
     """
-    if isinstance(result, UpdateResult):
-        return (result,)
-    if isinstance(result, JointResult):
-        return tuple(result.results.values())
-    raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+    if not isinstance(result, UpdateResult | JointResult):
+        raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+    return tuple(result.results.values())
 
 
-def chosen(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
-    """Return the positions of chosen unknowns; of all where none is named.
+def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
+    """Return the positions of positions_of unknowns; of all where none is named.
 
     Raises
     ------
