@@ -340,7 +340,7 @@ def _family(
     if result is None:
         return (
             None,
-            "There is no family: the uncertainty of a model that is not updated is unknown.",
+            "There is no family: the model is not updated, so its uncertainty is unknown.",
         )
     how: dict[str, Any] = {
         "n": table.family,
