@@ -1,6 +1,7 @@
 # Needs make and Python 3.11 or later; everything else goes into .venv.
 #   make demo    install and run the default example (make demo NAME=chain for another)
 #   make test    install with the test extra and run all tests
+#   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS
 #   make lint    style and types
 #   make clean   remove what these made
 
@@ -11,8 +12,9 @@ NAME ?= beam
 OUT ?= demo/$(NAME)
 WORKERS ?= 2
 PYTEST_ARGS ?=
+KERNELS ?= Haswell Prescott SkylakeX
 
-.PHONY: demo test lint clean
+.PHONY: demo test test-kernels lint clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.installed
@@ -20,6 +22,9 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed-test
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) $(PYTEST_ARGS)
+
+test-kernels: $(VENV)/.installed-test
+	$(BIN)/python tools/kernels.py $(KERNELS) -- -n $(WORKERS) $(PYTEST_ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check

@@ -23,7 +23,7 @@ def run(job: Path, out: Path) -> UpdateResult:
         job.read_text(encoding="utf-8") + "\n[output]\nreport = false\n", encoding="utf-8"
     )
     begun = time.perf_counter()
-    result = run_job(load_job(job), out)
+    result = run_job(load_job(job), out).result
     fitted, held = result.correlation["after"], result.correlation["validation"]["after"]
     print(
         f"{result.title:<26} {len(result.parameters):>8} {fitted['db_error_median']:>8.3f}"

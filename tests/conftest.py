@@ -34,6 +34,16 @@ settings.register_profile(
 settings.load_profile("updyn")
 
 
+#: Folders whose tests fit, and print or compare what they find.
+_ROUNDED = {"cli", "comparison", "docs", "io", "recovery", "report"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.relative_to(DATA.parent).parts[0] in _ROUNDED:
+            item.add_marker("kernels")
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     programs.skip_without_programs(item)
 

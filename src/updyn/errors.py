@@ -16,12 +16,18 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     └── EngineError           the processes or the cluster that were to do the work are lost
 
 `UpdynWarning` marks what a user should know and may accept.
+
+An `InputError` has a key path, ``error.key``: names of arguments or keys, and positions in arrays, of
+what it is about. The code that raises it states the path from what it was given, such as
+``key=("noise", "floor")``; a caller that took its input from something larger puts the place of that
+in front, by `key_path`. The job adds its file and the line of the key, once (`updyn.job.Job.located`).
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
 
 __all__ = [
@@ -38,6 +44,7 @@ __all__ = [
     "ToleranceError",
     "UpdynError",
     "UpdynWarning",
+    "key_path",
     "nearest",
     "suggest",
 ]
@@ -48,7 +55,20 @@ class UpdynError(Exception):
 
 
 class InputError(UpdynError, ValueError):
-    """Something that was supplied cannot be used."""
+    """Something that was supplied cannot be used.
+
+    Parameters
+    ----------
+    *args : object
+        The message.
+    key : sequence of str or int
+        Path of what it is about, from what the raising code was given: names of arguments or keys,
+        and positions in arrays.
+    """
+
+    def __init__(self, *args: object, key: Sequence[str | int] = ()) -> None:
+        super().__init__(*args)
+        self.key = tuple(key)
 
 
 class DofError(InputError):
@@ -79,12 +99,19 @@ class _FileError(InputError):
     """An error at a place in a file; the message starts ``path:line:``."""
 
     def __init__(
-        self, message: str, path: str | PathLike[str] | None = None, line: int | None = None
+        self,
+        message: str,
+        path: str | PathLike[str] | None = None,
+        line: int | None = None,
+        *,
+        key: Sequence[str | int] = (),
     ) -> None:
         self.path = None if path is None else str(path)
         self.line = line
-        place = "" if path is None else f"{path}:" if line is None else f"{path}:{line}:"
-        super().__init__(f"{place} {message}" if place else message)
+        if path is not None:
+            place = f"{path}:" if line is None else f"{path}:{line}:"
+            message = f"{place} {message}"
+        super().__init__(message, key=key)
 
 
 class FormatError(_FileError):
@@ -105,6 +132,28 @@ class EngineError(UpdynError):
 
 class UpdynWarning(UserWarning):
     """Something that the user should know and may accept."""
+
+
+@contextmanager
+def key_path(*key: str | int, otherwise: Sequence[str | int] = ()) -> Iterator[None]:
+    """Put a key path in front of that of an `InputError` that is raised inside.
+
+    Parameters
+    ----------
+    *key : str or int
+        Where what is worked on inside comes from.
+    otherwise : sequence of str or int
+        The rest of the path where the error states none.
+
+    Yields
+    ------
+    None
+    """
+    try:
+        yield
+    except InputError as error:
+        error.key = (*key, *(error.key or otherwise))
+        raise
 
 
 def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, suggest
+from updyn.errors import DataError, key_path, suggest
 from updyn.geometry import Geometry
 
 if TYPE_CHECKING:
@@ -269,7 +269,8 @@ class FRF:
             if keep.size == 0:
                 raise DataError(
                     f"band {low:g} to {high:g} Hz holds no line; the data run {self.freq[0]:g} to"
-                    f" {self.freq[-1]:g} Hz"
+                    f" {self.freq[-1]:g} Hz",
+                    key=("band",),
                 )
         if lines is not None:
             chosen = self.find_lines(lines)
@@ -278,13 +279,16 @@ class FRF:
                 more = f" ({outside.size} such)" if outside.size > 1 else ""
                 raise DataError(
                     f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g}"
-                    f" Hz{more}"
+                    f" Hz{more}",
+                    key=("band",),
                 )
             keep = chosen
         chosen_rows = self.responses if responses is None else DofSet(responses)
         chosen_columns = self.references if references is None else DofSet(references)
-        rows = self.responses.match(chosen_rows, "response")
-        columns = self.references.match(chosen_columns, "reference")
+        with key_path("responses"):
+            rows = self.responses.match(chosen_rows, "response")
+        with key_path("references"):
+            columns = self.references.match(chosen_columns, "reference")
         sign = rows.sign[:, None] * columns.sign[None, :]
         at = np.ix_(keep, rows.index, columns.index)
         return replace(
@@ -466,7 +470,9 @@ def _band(band: object) -> tuple[float, float]:
         raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")
     low, high = (float(x) for x in array)
     if not low < high:
-        raise DataError(f"band {low:g} to {high:g} Hz: the first must be below the second")
+        raise DataError(
+            f"band {low:g} to {high:g} Hz: the first must be below the second", key=("band",)
+        )
     return low, high
 
 

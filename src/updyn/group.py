@@ -309,7 +309,7 @@ class Group:
         """
         for name in damping:
             if name not in DAMPING:
-                raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}")
+                raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}", key=(name,))
         return Group._checked(self.stiffness, self.mass, self.viscous, self.damping | dict(damping))
 
     def changed(self, change: Mapping[str, float]) -> Group:
@@ -454,7 +454,9 @@ class LossTable:
             try:
                 array = np.array(given, dtype=np.float64)
             except (TypeError, ValueError) as error:
-                raise ModelError(f"loss_table: {name} is not a row of numbers ({error})") from error
+                raise ModelError(
+                    f"loss_table: {name} is not a row of numbers ({error})", key=("loss_table",)
+                ) from error
             if (
                 array.ndim != 1
                 or array.size < 2
@@ -462,19 +464,22 @@ class LossTable:
                 or (array < 0).any()
             ):
                 raise ModelError(
-                    f"loss_table: {name}: expected two or more finite numbers of at least 0"
+                    f"loss_table: {name}: expected two or more finite numbers of at least 0",
+                    key=("loss_table",),
                 )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if len(self.freq) != len(self.relative):
             raise ModelError(
-                f"loss_table: {len(self.freq)} lines, but {len(self.relative)} factors"
+                f"loss_table: {len(self.freq)} lines, but {len(self.relative)} factors",
+                key=("loss_table",),
             )
         back = np.flatnonzero(np.diff(self.freq) <= 0)
         if back.size:
             raise ModelError(
                 f"loss_table: line {self.freq[back[0] + 1]:g} Hz stands behind"
-                f" {self.freq[back[0]]:g} Hz"
+                f" {self.freq[back[0]]:g} Hz",
+                key=("loss_table",),
             )
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -330,7 +330,7 @@ class Model:
             try:
                 groups[name] = group.with_damping(own)
             except ModelError as error:
-                raise ModelError(f"group {name!r}: {error}") from error
+                raise ModelError(f"group {name!r}: {error}", key=error.key) from error
         return Model(groups, self.dofs, self.geometry, self.title)
 
 

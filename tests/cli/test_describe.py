@@ -6,7 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from updyn.cli.describe import describe, describe_frf, describe_identifiability, describe_model
+from updyn.cli.describe import (
+    describe_frf,
+    describe_identifiability,
+    describe_model,
+    describe_modes,
+)
 from updyn.cli.reading import read_anything
 from updyn.frf import FRF
 from updyn.geometry import Geometry
@@ -37,7 +42,7 @@ def test_a_model_with_rotations_grounding_and_dampers() -> None:
 
 def test_a_model_that_has_no_modes_is_described_all_the_same() -> None:
     model = Model.from_groups({"a": Group(np.eye(2))}, ["1:X", "2:X"])
-    assert describe(model).splitlines()[-1].startswith("Natural frequencies: ")
+    assert describe_model(model).splitlines()[-1].startswith("Natural frequencies: ")
 
 
 def test_what_a_measurement_says_of_its_confidence() -> None:
@@ -64,8 +69,8 @@ def test_what_a_measurement_says_of_its_confidence() -> None:
         "Geometry: 2 nodes, 0 lines to draw, in m: X 0 to 1, Y 0 to 2, Z 0 to 3",
     ]
     one = FRF([2.0], values[:1], ["1:Z"], ["2:Z"], "mobility", variance=np.ones((1, 1, 1)))
-    assert describe(one).splitlines()[0] == "FRF: mobility, 1 lines from 2 to 2 Hz"
-    assert describe(one).splitlines()[-1] == "with the variance of each value"
+    assert describe_frf(one).splitlines()[0] == "FRF: mobility, 1 lines from 2 to 2 Hz"
+    assert describe_frf(one).splitlines()[-1] == "with the variance of each value"
 
 
 def test_open_combinations_are_named_largest_weight_first() -> None:
@@ -91,7 +96,7 @@ def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
     write_modes(modes, tmp_path / "modes.unv")
     kind, content = read_anything(tmp_path / "modes.unv")
     assert kind == "modes"
-    assert describe(content).splitlines() == [
+    assert describe_modes(content).splitlines() == [
         "Modes: 2 from 10 to 20.5 Hz",
         "2 DOFs: 1:X, 2:X",
         "mode  frequency (Hz)  loss factor      scale  phase collinearity  quality",

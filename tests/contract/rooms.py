@@ -41,8 +41,6 @@ ORDER = (
     ("control",),
 )
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
-#: Rooms that still name parts of `control` instead of finding them in a registry.
-KNOWS_CONTROL = {"demos", "cli"}
 #: Names that only the package itself holds and that any module may ask it for.
 FACADE = {"__version__"}
 #: A private module beside its room.

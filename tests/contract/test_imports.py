@@ -109,7 +109,7 @@ def wrong_imports(source: str, module: str, is_package: bool) -> list[str]:
         return []
     found = []
     for line, other in rooms.used_rooms(source, module, is_package):
-        if other == own or (other == "control" and own in rooms.KNOWS_CONTROL):
+        if other == own:
             continue
         if other not in rooms.LEVEL:
             found.append(

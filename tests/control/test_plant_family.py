@@ -195,9 +195,7 @@ def test_what_the_data_leave_open_is_refused_unless_draws_are_given() -> None:
 
 def test_of_several_tests_one_is_named(unsure, family) -> None:
     joint = JointResult({"free": unsure, "locked": unsure})
-    with pytest.raises(
-        OptionError, match=r"test = 'fre'; which test's model is the plant's\? did you mean 'free'"
-    ):
+    with pytest.raises(OptionError, match=r"test = 'fre': .*did you mean 'free'"):
         plant_family(joint, **PORTS, test="fre")
     found = plant_family(joint, **PORTS, n=2, test="free")
     np.testing.assert_array_equal(found.values, family.values[:2])

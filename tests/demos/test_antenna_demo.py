@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import updyn
+from updyn.control import demo as with_servo
 from updyn.demos import antenna as demo
 from updyn.demos import find_demo
 from updyn.job import load_job, prepare
@@ -162,7 +163,7 @@ def test_noise_is_what_the_coherence_says(inputs, model) -> None:
     few = 4.0 / np.sqrt(frf.values.size)
     assert np.mean(np.abs(frf.values - exact.values) ** 2 / made) == pytest.approx(1.0, abs=few)
     assert np.mean(variance / made) == pytest.approx(1.0, abs=few)
-    weighed = Coherence.of(replace(frf, averages=5)).variance(exact.values, frf)
+    weighed = Coherence.of_data(replace(frf, averages=5)).variance(exact.values, frf)
     assert np.mean(np.abs(frf.values - exact.values) ** 2 / weighed) == pytest.approx(
         1.0, abs=2 * few
     )
@@ -181,7 +182,7 @@ def test_the_truth_is_found_from_nearby(inputs) -> None:
     off = np.array([(result.values[n] - true[n]) / result.std[n] for n in true])
     assert np.abs(off).max() < 4.0
     assert 0.5 < np.sqrt(np.mean(off**2)) < 1.7
-    text = demo.epilogue([result], inputs)
+    text = with_servo.epilogue([result], inputs)
     for name in true:
         assert name in text
     (first,) = [line.split() for line in text.splitlines() if line.startswith("rotors free, 1")]

@@ -198,8 +198,7 @@ def test_the_example_runs(folder: Path) -> None:
     result = run_job(
         loaded,
         folder / "out",
-        report=lambda result, path, found, planted: path.write_text("report"),
-    )
+    ).result
     assert result.status == "converged"
     written = {path.name for path in (folder / "out").iterdir()}
     assert set(OUTPUTS) < set(TABLES["What a run writes"]) == written

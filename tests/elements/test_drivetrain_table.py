@@ -246,5 +246,5 @@ def test_an_error_in_the_job_names_file_and_line(tmp_path):
     with pytest.raises(JobError, match=r"job\.toml:3: .*did you mean 'drivetrain'"):
         prepare(load_job(job))
     job.write_text(JOB.replace("stiffness = 1e4", "stifness = 1e4"), encoding="utf-8")
-    with pytest.raises(JobError, match=r"job\.toml:5: .*shafts, number 1: no key 'stifness'"):
+    with pytest.raises(JobError, match=r"job\.toml:9: .*shafts, number 1: no key 'stifness'"):
         prepare(load_job(job))

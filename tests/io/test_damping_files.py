@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.cli.describe import describe
+from updyn.cli.describe import describe_model
 from updyn.errors import FormatError, ModelError
 from updyn.io.damping import refuse_damping
 
@@ -143,7 +143,7 @@ def test_a_deck_of_nastran_has_no_place_for_rayleigh_coefficients():
 
 
 def test_the_description_says_all_damping():
-    told = describe(model(**DAMPING))
+    told = describe_model(model(**DAMPING))
     assert (
         "one: loss factor 0.02 by a table from 1 to 100 Hz, mass damping 1.5 1/s, stiffness damping"
         in told

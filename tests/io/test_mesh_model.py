@@ -78,10 +78,10 @@ report = false
     # Without damping, three of the lines are natural frequencies of the model where it starts.
     named = f"singular at {low[0]:g} Hz.*The fit starts"
     with pytest.warns(UpdynWarning, match=named):
-        result = run_job(job, out=tmp_path / "out")
+        result = run_job(job, out=tmp_path / "out").result
     assert result.values["legs.stiffness"] == pytest.approx(0.8, rel=1e-6)
     with pytest.warns(UpdynWarning, match=named):
-        again = run_job(load_job(tmp_path / "out" / "job.toml"), out=tmp_path / "again")
+        again = run_job(load_job(tmp_path / "out" / "job.toml"), out=tmp_path / "again").result
     assert again.values == result.values
 
 

@@ -13,7 +13,7 @@ import updyn
 from updyn.demos import chain
 from updyn.elements.constraints import constrain
 from updyn.elements.masses import add_masses
-from updyn.errors import InputError, JobError, UpdynWarning
+from updyn.errors import InputError, JobError
 from updyn.frf import FRF
 from updyn.job import job_identifiability, load_job, prepare, run_job
 
@@ -225,7 +225,7 @@ unit = "Pa"
         "part1.stiffness, part3.stiffness^2, part4.stiffness^2",
     )
     assert linked.physical(1.2, 0.01) == "6e+06 ± 5e+04 Pa"
-    result = run_job(job, out=folder / "out")
+    result = run_job(job, out=folder / "out").result
     assert "Pa" in result.summary()
     assert load_job(folder / "out" / "job.toml").parameter == job.parameter
     again = updyn.read_result(folder / "out" / "run.nc")
@@ -259,7 +259,7 @@ def test_held_out_data_are_the_ones_that_the_update_holds_out(folder: Path) -> N
     for method in ('validation = ["5:-X", "12:X"]', "validation = [5.0, 12.0]"):
         job = job_at(folder, method=method + "\nmax_iterations = 1")
         ready = prepare(job)
-        result = run_job(job, prepared=ready)
+        result = run_job(job, prepared=ready).result
         assert list(result.fitted_responses) == ready.fitted.responses.labels
         np.testing.assert_array_equal(result.lines, ready.fitted.freq)
 
@@ -293,7 +293,7 @@ def test_run_gives_back_what_it_writes(folder: Path) -> None:
     seen = []
     result = run_job(
         job_at(folder, method="lines = 'd-optimal:20'"), folder / "a" / "b", seen.append
-    )
+    ).result
     again = updyn.read_result(folder / "a" / "b" / "run.nc")
     assert again.values == result.values
     assert again.title == "job"
@@ -301,24 +301,22 @@ def test_run_gives_back_what_it_writes(folder: Path) -> None:
     assert [p.name for p in (folder / "a" / "b").iterdir() if p.name.startswith(".")] == []
 
 
-def test_the_report_is_made_by_what_is_handed_in(folder: Path) -> None:
+def test_the_report_is_that_of_the_run(folder: Path) -> None:
     path = job_at(folder, method="max_iterations = 1").path
-    path.write_text(
-        path.read_text(encoding="utf-8").replace("report = false", ""), encoding="utf-8"
-    )
-    run_job(load_job(path), folder / "out", report=lambda result, at: at.write_text(result.status))
-    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "max-iterations"
-    with pytest.warns(
-        UpdynWarning, match=r"job\.toml: a report is asked for; hand updyn\.write_report to run_job"
-    ):
-        run_job(load_job(path), folder / "out")
-    assert not (
-        folder / "out" / "report.html"
-    ).exists()  # that of the earlier run would pass for this one's
+    without = path.read_text(encoding="utf-8")
+    path.write_text(without.replace("report = false", ""), encoding="utf-8")
+    run_job(load_job(path), folder / "out")
+    assert "<section" in (folder / "out" / "report.html").read_text(encoding="utf-8")
+    path.write_text(without, encoding="utf-8")
+    run_job(load_job(path), folder / "out")
+    # that of the earlier run would pass for this one's
+    assert not (folder / "out" / "report.html").exists()
 
 
 def test_the_callback_stops_the_run_and_outputs_are_written(folder: Path) -> None:
-    result = run_job(job_at(folder), folder / "out", lambda progress: progress.iteration >= 1)
+    result = run_job(
+        job_at(folder), folder / "out", lambda progress: progress.iteration >= 1
+    ).result
     assert result.status == "stopped"
     assert updyn.read_result(folder / "out" / "run.nc").status == "stopped"
 
@@ -333,7 +331,9 @@ def test_a_run_that_breaks_down_leaves_its_journal_alone(folder: Path) -> None:
         run_job(job, out, fail)
     left = [folder / "job.toml", folder / "a", out, out / "run.journal"]
     assert sorted(folder.rglob("*")) == sorted([*before, *left])
-    assert run_job(job, out, resume=True).values == run_job(job, folder / "fresh").values
+    assert (
+        run_job(job, out, resume=True).result.values == run_job(job, folder / "fresh").result.values
+    )
 
 
 def test_outputs_appear_only_when_all_are_written(
@@ -390,12 +390,12 @@ def test_a_stopped_run_goes_on_to_the_result_of_one_that_was_not(folder: Path) -
         method='lines = "d-optimal:25"\nvalidation = ["7:X"]',
         parameter=STIFFNESS + "prior_std = 0.5",
     )
-    fresh = run_job(job, folder / "fresh")
+    fresh = run_job(job, folder / "fresh").result
     assert not (folder / "fresh" / "run.journal").exists()
-    stopped = run_job(job, folder / "out", lambda progress: progress.iteration >= 2)
+    stopped = run_job(job, folder / "out", lambda progress: progress.iteration >= 2).result
     assert stopped.status == "stopped"
     assert (folder / "out" / "run.journal").exists()
-    result = run_job(job, folder / "out", resume=True, engine=1)
+    result = run_job(job, folder / "out", resume=True, engine=1).result
     assert outcome(result) == outcome(fresh)
     assert outcome(updyn.read_result(folder / "out" / "run.nc"))[:2] == outcome(fresh)[:2]
     assert not (folder / "out" / "run.journal").exists()
@@ -405,12 +405,12 @@ def test_a_stopped_run_goes_on_to_the_result_of_one_that_was_not(folder: Path) -
 
 
 def test_a_run_that_needed_more_steps_is_given_them(folder: Path) -> None:
-    full = run_job(job_at(folder), folder / "fresh")
+    full = run_job(job_at(folder), folder / "fresh").result
     assert (
-        run_job(job_at(folder, method="max_iterations = 2"), folder / "out").status
+        run_job(job_at(folder, method="max_iterations = 2"), folder / "out").result.status
         == "max-iterations"
     )
-    assert outcome(run_job(job_at(folder), folder / "out", resume=True)) == outcome(full)
+    assert outcome(run_job(job_at(folder), folder / "out", resume=True).result) == outcome(full)
 
 
 def test_only_a_run_of_the_same_job_is_resumed(folder: Path) -> None:
@@ -502,7 +502,7 @@ def test_several_tests_of_one_structure(folder: Path) -> None:
     assert [t.model.n_dofs for t in ready.tests] == [12, 11]
     assert "added mass.mass" not in ready.parameters.names
     assert job_identifiability(ready).complete
-    result = run_job(job, out=folder / "out", report=updyn.write_report)
+    result = run_job(job, out=folder / "out").result
     assert result.ok, result.summary()
     off = [
         (result.values[p.name] - chain.TRUTH[p.group][p.quantity]) / result.std[p.name]
@@ -534,7 +534,7 @@ def test_several_tests_of_one_structure(folder: Path) -> None:
     assert 'href="tip%20held/report.html"' in page
     again = load_job(out / "job.toml")
     assert [p.test.grounded for p in again.parts] == [None, ("12:X",)]
-    assert run_job(again, out=folder / "twice", report=updyn.write_report).values == result.values
+    assert run_job(again, out=folder / "twice").result.values == result.values
 
 
 def test_a_single_test_may_have_a_configuration(folder: Path) -> None:

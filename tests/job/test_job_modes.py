@@ -62,7 +62,7 @@ def modes_of(folder: Path, factor: float, dofs: list[str] | None = None) -> Mode
 
 def test_modes_of_a_file_are_fitted(folder: Path) -> None:
     updyn.write_modes(modes_of(folder, 1.21), folder / "modes.unv")
-    result = run_job(load_job(put(folder)), folder / "out")
+    result = run_job(load_job(put(folder)), folder / "out").result
     assert isinstance(result, updyn.UpdateResult)
     # All four parts alike; the format keeps six digits.
     assert list(result.values.values()) == pytest.approx([1.21] * 4, rel=1e-3)

@@ -103,7 +103,7 @@ def test_a_job_by_coordinates_finds_what_the_sensors_read(folder: Path) -> None:
     assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
     assert [m.turned for m in ready.matching.table] == [False, False, True, False]
     assert ready.model is ready.matching.model
-    result = run_job(job, folder / "out", prepared=ready)
+    result = run_job(job, folder / "out", prepared=ready).result
     assert result.status == "converged"
     assert result.values == pytest.approx(
         {"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7
@@ -113,7 +113,7 @@ def test_a_job_by_coordinates_finds_what_the_sensors_read(folder: Path) -> None:
 
 
 def test_the_resolved_job_runs_again_from_its_folder(folder: Path) -> None:
-    first = run_job(job_at(folder, GOOD), folder / "out")
+    first = run_job(job_at(folder, GOOD), folder / "out").result
     written = tomllib.loads((folder / "out" / "job.toml").read_text(encoding="utf-8"))["match"]
     assert written == {
         "by": "coordinates",
@@ -123,7 +123,7 @@ def test_the_resolved_job_runs_again_from_its_folder(folder: Path) -> None:
         "alignment": {"1": 11, "2": 12, "3": 13, "4": 14},
         "directions": {"3:Z": DIRECTION},
     }
-    again = run_job(load_job(folder / "out" / "job.toml"), folder / "again")
+    again = run_job(load_job(folder / "out" / "job.toml"), folder / "again").result
     assert again.values == first.values
 
 
@@ -313,7 +313,7 @@ def test_local_axes_in_the_universal_file_of_the_test(folder: Path) -> None:
     ready = prepare(load_job(path))
     assert [m.dof for m in ready.matching.table] == ["11:Y", "12:-X", "13:Z", "14:Z"]
     assert [m.turned for m in ready.matching.table] == [False, False, True, False]
-    result = run_job(load_job(path), folder / "out")
+    result = run_job(load_job(path), folder / "out").result
     assert result.values == pytest.approx(
         {"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7
     )

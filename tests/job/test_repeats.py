@@ -60,9 +60,9 @@ def test_the_mean_is_fitted_with_its_variance(folder: Path) -> None:
 
 def test_the_job_that_a_run_leaves_runs_again(folder: Path) -> None:
     out = folder / "deep" / "out"
-    first = run_job(load_job(job_at(folder)), out)
+    first = run_job(load_job(job_at(folder)), out).result
     assert first.noise["kind"] == "variance"
-    again = run_job(load_job(out / "job.toml"), folder / "again")
+    again = run_job(load_job(out / "job.toml"), folder / "again").result
     assert again.values == first.values
 
 

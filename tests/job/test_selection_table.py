@@ -51,9 +51,7 @@ def test_a_number_of_them(job, tmp_path, capsys):
     ready = prepare(load_job(path))
     chosen = job_selection(ready)
     assert (len(ready.parameters), len(chosen.parameters), len(chosen.left_out)) == (8, 5, 3)
-    result = run_job(
-        load_job(path), tmp_path / "out", report=lambda result, path: path.write_text("r")
-    )
+    result = run_job(load_job(path), tmp_path / "out").result
     assert result.parameters.names == chosen.parameters.names
     told = json.loads((tmp_path / "out" / "result.json").read_text())
     assert told["options"]["selection"]["left out"] == dict(chosen.left_out)

@@ -84,7 +84,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_a_job_finds_what_is_wrong_with_its_sensors(folder: Path) -> None:
-    result = run_job(load_job(write(folder, JOB.format(more=SENSORS))), folder / "out")
+    result = run_job(load_job(write(folder, JOB.format(more=SENSORS))), folder / "out").result
     assert result.status == "converged"
     expected = {
         f"{group}.{quantity}": v for group, change in TRUE.items() for quantity, v in change.items()

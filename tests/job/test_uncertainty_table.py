@@ -51,8 +51,7 @@ def test_a_profile_is_written_and_shown(job, tmp_path):
         load_job(path),
         tmp_path / "out",
         callback=lambda p: seen.append(p.stage),
-        report=updyn.write_report,
-    )
+    ).result
     found = updyn.read_uncertainty(tmp_path / "out" / "uncertainty.nc")
     assert isinstance(found, Profiles)
     assert (list(found), found.level) == (names[:1], 0.9)
@@ -73,7 +72,7 @@ def test_a_profile_is_written_and_shown(job, tmp_path):
 
 def test_a_bootstrap_is_that_of_the_library(job, tmp_path):
     path = job('[uncertainty]\nkind = "bootstrap"\nn = 3\nseed = 5\n[output]\nreport = false\n')
-    result = run_job(load_job(path), tmp_path / "out")
+    result = run_job(load_job(path), tmp_path / "out").result
     found = updyn.read_uncertainty(tmp_path / "out" / "uncertainty.nc", result)
     assert isinstance(found, Draws)
     np.testing.assert_array_equal(found.values, updyn.bootstrap(result, 3, 5).values)

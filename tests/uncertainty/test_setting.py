@@ -10,7 +10,7 @@ from uncertain_cases import noisy, springs
 
 import updyn
 from updyn.errors import OptionError
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 
 LINES = np.linspace(1.0, 9.0, 60)
 
@@ -84,7 +84,8 @@ def test_data_that_were_held_out_and_lines_that_were_not_used_stay_out() -> None
         model(), data(), updyn.parameters(model(), stiffness="all"), lines=LINES[::2], validation=["2:X"],
         noise={"relative": 0.01}, starts=0,
     )  # fmt: skip
-    frf = restore(result).problem.frf
+    (part,) = restore(result).problem.parts
+    frf = part.frf
     np.testing.assert_array_equal(frf.freq, LINES[::2])
     assert list(frf.responses.labels) == ["1:X"]
 

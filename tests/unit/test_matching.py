@@ -328,9 +328,7 @@ def test_directions_not_at_right_angles_are_told_by_the_title() -> None:
     found = match(structure(), data(["11:X", "11:Z"], ["12:X"]), directions={"11:Z": [1, 0, 1]})
     assert found.model.geometry.axes is None
     assert found.model.title == "(turned DOFs: 11:Z along (0.7071, 0, 0.7071))"
-    assert found.notes == (
-        "Not told by the geometry of the model: DOFs 11:Z along (0.7071, 0, 0.7071)",
-    )
+    assert found.notes == ("Not in the geometry of the model: DOFs 11:Z along (0.7071, 0, 0.7071)",)
     assert "turned along (0.7071, 0, 0.7071)" in str(found)
     assert [round(m.angle, 9) for m in found.table] == [0.0, 45.0, 0.0]
 
@@ -652,12 +650,12 @@ def test_a_fit_that_went_far_is_doubted() -> None:
 
 def test_least_squares_over_pairs() -> None:
     """With noise on the positions: the stationary point of the sum of squares, by its own conditions."""
-    from updyn.matching.placement import rigid
+    from updyn.matching.placement import fit_rigid
 
     rng = np.random.default_rng(5)
     x = rng.standard_normal((9, 3))
     y = x @ TURN.T + SHIFT + 0.05 * rng.standard_normal((9, 3))
-    R, shift, residual = rigid(x, y)
+    R, shift, residual = fit_rigid(x, y)
     left = y - x @ R.T - shift
     np.testing.assert_allclose(left.sum(axis=0), 0, atol=1e-12)
     np.testing.assert_allclose(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -234,18 +234,17 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     unit
         Unit of length of a model's deck, which does not say it: m, mm or in.
     """
-    from updyn.cli.describe import describe
-    from updyn.cli.reading import KINDS, read_anything
+    from updyn.cli.reading import FILE_KINDS, read_anything
 
     if quantity is not None and unit is not None:
         raise InputError("--unit is about a model, --quantity about a measurement")
-    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else tuple(KINDS)
+    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else None
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     options = {
         kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
     }
-    _, content = read_anything(file, kinds, options)
-    say(describe(content))
+    kind, content = read_anything(file, kinds, options)
+    say(FILE_KINDS[kind].describe(content))
     return DONE
 
 
@@ -322,7 +321,6 @@ def compare(
     from updyn.comparison.table import listing
     from updyn.job import load_job, prepare
     from updyn.job.comparison import check_comparison_out, compare_job, default_comparison_out
-    from updyn.report import write_comparison
 
     if list_:
         say(listing())
@@ -344,7 +342,6 @@ def compare(
             watching,
             methods=names,
             truth=truth,
-            report=write_comparison,
             prepared=ready,
             engine=where,
             fewest=fewest,
@@ -367,39 +364,19 @@ def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> UpdateResult | JointResult:
     from updyn.job import check_out, default_out, prepare, run_job
-    from updyn.report import write_report
 
     folder = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job)
-    besides: list[str] = []
     with watch(stderr()) as watching:
-        result = run_job(
-            job,
-            folder,
-            watching,
-            report=write_report,
-            prepared=ready,
-            engine=engine,
-            resume=resume,
-            further=lambda found: besides.extend(_further(found)),
-        )
-    say("\n\n".join([result.summary(), *besides]))
+        done = run_job(job, folder, watching, prepared=ready, engine=engine, resume=resume)
+    result = done.result
+    say(done.summary())
     first = "report.html" if job.output.report else "result.json"
     say(f"\nResults in {folder}: {folder / first}")
     if result.status in ("stopped", "max-iterations"):
         more = "" if result.status == "stopped" else ", with more max_iterations"
         say(f"To go on from here{more}: updyn run JOB.toml --resume (with the same --out)")
     return result
-
-
-def _further(found: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what a run found beside its result, as text."""
-    from updyn.job.job_table import JOB_TABLES
-
-    for name, one in found.items():
-        text = JOB_TABLES[name].summary(one)
-        if text:
-            yield text
 
 
 def _exit_code(result: UpdateResult | JointResult) -> int:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from updyn.control.plant import Plant
 from updyn.dofs import DofSet
 from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
@@ -16,35 +15,19 @@ from updyn.model import Group, Matrix, Model
 from updyn.text_table import text_table
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.result import UpdateResult
 
 __all__ = [
-    "describe",
     "describe_frf",
     "describe_geometry",
     "describe_identifiability",
     "describe_model",
     "describe_modes",
     "describe_parameters",
-    "describe_plant",
 ]
 
 _MODES_UP_TO = 20_000  # DOFs: natural frequencies of larger models are not asked for in passing
 _MODES = 8
 _LABELS = 12
-
-
-def describe(content: Model | FRF | Geometry | ModeSet | UpdateResult | Plant) -> str:
-    """Return what a file holds, as text."""
-    if isinstance(content, Model):
-        return describe_model(content)
-    if isinstance(content, FRF):
-        return describe_frf(content)
-    if isinstance(content, ModeSet):
-        return describe_modes(content)
-    if isinstance(content, Plant):
-        return describe_plant(content)
-    return content.summary() if isinstance(content, UpdateResult) else describe_geometry(content)
 
 
 def describe_model(model: Model) -> str:
@@ -158,46 +141,6 @@ def describe_geometry(geometry: Geometry) -> str:
     box = ", ".join(f"{a} {p:g} to {q:g}" for a, p, q in zip("XYZ", low, high, strict=True))
     return (
         f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
-    )
-
-
-def describe_plant(plant: Plant) -> str:
-    """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
-    told = plant.facts.get("sampling")
-    exact = told.get("delay") if isinstance(told, Mapping) else None
-    late = (
-        ""
-        if not plant.delay
-        else f", input {exact:g} s late"
-        if exact
-        else f", input {plant.delay} intervals late"
-    )
-    sampled = "continuous" if plant.dt is None else f"sampled every {plant.dt:g} s{late}"
-    inputs = zip(plant.input_ports, plant.input_units, strict=True)
-    outputs = zip(plant.output_ports, plant.output_units, strict=True)
-    rows = [
-        [port.name, what, unit, ", ".join(f"{w:+.4g} {label}" for label, w in port.weights.items())]
-        for what, ports in (("input", inputs), ("output", outputs))
-        for port, unit in ports
-    ]
-    rigid = f", {plant.rigid} of them rigid-body motion" if plant.rigid else ""
-    return "\n".join(
-        [
-            (
-                f"Plant: {plant.n_states} states, {len(plant.inputs)} inputs, {len(plant.outputs)}"
-                f" outputs, {sampled}"
-            ),
-            (
-                f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}:"
-                f" largest error of a channel {plant.error:.3g} of its peak (asked for"
-                f" {plant.tolerance:g}), of a resonance's height {plant.peak_error:.3g}"
-            ),
-            f"{len(plant.modes)} modes{rigid}, natural frequencies (Hz): "
-            + (", ".join(f"{f:.5g}" for f in plant.modes[:_LABELS]) or "none")
-            + (", ..." if len(plant.modes) > _LABELS else ""),
-            "",
-            text_table(("port", "is", "unit", "weights"), rows),
-        ]
     )
 
 

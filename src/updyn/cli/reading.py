@@ -1,42 +1,80 @@
-"""Reading a file without being told what it holds: a measurement, a model, a record of a run, modes, a plant ..."""
+"""Read a file of unknown content: a measurement, a model, the record of a run, modes, a plant ..."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from updyn.control.files.items import NO_PLANT
-from updyn.control.files.plant_file import plant_format, read_plant
+from updyn.cli.describe import describe_frf, describe_geometry, describe_model, describe_modes
 from updyn.errors import FormatError, InputError
 from updyn.io import read_frf, read_geometry, read_model, read_modes
 from updyn.io.formats import find_format
+from updyn.registry import Registry
 from updyn.store.result import read_result
 
-__all__ = ["KINDS", "read_anything"]
+__all__ = ["FILE_KINDS", "FileKind", "read_anything"]
 
-#: What a file may hold, in the order in which it is tried, and the front door that reads it.
-KINDS: Mapping[str, Callable[..., Any]] = {
-    "frf": read_frf,
-    "model": read_model,
-    "result": read_result,
-    "modes": read_modes,
-    "geometry": read_geometry,
-    "plant": read_plant,
-}
-_WORDS = {
-    "frf": "a measurement",
-    "model": "a model",
-    "result": "the record of a run",
-    "modes": "modes",
-    "geometry": "a geometry",
-    "plant": "a plant",
-}
+
+@dataclass(frozen=True, slots=True)
+class FileKind:
+    """A kind of content that a file may hold.
+
+    Parameters
+    ----------
+    noun : str
+        With its article, for messages: ``"a model"``.
+    read : callable
+        Takes the path and options by keyword, and returns the content.
+    describe : callable
+        Takes the content and returns it as text, for ``updyn info``.
+    recognises : callable
+        Takes the path and tells whether start or suffix of the file are those of this kind, so that
+        of a file that cannot be read only the messages of such kinds are shown.
+    other : str
+        Text in the message of an `InputError` that says that the file holds something else.
+    """
+
+    noun: str
+    read: Callable[..., Any]
+    describe: Callable[[Any], str]
+    recognises: Callable[[Path], bool] = lambda path: False
+    other: str = ""
+
+
+def _has_format(verb: str) -> Callable[[Path], bool]:
+    """Return what tells whether a format of `updyn.io` fits a file."""
+
+    def fits(path: Path) -> bool:
+        try:
+            find_format(path, verb)
+        except FormatError:
+            return False
+        return True
+
+    return fits
+
+
+#: Kinds of content by name, in the order in which a file is tried. A room or another package adds
+#: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
+FILE_KINDS: Registry[FileKind] = Registry(
+    "kind of file",
+    "updyn.file_kinds",
+    {
+        "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
+        "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
+        "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
+        "modes": FileKind("modes", read_modes, describe_modes),
+        "geometry": FileKind("a geometry", read_geometry, describe_geometry),
+        "plant": "updyn.control.files.description:PLANT",
+    },
+)
 
 
 def read_anything(
     path: str | Path,
-    kinds: Sequence[str] = tuple(KINDS),
+    kinds: Sequence[str] | None = None,
     options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[str, Any]:
     """Read a file as the first of some kinds that it holds.
@@ -45,16 +83,16 @@ def read_anything(
     ----------
     path : path
         The file.
-    kinds : sequence of str
-        Of `KINDS`, in the order to try.
+    kinds : sequence of str, optional
+        Of `FILE_KINDS`, in the order to try; by default all.
     options : mapping of str to mapping, optional
-        By kind, keyword arguments of its front door.
+        By kind, keyword arguments of its reader.
 
     Returns
     -------
     kind : str
-        What it holds.
-    content : FRF, Model, UpdateResult, ModeSet, Geometry or Plant
+        Name of its kind.
+    content : object
         What was read.
 
     Raises
@@ -66,45 +104,29 @@ def read_anything(
     if not path.is_file() or path.stat().st_size == 0:
         find_format(path, "read_frf")  # says so; of a file that is not there it names the nearest
     reasons: dict[str, InputError] = {}
-    for kind in kinds:
+    for kind in FILE_KINDS if kinds is None else kinds:
         try:
-            return kind, KINDS[kind](path, **(options or {}).get(kind, {}))
+            return kind, FILE_KINDS[kind].read(path, **(options or {}).get(kind, {}))
         except InputError as error:
             reasons[kind] = error
-    if len(reasons) == 1:
-        raise next(iter(reasons.values()))
-    told = [k for k in kinds if k in ("frf", "model") and _told_by_content(path, f"read_{k}")]
-    if len(told) == 1:
-        raise reasons[told[0]]
-    plant = reasons.get("plant")
-    if (
-        plant is not None and not told and _may_be_plant(path)
-    ):  # JSON, which nothing else is read from
-        raise plant
-    if plant is not None and told and NO_PLANT not in str(plant) and _may_be_plant(path):
-        told.append("plant")
-    why = "".join(
-        f"\n  as {_WORDS[k]}: {_without_path(e)}"
-        for k, e in reasons.items()
-        if not told or k in told
-    )
+    shown = _likely(path, reasons) or list(reasons)
+    if len(shown) == 1:
+        raise reasons[shown[0]]
+    why = "".join(f"\n  as {FILE_KINDS[k].noun}: {_without_path(reasons[k])}" for k in shown)
     raise FormatError(f"could not be read{why}", path)
 
 
-def _told_by_content(path: Path, verb: str) -> bool:
-    try:
-        find_format(path, verb)
-    except FormatError:
-        return False
-    return True
-
-
-def _may_be_plant(path: Path) -> bool:
-    try:
-        plant_format(path, "read_plant")
-    except FormatError:
-        return False
-    return True
+def _likely(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
+    """Return the kinds that a file was probably meant to be of."""
+    found = [kind for kind in reasons if FILE_KINDS[kind].recognises(path)]
+    if len(found) == 1:
+        return found
+    likely = []
+    for kind in found:
+        other = FILE_KINDS[kind].other
+        if not other or other not in str(reasons[kind]):
+            likely.append(kind)
+    return likely
 
 
 def _without_path(error: InputError) -> str:

@@ -1,4 +1,4 @@
-"""Every method on one bench: the same model, data, lines and unknowns, one row for each method."""
+"""Comparison of methods on the same model, data, lines and unknowns, one row for each."""
 
 from updyn.comparison.bench import compare, compare_jointly
 from updyn.comparison.fewest import Fewest

@@ -1,4 +1,4 @@
-"""The bench: what every method is given, one method on it, and the fewest lines of one."""
+"""`compare` and `compare_jointly`: every method on the same model, data, lines and unknowns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer, rule
-from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, about, figures_of
+from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, figures_of, method_facts
 from updyn.dofs import Dof
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, choose_engine
@@ -38,8 +38,8 @@ __all__ = [
     "CHOSEN",
     "Bench",
     "Callback",
-    "Given",
-    "Watch",
+    "Options",
+    "StepCounter",
     "compare",
     "compare_jointly",
 ]
@@ -49,19 +49,19 @@ _Result: TypeAlias = "UpdateResult | JointResult"
 
 
 @dataclass(slots=True, eq=False)
-class Watch:
-    """Shows the steps of one fit as those of its method, counts its lines, and remembers a wish to stop.
+class StepCounter:
+    """The callback of one fit: passes its steps on, counts its lines, and remembers a stop.
 
     Attributes
     ----------
     callback : callable or None
-        Of the caller.
+        The callback of the user.
     stage : str
-        What is run.
+        Method, and lines where not all are used; put before the stage of every step.
     lines_solved : int
-        In the latest fit, up to its latest step.
+        Lines solved by the latest fit, up to its latest step.
     stopped : bool
-        Whether the caller has asked to stop.
+        Whether the user has asked to stop.
     """
 
     callback: Callback | None
@@ -70,240 +70,12 @@ class Watch:
     stopped: bool = False
 
     def __call__(self, progress: Progress) -> bool:
-        """Show a step; return whether to stop."""
+        """Pass a step on; return whether to stop."""
         self.lines_solved = progress.lines_done
-        if self.callback is not None and self.callback(
-            replace(progress, stage=f"{self.stage}: {progress.stage}")
-        ):
-            self.stopped = True
+        if self.callback is not None:
+            shown = replace(progress, stage=f"{self.stage}: {progress.stage}")
+            self.stopped = bool(self.callback(shown)) or self.stopped
         return self.stopped
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bench:
-    """What every method is given.
-
-    Attributes
-    ----------
-    tests : tuple of Test
-        With the lines that were chosen.
-    parameters : ParameterSet
-        The unknowns.
-    given : Given
-        What is asked for.
-    running : mapping of str to object
-        How fits are run.
-    data : tuple of FRF
-        What of each test is fitted, on its lines.
-    """
-
-    tests: tuple[Test, ...]
-    parameters: ParameterSet
-    given: Given
-    running: Mapping[str, Any]
-    data: tuple[FRF, ...]
-    _subsets: dict[int, tuple[Test, ...]] = field(default_factory=dict, init=False)
-
-    @classmethod
-    def build(
-        cls,
-        tests: Sequence[Test],
-        parameters: ParameterSet,
-        given: Given,
-        running: Mapping[str, Any],
-    ) -> Bench:
-        """Choose the lines once, for all methods, and see that what they are given fits together.
-
-        Raises
-        ------
-        InputError
-            If lines, noise or what is held out do not fit the data.
-        """
-        made, data = [], []
-        for test in tests:
-            held: Any = None if test.validation is None else list(test.validation)
-            fitted = split_data(test.frf, held).fitted
-            choose_noise(test.noise, fitted)
-            if test.lines is None:
-                lines = None
-            elif isinstance(test.lines, str):
-                lines = fitted.freq[
-                    choose_lines(test.lines, _problem(test, fitted, parameters, running))
-                ]
-            else:
-                lines = fitted.freq[fitted.find_lines(test.lines)]
-            made.append(replace(test, validation=held, lines=lines))
-            data.append(fitted if lines is None else fitted.select(lines=lines))
-        return cls(tuple(made), parameters, given, running, tuple(data))
-
-    # -- one method ----------------------------------------------------------------------------------------
-    def row(self, name: str, watch: Watch) -> Row:
-        """Run a method with the unknowns that it can update.
-
-        Raises
-        ------
-        InputError
-            If it cannot be used.
-        SolverError
-            If the model cannot be solved at a line where it starts.
-        """
-        known = about(name)
-        taken = [p for p in self.parameters if not _acts_on(p, known["cannot"])]
-        if not taken:
-            quantities = " and ".join(q.replace("_", " ") for q in known["cannot"])
-            return self.refused(name, f"it cannot update {quantities}, and nothing else is unknown")
-        watch.lines_solved = 0
-        result = self._fit(name, ParameterSet(tuple(taken)), watch, self.tests)
-        values = {p.name: result.values.get(p.name, p.start) for p in self.parameters}
-        first = result if isinstance(result, UpdateResult) else result.first
-        fitted, held_out = figures_of(result)
-        return Row(
-            **known,
-            status=result.status,
-            message=first.message
-            + ("" if self._regularises(name) else " It was run without regularisation."),
-            updated=tuple(p.name for p in taken),
-            left=tuple(p.name for p in self.parameters if p not in taken),
-            values=values,
-            std={n: result.std.get(n, np.nan) for n in self.parameters.names},
-            errors=errors_against(values, self.given.truth, self.parameters),
-            off={name: values[name] - true for name, true in self.given.truth.items()},
-            fitted=fitted,
-            held_out=held_out,
-            rank=first.identifiability.rank,
-            iterations=first.iterations,
-            lines_solved=watch.lines_solved,
-            n_lines=sum(len(frf.freq) for frf in self.data),
-            seconds=first.timing_s["total"],
-            result=result,
-        )
-
-    def refused(self, name: str, why: str) -> Row:
-        """Return the row of a method that cannot be used."""
-        return Row(
-            **about(name), status=NOT_APPLICABLE, message=why, left=tuple(self.parameters.names)
-        )
-
-    def _fit(
-        self, name: str, unknowns: ParameterSet, watch: Watch, tests: tuple[Test, ...]
-    ) -> _Result:
-        held = tuple(p for p in self.parameters if p not in unknowns)
-        chosen = Selection(
-            unknowns, left_out={p.name: f"{name} cannot update it" for p in held}, held=held
-        )
-        how = {**self.running, **self.given.options.get(name, {}), "callback": watch}
-        if not self._regularises(name):
-            del how["regularise"]
-        if len(tests) == 1 and not tests[0].name:
-            (t,) = tests
-            return update(
-                t.model, t.frf, chosen, name, t.lines, t.noise, validation=t.validation, **how
-            )
-        return update_jointly(tests, chosen, name, **how)
-
-    def _regularises(self, name: str) -> bool:
-        """Return whether a method takes what is asked for of regularisation; True where nothing is."""
-        try:
-            check_regularise(self.running["regularise"], name)
-        except OptionError:
-            return False
-        return True
-
-    # -- with few lines ------------------------------------------------------------------------------------
-    def fewest(self, row: Row, watch: Watch) -> Fewest:
-        """Seek the fewest lines with which a method that was run still recovers."""
-        assert row.result is not None
-        unknowns, stage = row.result.parameters, watch.stage
-        n_lines = max(len(frf.freq) for frf in self.data)
-        if self.given.options.get(row.method, {}).get("modes") is not None:
-            return Fewest(
-                None, note="it was given measured modes, and does not depend on the lines"
-            )
-        distance = self._distance(row, unknowns)
-        if isinstance(distance, Fewest):
-            return distance
-
-        def off(count: int) -> float | None:
-            if count == n_lines:
-                return np.inf if row.status == "failed" else distance(row.values)
-            watch.stage = f"{stage}, {count} of {n_lines} lines"
-            try:
-                result = self._fit(row.method, unknowns, watch, self._on(count))
-            except InputError:  # so few lines are too few for it
-                return np.inf
-            finally:
-                watch.stage = stage
-            if watch.stopped:
-                return None
-            return np.inf if result.status == "failed" else distance(result.values)
-
-        free = sum(1 for p in unknowns if p.prior_std is None)
-        if row.status == "max-iterations" and distance(row.values) > 1.0:
-            return Fewest(
-                None, tried=((n_lines, distance(row.values)),)
-            )  # what is slow with all is so with few
-        numbers = counts(n_lines, sum(frf.values[0].size for frf in self.data), free)
-        return fewest_lines(numbers, off, lambda count: _lines_of(self._on(count)[0]))
-
-    def _distance(
-        self, row: Row, unknowns: ParameterSet
-    ) -> Callable[[Mapping[str, float]], float] | Fewest:
-        """Return what tells how far values are off, as a multiple of what counts as recovered, or why nothing can."""
-        truth, tolerance = self.given.truth, self.given.tolerance
-        if not truth:
-            assert row.result is not None
-            if row.status != "converged":
-                return Fewest(None, note=f"its own answer with all lines is {row.status}")
-            return own_answer(row.result, tolerance)
-        if not any(name in truth for name in unknowns.names):
-            return Fewest(None, note="the truth of none of the unknowns that it updates is known")
-
-        def distance(values: Mapping[str, float]) -> float:
-            return max(abs(e) for e in errors_against(values, truth, unknowns).values()) / tolerance
-
-        return distance
-
-    def _on(self, count: int) -> tuple[Test, ...]:
-        """Return the tests with so many of their lines; the same for every method."""
-        if count not in self._subsets:
-            made = [
-                self._thinned(test, frf, count)
-                for test, frf in zip(self.tests, self.data, strict=True)
-            ]
-            self._subsets[count] = tuple(made)
-        return self._subsets[count]
-
-    def _thinned(self, test: Test, frf: FRF, count: int) -> Test:
-        """Return a test with so many of its lines."""
-        n = len(frf.freq)
-        if count >= n:
-            at = np.arange(n)
-        elif self.given.chosen == "d-optimal":
-            at = d_optimal(_problem(test, frf, self.parameters, self.running), count)
-        else:
-            even = np.linspace(0, n - 1, count) if count > 1 else np.array([(n - 1) / 2])
-            at = np.unique(even.round().astype(np.intp))
-        return replace(test, lines=frf.freq[at])
-
-
-def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
-    return any(drive.quantity in quantities for drive in parameter.acts_on)
-
-
-def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
-    """Return what lines are chosen by; it is not kept, as a large model takes room."""
-    tier = (
-        "sparse"
-        if is_reduced(running["tier"], test.model.n_dofs, len(frf.freq))
-        else running["tier"]
-    )
-    return Part.build(
-        test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
-    )
-
-
-def _lines_of(test: Test) -> tuple[float, ...]:
-    return tuple(np.asarray(test.lines, dtype=np.float64).tolist())
 
 
 #: How the fewest lines are chosen.
@@ -311,21 +83,21 @@ CHOSEN = ("d-optimal", "even")
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
-    """What the caller asks for, valid in itself.
+class Options:
+    """The options of a comparison, checked.
 
     Attributes
     ----------
     methods : tuple of str
         Names, each once.
-    options : mapping of str to mapping
+    by_method : mapping of str to mapping
         Options by method.
     truth : mapping of str to float
-        By unknown; empty where it is not known.
+        True values by unknown; empty where they are not known.
     fewest : bool
         Whether the fewest lines are sought.
     tolerance : float
-        What counts as recovered.
+        Error below which an unknown counts as recovered.
     chosen : str
         How the fewest lines are chosen.
     title : str
@@ -333,7 +105,7 @@ class Given:
     """
 
     methods: tuple[str, ...]
-    options: Mapping[str, Mapping[str, Any]]
+    by_method: Mapping[str, Mapping[str, Any]]
     truth: Mapping[str, float]
     fewest: bool
     tolerance: float
@@ -352,7 +124,7 @@ class Given:
         tolerance: float = 0.01,
         chosen: str = "d-optimal",
         title: str = "",
-    ) -> Given:
+    ) -> Options:
         """Check the arguments of `updyn.compare`.
 
         Raises
@@ -372,22 +144,22 @@ class Given:
 def _methods(
     given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[str, ...]:
+    """Return the methods to run; one with a wrong name or wrong options is refused."""
     if isinstance(given, str):
         raise OptionError(f"methods {given!r}: expected a list of names, such as [{given!r}]")
     names = tuple(METHODS if given is None else given)
     if not names:
         raise OptionError(f"methods: expected at least one; {suggest('', METHODS)}")
     for name in [*names, *options]:
-        make_method(
-            name, options.get(name, {})
-        )  # what is wrong with its name or options is wrong with the input
-    twice = [name for i, name in enumerate(names) if name in names[:i]]
-    if twice:
-        raise OptionError(f"methods: {twice[0]!r} stands twice")
+        make_method(name, options.get(name, {}))
+    for name in names:
+        if names.count(name) > 1:
+            raise OptionError(f"methods: {name!r} stands twice")
     return names
 
 
 def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[str, float]:
+    """Return true values, checked against the unknowns."""
     if given is None:
         return {}
     known = {p.name: p for p in parameters}
@@ -396,9 +168,12 @@ def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[
         if name not in known:
             raise ParameterError(f"truth: no unknown {name!r}; {suggest(str(name), known)}")
         out[name] = finite(value, f"truth of {name!r}")
-        if out[name] <= 0.0 if known[name].is_factor else out[name] < 0.0:
-            expected = "a factor above 0" if known[name].is_factor else "a value of at least 0"
-            raise ParameterError(f"truth of {name!r}: {out[name]:g}; expected {expected}")
+        if known[name].is_factor and out[name] <= 0.0:
+            raise ParameterError(f"truth of {name!r}: {out[name]:g}; expected a factor above 0")
+        if out[name] < 0.0:
+            raise ParameterError(
+                f"truth of {name!r}: {out[name]:g}; expected a value of at least 0"
+            )
     if not out:
         raise ParameterError("truth: holds no value; leave it out where the truth is not known")
     return out
@@ -411,6 +186,232 @@ def _tolerance(given: float) -> float:
     return tolerance
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Bench:
+    """The common inputs of all methods.
+
+    Attributes
+    ----------
+    tests : tuple of Test
+        The tests, with the lines that were chosen.
+    parameters : ParameterSet
+        The unknowns.
+    options : Options
+        The options of the comparison.
+    running : mapping of str to object
+        The options of every fit.
+    data : tuple of FRF
+        The fitted data of each test, on its lines.
+    """
+
+    tests: tuple[Test, ...]
+    parameters: ParameterSet
+    options: Options
+    running: Mapping[str, Any]
+    data: tuple[FRF, ...]
+    _subsets: dict[int, tuple[Test, ...]] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def build(
+        cls,
+        tests: Sequence[Test],
+        parameters: ParameterSet,
+        options: Options,
+        running: Mapping[str, Any],
+    ) -> Bench:
+        """Choose the lines, once for all methods, and check the inputs against each other.
+
+        Raises
+        ------
+        InputError
+            If lines, noise or validation set do not fit the data.
+        """
+        with_lines, data = [], []
+        for test in tests:
+            held: Any = test.validation
+            if held is not None:
+                held = list(held)
+            fitted = split_data(test.frf, held).fitted
+            choose_noise(test.noise, fitted)
+            if test.lines is None:
+                with_lines.append(replace(test, validation=held))
+                data.append(fitted)
+                continue
+            if isinstance(test.lines, str):
+                at = choose_lines(test.lines, _problem(test, fitted, parameters, running))
+            else:
+                at = fitted.find_lines(test.lines)
+            lines = fitted.freq[at]
+            with_lines.append(replace(test, validation=held, lines=lines))
+            data.append(fitted.select(lines=lines))
+        return cls(tuple(with_lines), parameters, options, running, tuple(data))
+
+    # -- one method ----------------------------------------------------------------------------
+    def row(self, name: str, counter: StepCounter) -> Row:
+        """Run a method with the unknowns that it can update.
+
+        Raises
+        ------
+        InputError
+            If it cannot be used.
+        SolverError
+            If the model cannot be solved at a line where it starts.
+        """
+        facts = method_facts(name)
+        taken = [p for p in self.parameters if not _acts_on(p, facts["cannot"])]
+        if not taken:
+            quantities = " and ".join(facts["cannot"]).replace("_", " ")
+            return self.refused(name, f"it cannot update {quantities}, and nothing else is unknown")
+        counter.lines_solved = 0
+        result = self._fit(name, ParameterSet(tuple(taken)), counter, self.tests)
+        first = result.first
+        message = first.message
+        if not self._regularises(name):
+            message += " It was run without regularisation."
+        values = {p.name: result.values.get(p.name, p.start) for p in self.parameters}
+        fitted, held_out = figures_of(result)
+        truth = self.options.truth
+        return Row(
+            **facts,
+            status=result.status,
+            message=message,
+            updated=tuple(p.name for p in taken),
+            left=tuple(p.name for p in self.parameters if p not in taken),
+            values=values,
+            std={n: result.std.get(n, np.nan) for n in self.parameters.names},
+            errors=errors_against(values, truth, self.parameters),
+            off={name: values[name] - true for name, true in truth.items()},
+            fitted=fitted,
+            held_out=held_out,
+            rank=first.identifiability.rank,
+            iterations=first.iterations,
+            lines_solved=counter.lines_solved,
+            n_lines=sum(len(frf.freq) for frf in self.data),
+            seconds=first.timing_s["total"],
+            result=result,
+        )
+
+    def refused(self, name: str, why: str) -> Row:
+        """Return the row of a method that cannot be used."""
+        left = tuple(self.parameters.names)
+        return Row(**method_facts(name), status=NOT_APPLICABLE, message=why, left=left)
+
+    def _fit(
+        self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
+    ) -> _Result:
+        held = tuple(p for p in self.parameters if p not in unknowns)
+        left_out = {p.name: f"{name} cannot update it" for p in held}
+        selection = Selection(unknowns, left_out=left_out, held=held)
+        keywords = {**self.running, **self.options.by_method.get(name, {}), "callback": counter}
+        if not self._regularises(name):
+            del keywords["regularise"]
+        if len(tests) > 1 or tests[0].name:
+            return update_jointly(tests, selection, name, **keywords)
+        (t,) = tests
+        return update(
+            t.model, t.frf, selection, name, t.lines, t.noise, validation=t.validation, **keywords
+        )
+
+    def _regularises(self, name: str) -> bool:
+        """Return whether a method accepts the regularisation that is asked for, if any."""
+        try:
+            check_regularise(self.running["regularise"], name)
+        except OptionError:
+            return False
+        return True
+
+    # -- with few lines ------------------------------------------------------------------------
+    def fewest(self, row: Row, counter: StepCounter) -> Fewest:
+        """Find the fewest lines with which a method that was run still recovers."""
+        assert row.result is not None
+        unknowns, stage = row.result.parameters, counter.stage
+        n_lines = max(len(frf.freq) for frf in self.data)
+        if self.options.by_method.get(row.method, {}).get("modes") is not None:
+            note = "it was given measured modes, and does not depend on the lines"
+            return Fewest(None, note=note)
+        distance = self._distance(row, unknowns)
+        if isinstance(distance, Fewest):
+            return distance
+        if row.status == "max-iterations" and distance(row.values) > 1.0:
+            # A method that is slow with all lines is slow with few.
+            return Fewest(None, tried=((n_lines, distance(row.values)),))
+
+        def distance_with(count: int) -> float | None:
+            if count == n_lines:
+                return np.inf if row.status == "failed" else distance(row.values)
+            counter.stage = f"{stage}, {count} of {n_lines} lines"
+            try:
+                result = self._fit(row.method, unknowns, counter, self._subset(count))
+            except InputError:  # too few lines for the method
+                return np.inf
+            finally:
+                counter.stage = stage
+            if counter.stopped:
+                return None
+            return np.inf if result.status == "failed" else distance(result.values)
+
+        def lines_of(count: int) -> tuple[float, ...]:
+            first = self._subset(count)[0]
+            return tuple(np.asarray(first.lines, dtype=np.float64).tolist())
+
+        free = sum(p.prior_std is None for p in unknowns)
+        values_a_line = sum(frf.values[0].size for frf in self.data)
+        return fewest_lines(counts(n_lines, values_a_line, free), distance_with, lines_of)
+
+    def _distance(
+        self, row: Row, unknowns: ParameterSet
+    ) -> Callable[[Mapping[str, float]], float] | Fewest:
+        """Return the function that is at most 1 for recovered values, or why there is none."""
+        truth, tolerance = self.options.truth, self.options.tolerance
+        if not truth:
+            assert row.result is not None
+            if row.status != "converged":
+                return Fewest(None, note=f"its own answer with all lines is {row.status}")
+            return own_answer(row.result, tolerance)
+        if not any(name in truth for name in unknowns.names):
+            return Fewest(None, note="the truth of none of the unknowns that it updates is known")
+
+        def distance(values: Mapping[str, float]) -> float:
+            return max(map(abs, errors_against(values, truth, unknowns).values())) / tolerance
+
+        return distance
+
+    def _subset(self, count: int) -> tuple[Test, ...]:
+        """Return the tests with `count` of their lines, the same for every method."""
+        if count not in self._subsets:
+            pairs = zip(self.tests, self.data, strict=True)
+            self._subsets[count] = tuple(self._thinned(test, frf, count) for test, frf in pairs)
+        return self._subsets[count]
+
+    def _thinned(self, test: Test, frf: FRF, count: int) -> Test:
+        """Return a test with `count` of its lines."""
+        n = len(frf.freq)
+        if count >= n:
+            at = np.arange(n)
+        elif self.options.chosen == "d-optimal":
+            at = d_optimal(_problem(test, frf, self.parameters, self.running), count)
+        elif count == 1:
+            at = np.array([round((n - 1) / 2)])
+        else:
+            at = np.unique(np.linspace(0, n - 1, count).round().astype(np.intp))
+        return replace(test, lines=frf.freq[at])
+
+
+def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
+    return any(drive.quantity in quantities for drive in parameter.acts_on)
+
+
+def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
+    """Return the problem by which lines are chosen; callers do not keep it, as it may be large."""
+    tier = running["tier"]
+    if is_reduced(tier, test.model.n_dofs, len(frf.freq)):
+        tier = "sparse"
+    return Part.build(
+        test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
+    )
+
+
+# -- the public functions ----------------------------------------------------------------------
 def compare(
     model: Model,
     frf: FRF,
@@ -435,8 +436,8 @@ def compare(
 ) -> Comparison:
     """Run every method on the same model, measurement, lines and unknowns.
 
-    A method that cannot be used on them is a row that says why. One that cannot update some of the
-    quantities is run with the other unknowns, and its row says which were left at their start.
+    The row of a method that cannot be used on them states why. A method that cannot update some of
+    the quantities is run with the other unknowns, and its row lists those left at their start.
 
     Parameters
     ----------
@@ -447,27 +448,26 @@ def compare(
     lines, noise, engine
         As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
     callback : callable, optional
-        As for `updyn.update`; the stage of what it is shown begins with the method. Returning True
+        As for `updyn.update`; the stage of the progress begins with the method. Returning True
         ends the comparison, with the rows so far.
     truth : mapping of str to float, optional
-        True values of unknowns, by name, as far as they are known: then the rows hold the errors,
-        too.
+        True values of unknowns, by name, as far as they are known: the rows then hold errors.
     validation
         As for `updyn.update`.
     fewest : bool
-        Also seek the fewest lines with which each method still recovers; that takes several fits a
-        method.
+        Also find the fewest lines with which each method still recovers, which takes several fits
+        a method.
     tolerance : float
-        What counts as recovered: so far from the truth, as a share of it (of a loss factor as it
-        is); or, where no truth is given, so far or 3 standard deviations from the method's own
-        answer with all lines.
+        Error below which an unknown counts as recovered: relative to the truth (absolute for a
+        loss factor); or, where no truth is given, from the method's own estimate with all lines,
+        where 3 standard deviations count as well.
     chosen : {"d-optimal", "even"}
         How the fewest lines are chosen among the lines.
     options : mapping of str to mapping, optional
         Options by method.
     title, tier, backend, accuracy, regularise
-        As for `updyn.update`. Methods that know no regularisation are run without it, and their
-        rows say so.
+        As for `updyn.update`. Methods without regularisation are run without it, and their rows
+        say so.
 
     Returns
     -------
@@ -484,7 +484,7 @@ def compare(
     selected = Selection.of(parameters)
     test = Test(model, frf, "", lines, noise, validation)
     check([test], selected.parameters)
-    given = Given.checked(
+    checked = Options.checked(
         selected.parameters,
         methods,
         options,
@@ -494,8 +494,8 @@ def compare(
         chosen=chosen,
         title=title,
     )
-    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
-    return _compare([test], selected, given, how, engine, callback)
+    running = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare([test], selected, checked, running, engine, callback)
 
 
 def compare_jointly(
@@ -545,7 +545,7 @@ def compare_jointly(
         raise OptionError("compare_jointly: expected a sequence of at least one Test")
     selected = Selection.of(parameters)
     check(listed, selected.parameters)
-    given = Given.checked(
+    checked = Options.checked(
         selected.parameters,
         methods,
         options,
@@ -558,50 +558,57 @@ def compare_jointly(
     named = [
         replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
     ]
-    how = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
-    return _compare(named, selected, given, how, engine, callback)
+    running = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare(named, selected, checked, running, engine, callback)
 
 
 def _compare(
     tests: Sequence[Test],
     selected: Selection,
-    given: Given,
-    how: Mapping[str, Any],
+    options: Options,
+    running: Mapping[str, Any],
     engine: int | Client | Engine | None,
     callback: Callback | None,
 ) -> Comparison:
-    names, rows, parameters = given.methods, list[Row](), selected.parameters
+    parameters = selected.parameters
     tests = [replace(test, model=selected.start_of(test.model)) for test in tests]
+    check_regularise(running["regularise"], "maximum-likelihood")
+    rows: list[Row] = []
     refusals: list[InputError] = []
-    watch = Watch(callback)
-    check_regularise(how["regularise"], "maximum-likelihood")
+    counter = StepCounter(callback)
     with ExitStack() as ending:
-        made = choose_engine(engine)
-        if made is not engine:
-            ending.callback(made.close)
-        bench = Bench.build(tests, parameters, given, {**how, "engine": made, "title": given.title})
-        for number, name in enumerate(names, 1):
-            watch.stage = f"{name} ({number} of {len(names)})" if len(names) > 1 else name
+        opened = choose_engine(engine)
+        if opened is not engine:
+            ending.callback(opened.close)
+        running = {**running, "engine": opened, "title": options.title}
+        bench = Bench.build(tests, parameters, options, running)
+        for number, name in enumerate(options.methods, 1):
+            counter.stage = name
+            if len(options.methods) > 1:
+                counter.stage += f" ({number} of {len(options.methods)})"
             try:
-                row = bench.row(name, watch)
+                row = bench.row(name, counter)
             except InputError as error:
                 refusals.append(error)
                 row = bench.refused(name, str(error))
-            if given.fewest and row.applies and not watch.stopped:
-                row = replace(row, fewest=bench.fewest(row, watch))
+            if options.fewest and row.applies and not counter.stopped:
+                row = replace(row, fewest=bench.fewest(row, counter))
             rows.append(row)
-            if watch.stopped:
+            if counter.stopped:
                 break
     if len(refusals) == len(rows) > 1 and len({str(error) for error in refusals}) == 1:
-        raise refusals[0]  # it is not the methods that do not fit
+        raise refusals[0]  # the inputs are wrong, not the methods
+    searched = ""
+    if options.fewest:
+        searched = rule(options.tolerance, options.chosen, truth=bool(options.truth))
     return Comparison(
         tuple(rows),
         bench.tests,
         parameters,
-        given.truth,
-        given.tolerance,
-        rule(given.tolerance, given.chosen, truth=bool(given.truth)) if given.fewest else "",
-        watch.stopped,
-        names[len(rows) :],
-        given.title,
+        options.truth,
+        options.tolerance,
+        searched,
+        counter.stopped,
+        options.methods[len(rows) :],
+        options.title,
     )

@@ -1,4 +1,4 @@
-"""The fewest lines with which a method still recovers what it should."""
+"""The fewest lines with which a method still recovers the unknowns."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["COUNTS", "Fewest", "counts", "errors_against", "fewest_lines", "own_answer", "rule"]
 
-#: Numbers of lines that are tried, and then all.
+#: Numbers of lines that are tried before all lines.
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 600, 800, 1000)
+#: Standard deviations within which an unknown counts as recovered.
 _STDS = 3.0
 
 
@@ -23,12 +24,11 @@ class Fewest:
     Attributes
     ----------
     count : int or None
-        Lines (of each test); None where none of the numbers tried was enough.
+        Number of lines of each test; None where none of the numbers tried was enough.
     lines : tuple of float
-        Which, in Hz, of the first test.
+        These lines of the first test, in Hz.
     tried : tuple of (int, float)
-        Every number of lines that was tried and how far its fit was off, as a multiple of what
-        counts as recovered.
+        Every number of lines that was tried, and the error of its fit relative to the tolerance.
     note : str
         Why nothing, or no more, was tried; may be empty.
     """
@@ -40,27 +40,29 @@ class Fewest:
 
 
 def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
-    """Return how the fewest lines are sought, in words.
+    """Return a text that states how the fewest lines are sought.
 
     Parameters
     ----------
     tolerance : float
-        What counts as recovered.
-    chosen : str
+        Error below which an unknown counts as recovered.
+    chosen : {"d-optimal", "even"}
         How lines are chosen.
     truth : bool
         Whether the truth is known.
     """
-    which = "D-optimally at the start of the unknowns" if chosen == "d-optimal" else "evenly"
+    which = "evenly"
+    if chosen == "d-optimal":
+        which = "D-optimally at the start of the unknowns"
     goal = (
-        f"every unknown that the method updates is within {tolerance:g} of the truth (as a share of"
-        " it; for a loss factor as it is)"
-        if truth
-        else (
-            f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of"
-            " the method's own answer with all lines"
-        )
+        f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of the"
+        " method's own answer with all lines"
     )
+    if truth:
+        goal = (
+            f"every unknown that the method updates is within {tolerance:g} of the truth (as a"
+            " share of it; for a loss factor as it is)"
+        )
     return (
         f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen"
         f" {which}, from the same start, until {goal}. Numbers of lines with fewer measured values"
@@ -88,28 +90,29 @@ def counts(n_lines: int, values_a_line: int, n_unknowns: int) -> list[int]:
 def errors_against(
     values: Mapping[str, float], truth: Mapping[str, float], parameters: ParameterSet
 ) -> dict[str, float]:
-    """Return the errors of the unknowns whose truth is known: estimate / truth - 1, of a loss factor estimate - truth.
+    """Return the errors of the unknowns whose truth is known, by name.
 
-    A damping coefficient with a unit whose truth is 0 is counted in its start.
+    An error is estimate / truth - 1, of a loss factor estimate - truth. The error of a damping
+    coefficient whose truth is 0 is relative to its start.
     """
-    return {
-        p.name: (values[p.name] - truth[p.name]) / _scale(p, truth[p.name])
-        for p in parameters
-        if p.name in truth and p.name in values
-    }
+    errors = {}
+    for p in parameters:
+        if p.name in truth and p.name in values:
+            errors[p.name] = (values[p.name] - truth[p.name]) / _scale(p, truth[p.name])
+    return errors
 
 
 def _scale(parameter: Parameter, value: float) -> float:
-    """Return what an error of an unknown is counted in."""
+    """Return the value that an error of an unknown is relative to."""
     if all(d.quantity == "loss_factor" for d in parameter.acts_on):
         return 1.0
-    return next((abs(x) for x in (value, parameter.start) if x != 0.0), 1.0)
+    return abs(value) or abs(parameter.start) or 1.0
 
 
 def own_answer(
     result: UpdateResult | JointResult, tolerance: float
 ) -> Callable[[Mapping[str, float]], float]:
-    """Return what tells how far values are from a method's own answer, as a multiple of what counts as recovered."""
+    """Return the distance of values from a method's own estimate, relative to the tolerance."""
     parameters = result.parameters
 
     def distance(values: Mapping[str, float]) -> float:
@@ -130,18 +133,18 @@ def fewest_lines(
 ) -> Fewest:
     """Try numbers of lines in ascending order until one is enough.
 
-    Upwards, as fits with few lines cost little, and as it need not be taken for granted that more
-    lines never hurt.
+    The order is ascending because fits with few lines cost little, and because more lines need not
+    be better.
 
     Parameters
     ----------
     numbers : list of int
-        What to try, ascending.
+        Numbers to try, ascending.
     distance : callable
-        How far the fit with so many lines is off, as a multiple of what counts as recovered; None
-        where the user has stopped.
+        Returns the error of the fit with a number of lines, relative to the tolerance; None where
+        the user has stopped.
     lines : callable
-        Which lines these are, in Hz.
+        Returns these lines, in Hz.
     """
     tried: list[tuple[int, float]] = []
     for number in numbers:

@@ -1,4 +1,4 @@
-"""What a comparison gives back: `Comparison` and its rows. Pure data; computes no physics."""
+"""`Comparison`: the results of several methods, one row each, and the table of them as text."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import CHANNELS, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
@@ -22,31 +21,34 @@ __all__ = [
     "NOT_APPLICABLE",
     "Comparison",
     "Row",
-    "about",
     "cells",
     "columns",
     "figures_of",
     "limits",
     "listing",
+    "method_facts",
     "summary",
 ]
 
 #: Status of a method that cannot be used on the data or the unknowns.
 NOT_APPLICABLE = "does not apply"
 
+#: Quantities of damping, the structural one first.
+_DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
+
 _Figures = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One method on the bench.
+    """The result of one method.
 
     Attributes
     ----------
     method : str
         Its name.
     reference : str
-        Where it comes from, in short.
+        Its publication, in short.
     status : str
         As of `updyn.UpdateResult`, or ``"does not apply"``.
     message : str
@@ -54,25 +56,24 @@ class Row:
     cannot : tuple of str
         Quantities that it cannot update, whatever the data.
     needs : str
-        What it asks of the data beyond what the default does; empty where nothing.
+        What it needs of the data beyond what the default method does; may be empty.
     updated : tuple of str
         Unknowns that it was run with.
     left : tuple of str
-        Unknowns left at their start, as they are of those quantities.
+        Unknowns left at their start, because it cannot update their quantities.
     values, std : mapping of str to float
-        By unknown; those left stand at their start, with no (nan) standard deviation. Empty where
-        it does not apply.
+        By unknown; those left stand at their start, with standard deviation nan. Empty where it
+        does not apply.
     errors : mapping of str to float
-        Estimate against the truth where that is known, as `errors_against` has it. Unknowns left at
-        their start count with it.
+        Errors of the estimate where the truth is known, as of `errors_against`. Unknowns left at
+        their start are included.
     off : mapping of str to float
         Estimate minus truth, in the unit of the unknown, where the truth is known.
     fitted, held_out : mapping of str to mapping of str to float
-        ``before`` and ``after``: figures of agreement with the data of the fit and with what was
-        held out (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
+        ``before`` and ``after``: figures of agreement with the data of the fit and with the
+        validation set (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
     rank : int
-        Independent combinations of the unknowns that it was run with which it finds the data to
-        determine.
+        Number of independent combinations of its unknowns that the data determine.
     iterations : int
         Accepted steps, those of its search included.
     lines_solved : int
@@ -80,11 +81,11 @@ class Row:
     n_lines : int
         Lines of the data that were fitted.
     seconds : float
-        From start to judgement, in s.
+        Time of the whole update, in s.
     fewest : Fewest or None
         The fewest lines with which it still recovers; None where that was not sought.
     result : UpdateResult, JointResult or None
-        All of it; None where it does not apply.
+        The full result; None where it does not apply.
     """
 
     method: str
@@ -117,27 +118,28 @@ class Row:
     @property
     def error_max(self) -> float:
         """Largest size of `errors`; nan where the truth is not known."""
-        return max((abs(e) for e in self.errors.values()), default=math.nan)
+        return max(map(abs, self.errors.values()), default=math.nan)
 
     @property
     def error_rms(self) -> float:
         """Root of the mean square of `errors`; nan where the truth is not known."""
-        sizes = list(self.errors.values())
-        return math.sqrt(sum(e * e for e in sizes) / len(sizes)) if sizes else math.nan
+        if not self.errors:
+            return math.nan
+        squares = sum(error * error for error in self.errors.values())
+        return math.sqrt(squares / len(self.errors))
 
     @property
     def error_max_updated(self) -> float:
-        """Largest size of `errors` of the unknowns that it was run with; nan where the truth is not known."""
-        return max(
-            (abs(e) for name, e in self.errors.items() if name in self.updated), default=math.nan
-        )
+        """Largest size of `errors` of the unknowns that it was run with; nan if not known."""
+        updated = [error for name, error in self.errors.items() if name in self.updated]
+        return max(map(abs, updated), default=math.nan)
 
     @property
     def off_in_std(self) -> float:
-        """Largest distance from the truth in the method's own standard deviations, of unknowns that have one.
+        """Largest distance from the truth in standard deviations of the method.
 
-        Below 3 or so where these can be believed; nan where the truth is not known or nothing is
-        determined.
+        Below about 3 where these are right; nan where the truth is not known or no unknown has a
+        finite standard deviation.
         """
         known = [name for name in self.off if 0.0 < self.std.get(name, math.nan) < math.inf]
         return max((abs(self.off[name]) / self.std[name] for name in known), default=math.nan)
@@ -145,26 +147,27 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison(Sequence[Row]):
-    """Methods side by side; a sequence of `Row`, in the order in which they were run.
+    """Results of several methods: a sequence of `Row`, in the order in which they were run.
 
     Attributes
     ----------
     rows : tuple of Row
         One for each method.
     tests : tuple of Test
-        The tests, with the lines that every method was given.
+        The tests, with the lines that all methods fitted.
     parameters : ParameterSet
         The unknowns.
     truth : mapping of str to float
         True values, as far as they are known.
     tolerance : float
-        How close to the truth, or to a method's own answer with all lines, counts as recovered.
+        Error below which an unknown counts as recovered, against the truth or against the method's
+        own estimate with all lines.
     rule : str
-        How the fewest lines were sought, in words; empty where they were not.
+        How the fewest lines were sought; empty where they were not.
     stopped : bool
         Whether the user stopped it.
     not_run : tuple of str
-        Methods that were not begun then.
+        Methods that were not run because of that.
     title : str
         For the record.
     """
@@ -188,15 +191,12 @@ class Comparison(Sequence[Row]):
     def __getitem__(self, item: slice) -> tuple[Row, ...]: ...
     def __getitem__(self, item: int | str | slice) -> Row | tuple[Row, ...]:
         """Return a row by its place or by the name of its method."""
-        if isinstance(item, str):
-            found = next((row for row in self.rows if row.method == item), None)
-            if found is None:
-                raise OptionError(
-                    f"no method {item!r} in this comparison;"
-                    f" {suggest(item, [r.method for r in self.rows])}"
-                )
-            return found
-        return self.rows[item]
+        if not isinstance(item, str):
+            return self.rows[item]
+        methods = [row.method for row in self.rows]
+        if item not in methods:
+            raise OptionError(f"no method {item!r} in this comparison; {suggest(item, methods)}")
+        return self.rows[methods.index(item)]
 
     def __iter__(self) -> Iterator[Row]:
         return iter(self.rows)
@@ -210,78 +210,80 @@ class Comparison(Sequence[Row]):
 
     @property
     def before(self) -> Mapping[str, float]:
-        """Figures of agreement of the start with the data of the fit; empty where no method could be run."""
-        return next((row.fitted["before"] for row in self.rows if row.fitted.get("before")), {})
+        """Figures of agreement of the start with the fitted data; empty if no method was run."""
+        for row in self.rows:
+            if row.fitted.get("before"):
+                return row.fitted["before"]
+        return {}
 
     def summary(self) -> str:
-        """Return the comparison as text: one table, then why methods do not apply and what was left out."""
+        """Return the comparison as text: the table, and the reasons for what was not run."""
         return summary(self)
 
 
-def about(name: str) -> dict[str, Any]:
-    """Return what is known of a method without running it: ``method``, ``reference``, ``cannot``, ``needs``."""
-    made = method_class(name)
-    cannot = dict.fromkeys(getattr(made, "cannot", ()))
-    if not getattr(made, "calibrates", False):
-        cannot |= dict.fromkeys(CHANNELS)
+def method_facts(name: str) -> dict[str, Any]:
+    """Return what a row states of a method without running it.
+
+    Returns
+    -------
+    dict
+        ``method``, ``reference``, ``cannot``, ``needs``, as of `Row`.
+    """
+    method = METHODS.find(name)
+    cannot = list(method.cannot)
+    if not method.calibrates:
+        cannot += [quantity for quantity in CHANNELS if quantity not in cannot]
     return {
         "method": name,
-        "reference": str(getattr(made, "reference", "")),
+        "reference": method.reference,
         "cannot": tuple(cannot),
-        "needs": str(getattr(made, "needs", "")),
+        "needs": method.needs,
     }
 
 
 def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
-    """Return the figures of agreement of what was fitted and of what was held out; of several tests the worst."""
-    results = [result] if isinstance(result, UpdateResult) else list(result.results.values())
-    fitted = {
-        when: _worst([r.correlation.get(when) or {} for r in results])
-        for when in ("before", "after")
-    }
-    held = [r.correlation.get("validation") or {} for r in results]
-    return fitted, (
-        {when: _worst([h.get(when) or {} for h in held]) for when in ("before", "after")}
-        if any(held)
-        else {}
-    )
+    """Return the figures of agreement with the fitted data and with the validation set.
+
+    Of several tests the worst figure is taken.
+    """
+    results = list(result.results.values())
+    fitted = [r.correlation for r in results]
+    held_out = [r.correlation.get("validation") or {} for r in results]
+    if not any(held_out):
+        return _worst(fitted), {}
+    return _worst(fitted), _worst(held_out)
 
 
-def _worst(tables: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    there = [t for t in tables if t]
-    names = list(dict.fromkeys(name for t in there for name in t))
-    out: dict[str, float] = {}
-    for name in names:
-        values: NDArray[np.float64] = np.array(
-            [t[name] for t in there if name in t], dtype=np.float64
-        )
-        out[name] = float(values.max() if name.startswith("db_") else values.min())
+def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Return ``before`` and ``after``: each figure of the test that agrees worst."""
+    out: dict[str, dict[str, float]] = {}
+    for when in ("before", "after"):
+        out[when] = {}
+        for figures in tests:
+            for name, value in (figures.get(when) or {}).items():
+                worse = np.maximum if name.startswith("db_") else np.minimum
+                out[when][name] = float(worse(out[when].get(name, value), value))
     return out
 
 
-#: Quantities of damping, the structural one first.
-_DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
-
-#: What is an unknown of a sensor, not of the structure.
-_CHANNELS = ("calibration", "force_calibration")
-
+# -- as text -----------------------------------------------------------------------------------
 Column = tuple[str, str, "Callable[[Row], str]"]
 
 
-def _figure(row: Row, held: bool, name: str) -> str:
-    table = (row.held_out if held else row.fitted).get("after") or {}
-    value = (
-        math.nan if row.status == "failed" else table.get(name, math.nan)
-    )  # what failed is where it started
-    if math.isnan(value):
+def _figure(figures: _Figures, row: Row, name: str) -> str:
+    """Return a figure of agreement after the fit; none of a failed one, which ends at its start."""
+    value = (figures.get("after") or {}).get(name, math.nan)
+    if row.status == "failed" or math.isnan(value):
         return "-"
-    if name.startswith("db_"):
-        return f"{value:.2g} dB" if value >= 1e-9 else "0 dB"
-    return f"{value:.4f}"
+    if not name.startswith("db_"):
+        return f"{value:.4f}"
+    return f"{value:.2g} dB" if value >= 1e-9 else "0 dB"
 
 
 def _number(value: float) -> str:
-    return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.2g}"
+    if math.isnan(value):
+        return "-"
+    return "0" if value == 0.0 else f"{value:.2g}"
 
 
 def _error(row: Row, value: float) -> str:
@@ -298,24 +300,25 @@ def _fewest(row: Row) -> str:
 
 def limits(row: Row) -> str:
     """Return what a method cannot update and what it needs, in words."""
-    said = [_quantities(row.cannot), f"needs {row.needs}" if row.needs else ""]
-    return "; ".join(text for text in said if text) or "-"
+    texts = []
+    if row.cannot:
+        texts.append(_quantities(row.cannot))
+    if row.needs:
+        texts.append(f"needs {row.needs}")
+    return "; ".join(texts) or "-"
 
 
 def _quantities(names: Sequence[str]) -> str:
-    """Return quantities in words, those of damping together."""
+    """Return quantities in words, calibration factors together and kinds of damping together."""
     others = [name for name in names if name not in _DAMPING]
-    if set(_CHANNELS) <= set(others):
-        others = [*(name for name in others if name not in _CHANNELS), _CHANNELS[0]]
-    out = [name.replace("_", " ") for name in others]
-    viscous = set(_DAMPING[1:]) <= set(names)
-    if viscous and _DAMPING[0] in names:
-        out.append("damping")
-    elif viscous:
-        out.append("viscous damping")
-    else:
-        out += [name.replace("_", " ") for name in names if name in _DAMPING]
-    return ", ".join(out)
+    if set(CHANNELS) <= set(others):
+        others = [name for name in others if name not in CHANNELS] + ["calibration"]
+    damping = [name for name in names if name in _DAMPING]
+    if set(_DAMPING) <= set(damping):
+        damping = ["damping"]
+    elif set(_DAMPING[1:]) <= set(damping):
+        damping = ["viscous damping"]
+    return ", ".join(name.replace("_", " ") for name in [*others, *damping])
 
 
 #: Key, heading and content of every column.
@@ -325,10 +328,10 @@ COLUMNS: tuple[Column, ...] = (
     ("unknowns", "unknowns", lambda r: f"{len(r.updated)} of {len(r.updated) + len(r.left)}"),
     ("rank", "rank", lambda r: "-" if r.status == "failed" else str(r.rank)),
     ("fewest", "min lines", _fewest),
-    ("db", "misfit", lambda r: _figure(r, False, "db_error_median")),
-    ("frac", "FRAC", lambda r: _figure(r, False, "frac_median")),
-    ("held_db", "held out", lambda r: _figure(r, True, "db_error_median")),
-    ("held_frac", "FRAC", lambda r: _figure(r, True, "frac_median")),
+    ("db", "misfit", lambda r: _figure(r.fitted, r, "db_error_median")),
+    ("frac", "FRAC", lambda r: _figure(r.fitted, r, "frac_median")),
+    ("held_db", "held out", lambda r: _figure(r.held_out, r, "db_error_median")),
+    ("held_frac", "FRAC", lambda r: _figure(r.held_out, r, "frac_median")),
     ("error_max", "error", lambda r: _error(r, r.error_max)),
     ("error_rms", "rms", lambda r: _error(r, r.error_rms)),
     ("iterations", "steps", lambda r: str(r.iterations)),
@@ -336,6 +339,8 @@ COLUMNS: tuple[Column, ...] = (
     ("seconds", "seconds", lambda r: _number(r.seconds)),
     ("limits", "cannot update", limits),
 )
+#: Columns of a method that does not apply.
+_KNOWN_WITHOUT_RUNNING = ("method", "status", "limits")
 
 
 def columns(comparison: Comparison) -> list[Column]:
@@ -351,35 +356,32 @@ def columns(comparison: Comparison) -> list[Column]:
 
 
 def cells(row: Row, shown: Sequence[Column]) -> list[str]:
-    """Return the cells of a row; of a method that does not apply only what is known without running it."""
-    known = ("method", "status", "limits")
-    return [content(row) if row.applies or key in known else "" for key, _, content in shown]
+    """Return the cells of a row; of a method that does not apply only the facts of the method."""
+    out = []
+    for key, _, content in shown:
+        if row.applies or key in _KNOWN_WITHOUT_RUNNING:
+            out.append(content(row))
+        else:
+            out.append("")
+    return out
 
 
 def summary(comparison: Comparison) -> str:
-    """Return the table, then why methods do not apply, what was left at its start, and how lines were chosen."""
+    """Return the table and, below it, notes on methods, unknowns and lines."""
     shown = columns(comparison)
-    start = comparison.before
-    before = (
-        f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}"
-        if start
-        else ""
-    )
     n_lines = max((row.n_lines for row in comparison), default=0)
-    lines = [
-        (
-            f"{comparison.title or 'Comparison'}: {len(comparison.parameters)} unknowns, {n_lines}"
-            f" lines{before}"
-        ),
-        "",
-        _table([heading for _, heading, _ in shown], [cells(row, shown) for row in comparison]),
-        "",
-        (
-            "misfit: median level difference to the data of the fit; rank: combinations of its"
-            " unknowns that the data determine; steps, solved: steps of the fit and lines at which"
-            " the model was solved."
-        ),
-    ]
+    head = f"{comparison.title or 'Comparison'}: {len(comparison.parameters)} unknowns"
+    head += f", {n_lines} lines"
+    start = comparison.before
+    if start:
+        head += f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}"
+    headings = [heading for _, heading, _ in shown]
+    lines = [head, "", _table(headings, [cells(row, shown) for row in comparison]), ""]
+    lines.append(
+        "misfit: median level difference to the data of the fit; rank: combinations of its unknowns"
+        " that the data determine; steps, solved: steps of the fit and lines at which the model was"
+        " solved."
+    )
     if comparison.truth:
         lines.append(
             "error: estimate / truth - 1, of loss factors estimate - truth; unknowns left at their"
@@ -387,43 +389,37 @@ def summary(comparison: Comparison) -> str:
         )
     if comparison.rule:
         lines.append(comparison.rule)
-    lines += [
-        f"{row.method} does not apply: {row.message}" for row in comparison if not row.applies
-    ]
-    lines += [
-        f"{row.method} leaves at the start: {', '.join(row.left)}"
-        for row in comparison
-        if row.applies and row.left
-    ]
-    lines += [
-        f"{row.method}: fewest lines not sought to the end: {row.fewest.note}"
-        for row in comparison
-        if row.fewest is not None and row.fewest.note
-    ]
+    for row in comparison:
+        if not row.applies:
+            lines.append(f"{row.method} does not apply: {row.message}")
+    for row in comparison:
+        if row.applies and row.left:
+            lines.append(f"{row.method} leaves at the start: {', '.join(row.left)}")
+    for row in comparison:
+        if row.fewest is not None and row.fewest.note:
+            lines.append(f"{row.method}: fewest lines not sought to the end: {row.fewest.note}")
     if comparison.stopped:
-        left = f"; not run: {', '.join(comparison.not_run)}" if comparison.not_run else ""
-        lines.append(f"Stopped{left}.")
+        not_run = f"; not run: {', '.join(comparison.not_run)}" if comparison.not_run else ""
+        lines.append(f"Stopped{not_run}.")
     return "\n".join(lines)
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) -> str:
-    """Return rows in columns: the first ones and the last, words, to the left; numbers to the right."""
-    texts = (*range(left), len(header) - 1)
-    width = [max(len(r[i]) for r in [header, *rows]) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            c.ljust(w) if i in texts else c.rjust(w)
-            for i, (c, w) in enumerate(zip(r, width, strict=True))
-        ).rstrip()
-        for r in [header, *rows]
-    )
+    """Return rows in columns, the first `left` and the last aligned left, others right."""
+    lines = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    aligned_left = {*range(left), len(header) - 1}
+    out = []
+    for line in lines:
+        padded = []
+        for i, (cell, width) in enumerate(zip(line, widths, strict=True)):
+            padded.append(cell.ljust(width) if i in aligned_left else cell.rjust(width))
+        out.append("  ".join(padded).rstrip())
+    return "\n".join(out)
 
 
 def listing() -> str:
-    """Return every method with what it cannot update, what it needs and where it comes from, as a table."""
-    rows = [Row(**about(name), status="", message="") for name in METHODS]
-    return _table(
-        ["method", "cannot update", "reference"],
-        [[row.method, limits(row), row.reference or "-"] for row in rows],
-        3,
-    )
+    """Return a table of all methods: what they cannot update or need, and their publications."""
+    rows = [Row(**method_facts(name), status="", message="") for name in METHODS]
+    table = [[row.method, limits(row), row.reference or "-"] for row in rows]
+    return _table(["method", "cannot update", "reference"], table, 3)

@@ -10,7 +10,6 @@ from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
 from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
 from updyn.control.job.messages import describe_planted
 from updyn.control.job.tables import PlantTable
-from updyn.control.report.page import write_plant_page
 from updyn.job import load_job, prepare
 
 __all__ = ["plant"]
@@ -53,7 +52,6 @@ def plant(
             loaded,
             folder,
             run=run,
-            report=write_plant_page,
             prepared=ready,
             engine=where,
             say=lambda text: note(text, "dim"),

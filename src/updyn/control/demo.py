@@ -1,4 +1,6 @@
-"""The azimuth servo of the antenna: its plant, a controller that was set from the drawings, and what its margins are.
+"""The antenna demo with the plant of its azimuth axis and a servo on it.
+
+Model, measurements and update are those of `updyn.demos.antenna`.
 
 The motor's torque and speed are counted at the load. An encoder on the motor closes the velocity
 loop, one on the turntable the position loop; the wind turns the dish. The elevation motor is free,
@@ -11,7 +13,9 @@ one would dare that trusts them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from updyn.control.build import plant
 from updyn.control.plant import Plant
@@ -20,8 +24,12 @@ from updyn.control.servo.controller import Controller, Notch
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Servo
 from updyn.control.servo.servo import servo
+from updyn.demos import antenna
 from updyn.demos.antenna_model import AZIMUTH, NODES
 from updyn.model import Model
+
+if TYPE_CHECKING:
+    from updyn.updating.result import JointResult
 
 __all__ = [
     "BAND",
@@ -29,8 +37,10 @@ __all__ = [
     "FIGURES",
     "azimuth_plant",
     "azimuth_servo",
+    "epilogue",
     "job_tables",
     "margins_table",
+    "write_inputs",
 ]
 
 MOTOR, TURNTABLE, HUB = f"{AZIMUTH['motor']}:RZ", f"{NODES['turntable']}:RZ", f"{NODES['hub']}:RZ"
@@ -56,6 +66,36 @@ FIGURES = (
     ("gain margin", "dB", "gain_margin_db"),
     ("modulus margin", "", "modulus_margin"),
 )
+
+
+def write_inputs(folder: Path) -> Path:
+    """Write model, two measurements and a job with ``[plant]`` and ``[servo]``; return the path of the job file.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write.
+    """
+    job = antenna.write_inputs(folder)
+    text = job.read_text(encoding="utf-8")
+    job.write_text(f"{text}\n{job_tables()}", encoding="utf-8")
+    return job
+
+
+def epilogue(results: Sequence[JointResult], folder: Path) -> str:
+    """Compare with the values that made the data: unknowns, frequencies, margins of the servo.
+
+    Parameters
+    ----------
+    results : sequence of JointResult
+        Of all runs of the demo.
+    folder : Path
+        Where its inputs are.
+    """
+    one = results[-1].results["rotors free"]
+    models = {"drawings": one.start, "updated": one.model, "true": one.start.scaled(antenna.TRUTH)}
+    heading = "Azimuth servo, its controller set from the drawings:"
+    return f"{antenna.epilogue(results, folder)}\n\n{heading}\n{margins_table(models)}"
 
 
 def azimuth_plant(model: Model) -> Plant:

@@ -16,12 +16,12 @@ from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.dofs import Dof
 from updyn.engines import Engine, choose_engine
-from updyn.errors import ModelError, OptionError, SolverError, suggest
+from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Coordinates
-from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.result import JointResult, UpdateResult, result_of_test
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -293,7 +293,7 @@ def plant_family(
         raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
-    own = _chosen(result, test)
+    own = _ended(result_of_test(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
         values, cut = _from_covariance(own, int(n), seed)
@@ -363,22 +363,8 @@ def _member(making: _Making, item: tuple[int, str, _Real]) -> Plant:
         raise type(error)(f"member {number} of the family ({at}): {error}") from error
 
 
-def _chosen(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
-    if isinstance(result, JointResult):
-        if test is None or test not in result.results:
-            known = suggest(str(test), result.results)
-            raise OptionError(
-                f"plant_family: test = {test!r}; which test's model is the plant's? {known}"
-            )
-        own = result.results[test]
-    elif not isinstance(result, UpdateResult):
-        raise OptionError(
-            f"plant_family: expected the result of an update, found {type(result).__name__}"
-        )
-    elif test is not None:
-        raise OptionError(f"plant_family: test = {test!r}; this update has one test only")
-    else:
-        own = result
+def _ended(own: UpdateResult) -> UpdateResult:
+    """Return a result, which has to be that of a fit that ended at a minimum."""
     if own.status not in _ENDED:
         raise OptionError(
             f"plant_family: the update has ended as {own.status!r}, not at a minimum: {own.message}"

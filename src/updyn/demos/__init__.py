@@ -111,7 +111,7 @@ for _demo in (
     Demo(
         "antenna",
         "a 4 m antenna with its drives, rotors locked and free: two tests, one model",
-        "updyn.demos.antenna",
+        "updyn.control.demo",
     ),
     Demo(
         "chain",

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control import demo as antenna_servo
 from updyn.demos.antenna_model import AZIMUTH, ELEVATION, SKIN, STEEL, antenna, locked
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
@@ -233,7 +232,7 @@ def write_inputs(folder: Path, n_lines: int = _LINES) -> Path:
     motors = "[" + ", ".join(f'"{m}"' for m in MOTORS) + "]"
     job = folder / "job.toml"
     text = _JOB.format(averages=_AVERAGES, motors=motors, unknowns=_unknowns())
-    job.write_text(f"{text}\n{antenna_servo.job_tables()}", encoding="utf-8")
+    job.write_text(text, encoding="utf-8")
     return job
 
 
@@ -248,7 +247,7 @@ def true_values(parameters: Sequence[Any]) -> dict[str, float]:
 
 
 def epilogue(results: Sequence[JointResult], folder: Path) -> str:
-    """Compare with the values that made the data: by unknown, first frequencies of both tests, margins of the servo."""
+    """Compare with the values that made the data: by unknown, and first frequencies of both tests."""
     result = results[-1]
     true = true_values(result.parameters)
     lines = [
@@ -259,7 +258,7 @@ def epilogue(results: Sequence[JointResult], folder: Path) -> str:
         value, std = result.values[p.name], result.std[p.name]
         off = (value - true[p.name]) / std
         lines.append(f"{p.name:<28} {true[p.name]:>6g} {value:>10.5g} {std:>8.2g} {off:>+12.1f}")
-    return "\n\n".join(["\n".join(lines), _frequencies(result), _margins(result)])
+    return "\n\n".join(["\n".join(lines), _frequencies(result)])
 
 
 def _frequencies(result: JointResult) -> str:
@@ -276,11 +275,3 @@ def _frequencies(result: JointResult) -> str:
             for number, row in enumerate(zip(*three, strict=True), 1)
         ]
     return "\n".join(lines)
-
-
-def _margins(result: JointResult) -> str:
-    one = result.results["rotors free"]
-    models = {"drawings": one.start, "updated": one.model, "true": one.start.scaled(TRUTH)}
-    return "Azimuth servo, its controller set from the drawings:\n" + antenna_servo.margins_table(
-        models
-    )

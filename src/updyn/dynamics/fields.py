@@ -143,7 +143,7 @@ class LineSolver:
             filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
             tier = "dense" if system.n <= DENSE_LIMIT or filled else "sparse"
         elif tier not in EXACT_TIERS:
-            raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}")
+            raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}", key=("tier",))
         return cls(system, tier, check_backend(backend))
 
     def __reduce__(self) -> tuple[Any, ...]:

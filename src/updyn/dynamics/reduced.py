@@ -131,7 +131,8 @@ class Reduction:
         if not 1e-10 <= self.accuracy <= 0.1:
             raise OptionError(
                 f"accuracy = {self.accuracy!r}: expected a share of the largest receptance between"
-                " 1e-10 and 0.1"
+                " 1e-10 and 0.1",
+                key=("accuracy",),
             )
         self._channels = Channels(self.rows, self.columns, self.system.dofs)
         self._sparse = SparseSolver(self.backend, real=True)

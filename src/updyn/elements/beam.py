@@ -204,7 +204,7 @@ def beam(
     for name, value in {"length": length, **common}.items():
         positive("beam", name, value)
     if not -1.0 < number("beam", "nu", nu) <= 0.5:
-        raise ModelError(f"beam: nu {nu!r}; expected above -1 and at most 0.5")
+        raise ModelError(f"beam: nu {nu!r}; expected above -1 and at most 0.5", key=("nu",))
     kappa = 10 * (1 + nu) / (12 + 11 * nu) if shear_coefficient is None else shear_coefficient
     positive("beam", "shear_coefficient", kappa)
     stretches = make_parts(Segment, segments) or [Segment("beam", 0.0, length)]
@@ -290,7 +290,7 @@ def _check_names(segments: list[Segment], supports: list[Support], masses: list[
 def _node_number(key: Any) -> int:
     if isinstance(key, str) and key.isdecimal():
         return int(key)
-    raise ModelError(f"model.stations: {key!r}; expected a node number")
+    raise ModelError(f"model.stations: {key!r}; expected a node number", key=("stations",))
 
 
 def _segment_groups(
@@ -447,11 +447,14 @@ def mesh(
             )
     if nodes is not None:
         if n_elements is not None:
-            raise ModelError("beam: give either n_elements or nodes, not both")
+            raise ModelError("beam: give either n_elements or nodes, not both", key=("n_elements",))
         return _given_nodes(length, places, nodes)
     count = _DEFAULT_ELEMENTS if n_elements is None else n_elements
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise ModelError(f"beam: n_elements {count!r}; expected a whole number of at least 1")
+        raise ModelError(
+            f"beam: n_elements {count!r}; expected a whole number of at least 1",
+            key=("n_elements",),
+        )
     cuts = np.unique(np.clip([0.0, length, *(x for _, x in places)], 0.0, length))
     # Positions that differ by rounding only are one; the ends stay exactly where they are.
     cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
@@ -470,22 +473,27 @@ def _given_nodes(
     try:
         x = np.array(nodes, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"beam: nodes are not numbers ({error})") from error
+        raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
     if (
         x.ndim != 1
         or len(x) < 2
         or not np.isfinite(x).all()
         or (np.diff(x) <= _SAME * length).any()
     ):
-        raise ModelError("beam: nodes must be at least two finite positions that increase")
+        raise ModelError(
+            "beam: nodes must be at least two finite positions that increase", key=("nodes",)
+        )
     if abs(x[0]) > _SAME * length or abs(x[-1] - length) > _SAME * length:
         raise ModelError(
-            f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m"
+            f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m",
+            key=("nodes",),
         )
     for what, place in places:
         nearest = x[int(np.argmin(np.abs(x - place)))]
         if abs(nearest - place) > _SAME * length:
-            raise ModelError(f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m")
+            raise ModelError(
+                f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m", key=("nodes",)
+            )
     return x
 
 
@@ -502,11 +510,14 @@ def read_stations(
     if isinstance(stations, Mapping):
         for node in stations:
             if isinstance(node, bool) or not isinstance(node, int | np.integer) or node < 1:
-                raise ModelError(f"station {node!r}: expected a node number of at least 1")
+                raise ModelError(
+                    f"station {node!r}: expected a node number of at least 1", key=("stations",)
+                )
         return [(number(f"station {k}", "position", x), int(k)) for k, x in stations.items()]
     if isinstance(stations, str) or not isinstance(stations, Iterable):
         raise ModelError(
-            f"stations {stations!r}: expected positions in m, or node numbers with positions"
+            f"stations {stations!r}: expected positions in m, or node numbers with positions",
+            key=("stations",),
         )
     return [(number("station", "position", x), None) for x in stations]
 
@@ -527,7 +538,8 @@ def number_nodes(
             at = int(np.argmin(np.abs(x - position)))
             if labels[at]:
                 raise ModelError(
-                    f"stations {labels[at]} and {node} share the position {position:g} m"
+                    f"stations {labels[at]} and {node} share the position {position:g} m",
+                    key=("stations",),
                 )
             labels[at] = node
     taken = set(labels[labels > 0].tolist())
@@ -551,21 +563,26 @@ def check_cover(segments: Iterable[tuple[str, float, float]], length: float) -> 
         if end - start <= tolerance:
             raise ModelError(
                 f"segment {name!r} runs from {start:g} to {end:g} m; expected its end beyond its"
-                " start"
+                " start",
+                key=("segments",),
             )
         if start > reached + tolerance:
             raise ModelError(
                 f"no segment covers {reached:g} to {start:g} m, between {before} and segment"
-                f" {name!r}"
+                f" {name!r}",
+                key=("segments",),
             )
         if start < reached - tolerance:
             raise ModelError(
                 f"segment {name!r} starts at {start:g} m, within {before}, which ends at"
-                f" {reached:g} m"
+                f" {reached:g} m",
+                key=("segments",),
             )
         reached, before = end, f"segment {name!r}"
     if reached < length - tolerance:
-        raise ModelError(f"no segment covers {reached:g} to {length:g} m, after {before}")
+        raise ModelError(
+            f"no segment covers {reached:g} to {length:g} m, after {before}", key=("segments",)
+        )
 
 
 def element_matrices(

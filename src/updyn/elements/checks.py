@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import whole_numbers
-from updyn.errors import ModelError, suggest
+from updyn.errors import ModelError, key_path, suggest
 
 __all__ = [
     "check_keys",
@@ -48,7 +48,7 @@ def number(what: str, name: str, value: Any) -> float:
     """
     real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
     if not (real and abs(value) <= sys.float_info.max):  # a whole number may be of any size
-        raise ModelError(f"{what}: {name} {value!r}; expected a finite number")
+        raise ModelError(f"{what}: {name} {value!r}; expected a finite number", key=(name,))
     return float(value)
 
 
@@ -61,7 +61,7 @@ def positive(what: str, name: str, value: Any) -> float:
         If it is not one.
     """
     if not number(what, name, value) > 0:
-        raise ModelError(f"{what}: {name} {value!r}; expected a number above 0")
+        raise ModelError(f"{what}: {name} {value!r}; expected a number above 0", key=(name,))
     return float(value)
 
 
@@ -74,7 +74,7 @@ def not_negative(what: str, name: str, value: Any) -> float:
         If it is not one.
     """
     if not number(what, name, value) >= 0:
-        raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0")
+        raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0", key=(name,))
     return float(value)
 
 
@@ -92,7 +92,7 @@ def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
         or (least is not None and value < least)
     ):
         wanted = "a whole number" if least is None else f"a whole number of at least {least}"
-        raise ModelError(f"{what}: {name} {value!r}; expected {wanted}")
+        raise ModelError(f"{what}: {name} {value!r}; expected {wanted}", key=(name,))
     return int(value)
 
 
@@ -105,7 +105,7 @@ def pair(what: str, name: str, value: Any) -> tuple[float, float]:
         If they are not.
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise ModelError(f"{what}: {name} {value!r}; expected two numbers")
+        raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
     first, second = (positive(what, name, v) for v in value)
     return first, second
 
@@ -130,14 +130,16 @@ def material(what: str, part: Any) -> dict[str, float]:
     if hasattr(part, "nu"):
         out["nu"] = number(what, "nu", part.nu)
         if not -1.0 < out["nu"] <= 0.5:
-            raise ModelError(f"{what}: nu {part.nu!r}; expected above -1 and at most 0.5")
+            raise ModelError(
+                f"{what}: nu {part.nu!r}; expected above -1 and at most 0.5", key=("nu",)
+            )
     return out | {"loss_factor": not_negative(what, "loss_factor", part.loss_factor)}
 
 
 def check_name(what: str, name: Any) -> None:
     """Refuse a name that is no text."""
     if not isinstance(name, str):
-        raise ModelError(f"{what}: expected a text as its name")
+        raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
 
 def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
@@ -160,7 +162,7 @@ def node_number(what: str, name: str, given: Any) -> int:
     """Return a node number."""
     whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
     if not whole or not -LARGEST_NODE <= int(given) <= LARGEST_NODE:
-        raise ModelError(f"{what}: {name} {given!r}; expected a node number")
+        raise ModelError(f"{what}: {name} {given!r}; expected a node number", key=(name,))
     return int(given)
 
 
@@ -169,9 +171,9 @@ def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"{what}: {name} {given!r}; expected numbers") from error
+        raise ModelError(f"{what}: {name} {given!r}; expected numbers", key=(name,)) from error
     if not np.isfinite(array).all():
-        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers")
+        raise ModelError(f"{what}: {name} {given!r}; expected finite numbers", key=(name,))
     return array
 
 
@@ -179,7 +181,9 @@ def vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return three numbers that are not all 0."""
     vector = floats(what, name, given)
     if vector.shape != (3,) or not vector.any():
-        raise ModelError(f"{what}: {name} {given!r}; expected three numbers that are not all 0")
+        raise ModelError(
+            f"{what}: {name} {given!r}; expected three numbers that are not all 0", key=(name,)
+        )
     return vector
 
 
@@ -187,7 +191,9 @@ def six(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return six numbers of at least 0."""
     six = floats(what, name, given)
     if six.shape != (6,) or (six < 0).any():
-        raise ModelError(f"{what}: {name} {given!r}; expected six numbers of at least 0")
+        raise ModelError(
+            f"{what}: {name} {given!r}; expected six numbers of at least 0", key=(name,)
+        )
     return six
 
 
@@ -226,12 +232,13 @@ def from_row(kind: type[_T], key: str, row_number: int, row: Any) -> _T:
         If a key is missing or unknown.
     """
     where = f"model.{key}, number {row_number}"
-    if not isinstance(row, Mapping):
-        raise ModelError(f"{where}: expected a table, found {row!r}")
     every = fields(kind)  # type: ignore[arg-type]
     needed = [f.name for f in every if f.default is f.default_factory]  # both MISSING
-    check_keys(where, row, needed, [f.name for f in every])
-    return kind(**row)
+    with key_path(key, row_number - 1):
+        if not isinstance(row, Mapping):
+            raise ModelError(f"{where}: expected a table, found {row!r}")
+        check_keys(where, row, needed, [f.name for f in every])
+        return kind(**row)
 
 
 def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
@@ -246,7 +253,8 @@ def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
     if not isinstance(rows, list | tuple):
         raise ModelError(
             f"model: {key} holds {type(rows).__name__}; expected an array of tables,"
-            f" [[model.{key}]]"
+            f" [[model.{key}]]",
+            key=(key,),
         )
     return list(rows)
 
@@ -264,7 +272,7 @@ def check_keys(
     known = list(dict.fromkeys([*required, *optional]))
     for key in row:
         if key not in known:
-            raise ModelError(f"{where}: no key {key!r}; {suggest(str(key), known)}")
+            raise ModelError(f"{where}: no key {key!r}; {suggest(str(key), known)}", key=(key,))
     for key in required:
         if key not in row:
             raise ModelError(f"{where}: {key!r} is missing")

@@ -317,7 +317,8 @@ def _known(
         if name not in known:
             raise OptionError(
                 f"{reader.__name__} of the format {kind!r} has no option {name!r}; "
-                + suggest(name, sorted(known.union(others)))
+                + suggest(name, sorted(known.union(others))),
+                key=(name,),
             )
     return options
 

@@ -263,7 +263,9 @@ def _quantity(head: dict[str, list[str]], given: str | None, path: str | Path) -
             path,
         )
     if said is not None and given is not None and said != given:
-        raise FormatError(f"quantity {given!r} contradicts the file, which says {said!r}", path)
+        raise FormatError(
+            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
+        )
     return str(given if said is None else said)
 
 

@@ -115,7 +115,9 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
             if candidate.name == name:
                 return candidate
         raise FormatError(
-            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
+            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}",
+            path,
+            key=("format",),
         )
     if verb.startswith("read") or verb == "write_properties":  # of which the file is the deck
         if not path.is_file():

@@ -302,7 +302,8 @@ def placed(path: str | Path, item: str = "") -> Iterator[None]:
     except FormatError:
         raise
     except InputError as error:
-        raise FormatError(f"{item}: {error}" if item else str(error), path) from error
+        text = f"{item}: {error}" if item else str(error)
+        raise FormatError(text, path, key=error.key) from error
 
 
 def existing(path: str | Path) -> Path:

@@ -283,7 +283,9 @@ def _values_key(items: Items, path: str | Path) -> str:
 def _quantity(items: Items, given: str | None, path: str | Path) -> str:
     said = text(items["quantity"], "quantity", path) if "quantity" in items else None
     if said is not None and given is not None and said != given:
-        raise FormatError(f"quantity {given!r} contradicts the file, which says {said!r}", path)
+        raise FormatError(
+            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
+        )
     return str(given if said is None else said)
 
 
@@ -304,7 +306,8 @@ def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: st
     stored = dofs(items[name], name, path)
     if option is not None and option != stored:
         raise FormatError(
-            f"{name}: the argument {option!r} contradicts the file, which says {stored!r}", path
+            f"{name}: the argument {option!r} contradicts the file, which says {stored!r}",
+            path,
         )
     return stored
 

@@ -3,12 +3,13 @@
 from updyn.job.folder import check_out, default_out
 from updyn.job.load import load_job
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import job_identifiability, job_selection, run_job
+from updyn.job.run import JobRun, job_identifiability, job_selection, run_job
 from updyn.job.schema import OUTPUTS, Job
 
 __all__ = [
     "OUTPUTS",
     "Job",
+    "JobRun",
     "Prepared",
     "check_out",
     "default_out",

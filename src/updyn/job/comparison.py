@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from updyn.errors import FormatError, suggest
 from updyn.job.folder import check_folder, check_no_folder
 from updyn.job.prepare import Prepared, prepare
-from updyn.job.run import as_tests, job_selection, method_errors
+from updyn.job.run import as_tests, job_selection, update_keys
 from updyn.job.schema import Job
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -83,7 +83,6 @@ def compare_job(
     *,
     methods: Iterable[str] | None = None,
     truth: str | Path | None = None,
-    report: Callable[[Any, Path], object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     **options: Any,
@@ -106,9 +105,6 @@ def compare_job(
         Names; by default every method.
     truth : path, optional
         File with true values, as `read_truth` takes it.
-    report : callable, optional
-        Writes the page, usually `updyn.report.write_comparison`. It is handed in, as the way to a
-        result does not depend on how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -119,8 +115,8 @@ def compare_job(
     Returns
     -------
     Comparison
-        In `out`: ``compare.json`` and, with `report`, ``compare.html``, each replaced as a whole;
-        of a comparison that was stopped with the rows so far.
+        In `out`: ``compare.json`` and ``compare.html``, each replaced as a whole; of a comparison
+        that was stopped with the rows so far.
 
     Raises
     ------
@@ -129,23 +125,22 @@ def compare_job(
     SolverError
         If the model cannot be solved where it starts; nothing is written.
     """
-    from updyn.comparison.bench import Given
+    from updyn.comparison.bench import Options
+    from updyn.report import write_comparison
     from updyn.store.comparison import write_comparison_json
 
     out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)
-    Given.checked(
-        ready.parameters, methods, _options(ready), known, **options
-    )  # what is wrong here is not of the job
-    with method_errors(job):
+    # Errors of the arguments have no line in the job.
+    Options.checked(ready.parameters, methods, _options(ready), known, **options)
+    with update_keys(job):
         found = _compared(
             ready, methods, known, {"callback": callback, "engine": engine, **options}
         )
     out.mkdir(parents=True, exist_ok=True)
-    if report is not None:
-        report(found, out / "compare.html")
+    write_comparison(found, out / "compare.html")
     write_comparison_json(found, out / "compare.json")
     return found
 

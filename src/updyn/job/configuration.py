@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 
-from updyn.errors import InputError, suggest
-from updyn.job.located import located
+from updyn.errors import OptionError, key_path, suggest
 from updyn.job.schema import Job
 from updyn.model import Model
 
@@ -22,16 +21,13 @@ def damped(job: Job, model: Model) -> Model:
             fits = [n for n in model.groups if fnmatch.fnmatchcase(n, pattern) or pattern == "all"]
             if not fits:
                 text = f"damping: no group {pattern!r}; {suggest(pattern, model.groups)}"
-                raise job.error(text, "damping", number, "groups")
+                raise OptionError(text, key=("damping", number, "groups"))
             if pattern in model.groups or not able.intersection(fits):
                 names += fits  # and if there is nothing to act on, that is said
             names += able.intersection(fits)
-        try:
-            model = model.with_damping(
-                {name: table.stated for name in model.groups if name in names}
-            )
-        except InputError as error:
-            raise job.error_about(str(error), "damping", number) from error
+        chosen = {name: table.stated for name in model.groups if name in names}
+        with key_path("damping", number):
+            model = model.with_damping(chosen)
     return model
 
 
@@ -41,7 +37,7 @@ def configured(job: Job, model: Model) -> Model:
 
     model = _loaded(job, model)
     if job.test.grounded:
-        with located(job, "test", "grounded"):
+        with key_path("test", "grounded"):
             model = constrain(model, grounded=job.test.grounded)
     return model
 
@@ -51,10 +47,10 @@ def _loaded(job: Job, model: Model) -> Model:
     from updyn.elements.masses import add_masses, add_sensor_masses
 
     if job.test.masses:
-        with located(job, "test", "masses"):
+        with key_path("test", "masses"):
             model = add_masses(model, job.test.masses)
     if job.test.sensor_masses:
-        with located(job, "test", "sensor_masses"):
+        with key_path("test", "sensor_masses"):
             model = add_sensor_masses(model, job.test.sensor_masses)
     return model
 

@@ -11,19 +11,39 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 
 from updyn.elements import MODEL_KINDS
-from updyn.errors import JobError, OptionError, suggest
+from updyn.errors import JobError, OptionError, key_path, suggest
 from updyn.job.job_table import JOB_TABLES
-from updyn.job.schema import Job, MethodTable, Table
+from updyn.job.schema import Job, MethodTable, ModelTable, Table
 from updyn.job.toml_lines import Place, line_of, read_toml
+from updyn.updating.fit.methods import METHODS, make_method, options_of
+from updyn.updating.fit.regularisation import check_regularise
 
-__all__ = [
-    "Complaint",
-    "complaints",
-    "load_job",
-]
+__all__ = ["load_job"]
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+#: Characters of a value that a message repeats.
+_LONGEST = 40
+#: What was expected, by the kind of an error of pydantic.
+_EXPECTED = {
+    "bool_type": "expected true or false",
+    "dict_type": "expected a table",
+    "finite_number": "expected a finite number",
+    "float_type": "expected a number",
+    "greater_than": "expected a number above {:g}",
+    "greater_than_equal": "expected a number of at least {:g}",
+    "int_type": "expected a whole number",
+    "less_than": "expected a number below {:g}",
+    "less_than_equal": "expected a number of at most {:g}",
+    "list_type": "expected an array",
+    "model_type": "expected a table",
+    "string_type": "expected a text",
+    "too_long": "too many entries",
+    "too_short": "too few entries",
+    "tuple_type": "expected an array",
+}
+#: Names of the bounds in the context of an error of pydantic.
+_BOUNDS = ("gt", "ge", "lt", "le")
 
 
 def load_job(path: str | Path) -> Job:
@@ -57,15 +77,17 @@ def load_job(path: str | Path) -> Job:
         try:
             jobs.append(Job.model_validate(one).with_source(path, own, tables))
         except ValidationError as error:
-            wrong += complaints(error, own, Job)
+            wrong += _complaints(error, own, Job)
     if wrong:
         raise _joined(sorted(set(wrong)), path)
-    _check_model(jobs[0])
-    _check_method(jobs[0])
-    _check_tests(jobs)
     job = jobs[0].with_others(tuple(jobs[1:]))
-    for name in job.tables:
-        JOB_TABLES[name].check_text(job)
+    with job.located():
+        _check_model(job.model)
+        _check_method(job.method)
+    _check_test_names(job)
+    with job.located():
+        for name in job.tables:
+            JOB_TABLES[name].check_text(job)
     return job
 
 
@@ -73,10 +95,11 @@ def _text(path: Path) -> str:
     if path.is_dir():
         raise JobError("is a folder; expected a job file (TOML)", path)
     if not path.is_file():
-        siblings = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        raise JobError(
-            f"no such file; {suggest(path.name, siblings)}" if siblings else "no such file", path
-        )
+        siblings = []
+        if path.parent.is_dir():
+            siblings = [file.name for file in path.parent.glob("*.toml")]
+        hint = f"; {suggest(path.name, siblings)}" if siblings else ""
+        raise JobError(f"no such file{hint}", path)
     raw = path.read_bytes()
     try:
         return raw.decode("utf-8-sig")
@@ -86,143 +109,116 @@ def _text(path: Path) -> str:
 
 
 def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
+    """Return an error of `tomllib` with the line as that of the job file."""
     message = str(error)
     found = _PLACE.search(message)
     if found is None:
         return JobError(f"not TOML: {message}", path)
-    column = f" at column {found[2]}" if found[2] else " at the end of the file"
-    line = int(found[1]) if found[1] else text.rstrip("\n").count("\n") + 1
-    return JobError(f"not TOML: {message[: found.start()]}{column}", path, line)
-
-
-def _joined(found: Sequence[Complaint], path: Path) -> JobError:
-    first, *others = found
-    texts = [first.text]
-    texts += [str(JobError(other.text, path, other.line or None)) for other in others]
-    return JobError("\n".join(texts), path, first.line or None)
+    message = message[: found.start()]
+    if found[1] is None:
+        line = text.rstrip("\n").count("\n") + 1
+        return JobError(f"not TOML: {message} at the end of the file", path, line)
+    return JobError(f"not TOML: {message} at column {found[2]}", path, int(found[1]))
 
 
 def _further_tables(
-    document: dict[str, Any], lines: dict[Place, int]
-) -> tuple[dict[str, Table], list[Complaint]]:
-    """Take the tables of `JOB_TABLES` out of a document; return them, and what is wrong with them."""
+    document: dict[str, Any], lines: Mapping[Place, int]
+) -> tuple[dict[str, Table], list[_Complaint]]:
+    """Take the tables of `JOB_TABLES` out of a document; return them, and what is wrong there."""
     names = [name for name in document if name not in Job.model_fields and name in JOB_TABLES]
     if names:
         names = [name for name in JOB_TABLES if name in names]
     tables: dict[str, Table] = {}
-    wrong: list[Complaint] = []
+    wrong: list[_Complaint] = []
     for name in names:
         schema = JOB_TABLES[name].schema
         try:
             tables[name] = schema.model_validate(document.pop(name))
         except ValidationError as error:
-            wrong += complaints(error, lines, schema, (name,))
+            wrong += _complaints(error, lines, schema, (name,))
     return tables, wrong
 
 
 def _each_test(
     document: dict[str, Any], lines: dict[Place, int]
 ) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
-    """Yield the document with each of its tests, and where its parts stand then."""
+    """Yield the document with each of its tests, and the lines of its parts then."""
     tests = document.get("test")
-    if not (isinstance(tests, list) and tests and all(isinstance(t, dict) for t in tests)):
+    if not (isinstance(tests, list) and tests and all(isinstance(test, dict) for test in tests)):
         yield document, lines
         return
-    for i, test in enumerate(tests):
-        elsewhere = {place: at for place, at in lines.items() if place[:1] != ("test",)}
-        here = {("test", *place[2:]): at for place, at in lines.items() if place[:2] == ("test", i)}
-        yield document | {"test": test}, elsewhere | here
+    common = {place: line for place, line in lines.items() if place[:1] != ("test",)}
+    for number, test in enumerate(tests):
+        own = dict(common)
+        for place, line in lines.items():
+            if place[:2] == ("test", number):
+                own[("test", *place[2:])] = line
+        yield document | {"test": test}, own
 
 
-def _check_tests(jobs: Sequence[Job]) -> None:
-    """Check that several tests are told apart by names that can name folders."""
+# -- checks beyond those of a single value -----------------------------------------------------------------
+def _check_test_names(job: Job) -> None:
+    """Check that several tests have names of their own that can be names of folders."""
+    if len(job.parts) == 1:
+        return
     seen: set[str] = set()
-    for job in jobs if len(jobs) > 1 else ():
-        name = job.test.name
-        if not name:
-            raise job.error(
-                "one of several tests without a name; give each [[test]] its own", "test"
-            )
-        if not _NAME.fullmatch(name):
-            raise job.error(
-                f"test.name = {name!r}: expected letters, digits, blanks, - and _, as it names a"
-                " folder",
-                "test",
-                "name",
-            )
-        if name.casefold() in seen:
-            raise job.error(f"test.name = {name!r}: another test has that name", "test", "name")
+    for part in job.parts:
+        name = part.test.name
+        with part.located(), key_path("test"):
+            if not name:
+                raise JobError("one of several tests without a name; give each [[test]] its own")
+            if not _NAME.fullmatch(name):
+                raise JobError(
+                    f"test.name = {name!r}: expected letters, digits, blanks, - and _, as it is the"
+                    " name of a folder",
+                    key=("name",),
+                )
+            if name.casefold() in seen:
+                raise JobError(f"test.name = {name!r}: another test has that name", key=("name",))
         seen.add(name.casefold())
 
 
-def _check_model(job: Job) -> None:
-    table = job.model
-    if table.file is not None and table.kind is not None:
-        raise job.error("[model] has a file and a kind; expected one of the two", "model", "kind")
-    if table.file is None and table.kind is None:
-        for key in table.keys:  # a misspelt file or kind is the likelier mistake
-            raise job.error(
-                f"unknown key {key!r} in [model]; {suggest(key, ('file', 'format', 'kind'))}",
-                "model",
-                key,
-            )
-        raise job.error("[model] needs a file, or a kind with the keys of its builder", "model")
-    if table.kind is not None:
+def _check_model(table: ModelTable) -> None:
+    """Check that ``[model]`` has a file or a kind."""
+    with key_path("model"):
+        if table.file is not None and table.kind is not None:
+            raise JobError("[model] has a file and a kind; expected one of the two", key=("kind",))
+        if table.file is None and table.kind is None:
+            for key in table.keys:  # a misspelt file or kind is the likelier mistake
+                near = suggest(key, ("file", "format", "kind"))
+                raise JobError(f"unknown key {key!r} in [model]; {near}", key=(key,))
+            raise JobError("[model] needs a file, or a kind with the keys of its builder")
+        if table.kind is None:
+            return
         if table.kind not in MODEL_KINDS:
-            raise job.error(
-                f"model.kind = {table.kind!r}: {suggest(table.kind, MODEL_KINDS)}", "model", "kind"
-            )
+            near = suggest(table.kind, MODEL_KINDS)
+            raise JobError(f"model.kind = {table.kind!r}: {near}", key=("kind",))
         if table.format is not None:
-            raise job.error("model.format belongs to a file, not to a kind", "model", "format")
+            raise JobError("model.format belongs to a file, not to a kind", key=("format",))
 
 
-def _check_method(job: Job) -> None:
-    from updyn.updating.fit.methods import METHODS, make_method, options_of
-    from updyn.updating.fit.regularisation import check_regularise
-
-    table = job.method
-    if table.name not in METHODS:
-        raise job.error(
-            f"method.name = {table.name!r}: {suggest(table.name, METHODS)}", "method", "name"
-        )
-    try:
+def _check_method(table: MethodTable) -> None:
+    """Check the name of the method and its options."""
+    with key_path("method"):
+        if table.name not in METHODS:
+            near = suggest(table.name, METHODS)
+            raise JobError(f"method.name = {table.name!r}: {near}", key=("name",))
         check_regularise(table.regularise, table.name)
-    except OptionError as error:
-        raise job.error(str(error), "method", "regularise") from error
-    known = options_of(table.name)
-    for key in table.options:
-        if key not in known:
-            choices = [*MethodTable.model_fields, *known]
-            raise job.error(
-                f"unknown key {key!r} in [method] with name {table.name!r};"
-                f" {suggest(key, choices)}",
-                "method",
-                key,
-            )
-    for key, value in table.options.items():
-        try:
-            make_method(table.name, {key: value})
-        except OptionError as error:
-            raise job.error(str(error), "method", key) from error
+        known = options_of(table.name)
+        for key in table.options:
+            if key not in known:
+                near = suggest(key, [*MethodTable.model_fields, *known])
+                text = f"unknown key {key!r} in [method] with name {table.name!r}; {near}"
+                raise JobError(text, key=(key,))
+        for key, value in table.options.items():
+            try:
+                make_method(table.name, {key: value})
+            except OptionError as error:
+                raise JobError(str(error), key=(key,)) from error
 
 
-_LONGEST = 40  # characters of a value that a message repeats
-_WORDS = {
-    "bool_type": "expected true or false",
-    "dict_type": "expected a table",
-    "finite_number": "expected a finite number",
-    "float_type": "expected a number",
-    "int_type": "expected a whole number",
-    "list_type": "expected an array",
-    "model_type": "expected a table",
-    "string_type": "expected a text",
-    "too_long": "too many entries",
-    "too_short": "too few entries",
-    "tuple_type": "expected an array",
-}
-
-
-class Complaint(NamedTuple):
+# -- errors of pydantic ------------------------------------------------------------------------------------
+class _Complaint(NamedTuple):
     """Something wrong with the text of a job file; sorts unknown keys first, then by line."""
 
     of_known_key: bool
@@ -230,12 +226,20 @@ class Complaint(NamedTuple):
     text: str
 
 
-def complaints(
+def _joined(found: Sequence[_Complaint], path: Path) -> JobError:
+    """Return one error with a line of text for each complaint."""
+    first, *others = found
+    texts = [first.text]
+    texts += [str(JobError(other.text, path, other.line or None)) for other in others]
+    return JobError("\n".join(texts), path, first.line or None)
+
+
+def _complaints(
     error: ValidationError,
     lines: Mapping[Place, int],
     schema: type[BaseModel],
     at: Place = (),
-) -> list[Complaint]:
+) -> list[_Complaint]:
     """Return what pydantic found wrong with a table as lines and sentences.
 
     Parameters
@@ -248,74 +252,64 @@ def complaints(
         Class by which the table was validated.
     at : Place
         Where the table is in the job file.
-
-    Returns
-    -------
-    list of Complaint
-        Sorted, they are in the order of the message: unknown keys first, then by line.
     """
     found = []
     items = [(tuple(item["loc"]), item) for item in error.errors()]
     for place, item in items:
         if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
             continue  # an array is "too short" because of a bad item, which has its own complaint
-        keys = _keys(place[:-1], schema)
-        text = _sentence(item, (*at, *place), keys)
+        text = _sentence(item, (*at, *place), _keys(place[:-1], schema))
         line = line_of((*at, *place), lines)
-        found.append(Complaint(item["type"] != "extra_forbidden", line or 0, text))
+        found.append(_Complaint(item["type"] != "extra_forbidden", line or 0, text))
     return found
 
 
 def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
-    kind, name, given = item["type"], _dotted(place), item["input"]
-    shown = f"{name} = {given!r}" if len(repr(given)) <= _LONGEST else name
+    """Return one error of pydantic as a sentence."""
+    kind, given = item["type"], item["input"]
+    context = item.get("ctx", {})
+    table = place[:-1]
     if kind == "extra_forbidden":
-        return f"unknown key {place[-1]!r}{_inside(place[:-1])}; {suggest(str(place[-1]), keys)}"
+        return f"unknown key {place[-1]!r}{_inside(table)}; {suggest(str(place[-1]), keys)}"
     if kind == "missing":
         if isinstance(place[-1], int):
-            return f"{_dotted(place[:-1])}: expected at least {place[-1] + 1} entries"
-        return f"missing key {place[-1]!r}{_inside(place[:-1])}"
+            return f"{_dotted(table)}: expected at least {place[-1] + 1} entries"
+        return f"missing key {place[-1]!r}{_inside(table)}"
+    of_a_row = bool(place) and isinstance(place[-1], int) and isinstance(given, Mapping)
+    if kind == "value_error" and of_a_row:
+        return f"{context['error']}{_inside(place)}"
+    shown = _dotted(place)
+    if len(repr(given)) <= _LONGEST:
+        shown += f" = {given!r}"
     if kind == "literal_error":
-        choices = [c.strip("' ") for c in item["ctx"]["expected"].replace(" or ", ",").split(",")]
+        choices = [c.strip("' ") for c in context["expected"].replace(" or ", ",").split(",")]
         return f"{shown}: {suggest(str(given), choices)}"
-    if (
-        kind == "value_error"
-        and isinstance(given, Mapping)
-        and place
-        and isinstance(place[-1], int)
-    ):
-        return f"{item['ctx']['error']}{_inside(place)}"
     if kind == "value_error":
-        return f"{shown}: {item['ctx']['error']}"
-    if kind in ("greater_than", "greater_than_equal"):
-        bound = next(iter(item["ctx"].values()))
-        return (
-            f"{shown}: expected a number {'above' if kind == 'greater_than' else 'of at least'}"
-            f" {bound:g}"
-        )
-    if kind in ("less_than", "less_than_equal"):
-        bound = next(iter(item["ctx"].values()))
-        return (
-            f"{shown}: expected a number {'below' if kind == 'less_than' else 'of at most'}"
-            f" {bound:g}"
-        )
-    return f"{shown}: {_WORDS.get(kind, item['msg'])}"
+        return f"{shown}: {context['error']}"
+    expected = _EXPECTED.get(kind, item["msg"])
+    bounds = [context[name] for name in _BOUNDS if name in context]
+    if bounds:
+        expected = expected.format(*bounds)
+    return f"{shown}: {expected}"
 
 
 def _inside(table: Place) -> str:
+    """Return where a key was found, such as `` in [[parameter]] 2``; empty at the top level."""
     if not table:
         return ""
-    return (
-        f" in [[{table[0]}]] {table[1] + 1}"
-        if len(table) == 2 and isinstance(table[1], int)
-        else f" in [{_dotted(table)}]"
-    )
+    if len(table) == 2 and isinstance(table[1], int):
+        return f" in [[{table[0]}]] {table[1] + 1}"
+    return f" in [{_dotted(table)}]"
 
 
 def _dotted(place: Place) -> str:
+    """Return a place as text, such as ``plant.inputs[2]``, counted from 1."""
     out = ""
     for part in place:
-        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else str(part)
+        if isinstance(part, int):
+            out += f"[{part + 1}]"
+        else:
+            out += f".{part}" if out else part
     return out
 
 
@@ -325,7 +319,8 @@ def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
     for part in place:
         field = table.model_fields.get(str(part))
         inner = None if field is None else _table_in(field.annotation)
-        table = table if inner is None else inner
+        if inner is not None:
+            table = inner
     keys = list(table.model_fields)
     return [*keys, *JOB_TABLES] if table is Job else keys
 
@@ -334,5 +329,8 @@ def _table_in(annotation: Any) -> type[BaseModel] | None:
     """Return the table that a field holds, alone or in an array; None where it holds none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    found = (_table_in(inner) for inner in get_args(annotation))
-    return next((table for table in found if table is not None), None)
+    for inner in get_args(annotation):
+        found = _table_in(inner)
+        if found is not None:
+            return found
+    return None

@@ -11,13 +11,12 @@ import numpy as np
 
 from updyn.dofs import Dof, DofSet
 from updyn.elements import MODEL_KINDS
-from updyn.errors import DataError, DofError, InputError, JobError, OptionError, suggest
+from updyn.errors import DataError, DofError, JobError, OptionError, key_path, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.job.configuration import configured, damped
 from updyn.job.folder import outputs
 from updyn.job.job_table import JOB_TABLES
-from updyn.job.located import located
 from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.matching import MatchError, Matching, match
@@ -130,14 +129,22 @@ def prepare(job: Job) -> Prepared:
         If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not
         in the model, or the like; the message says on which line of the job, and where in the file.
     """
-    model = damped(job, _model(job))
-    _check_properties(job)
-    data = [_measurement(part) for part in job.parts]
-    tests = tuple(_test(part, model, data, i) for i, part in enumerate(job.parts))
-    parameters = unknowns_of(job, model, [test.frf for test in tests])
-    prepared = Prepared(job, tests, parameters)
-    for name in job.tables:
-        JOB_TABLES[name].check(prepared)
+    with job.located():
+        model = damped(job, _model(job))
+        _check_properties(job)
+    data: list[FRF] = []
+    for part in job.parts:
+        with part.located():
+            data.append(_measurement(part))
+    tests: list[PreparedTest] = []
+    for number, part in enumerate(job.parts):
+        with part.located():
+            tests.append(_test(part, model, data, number))
+    with job.located():
+        parameters = unknowns_of(job, model, [test.frf for test in tests])
+        prepared = Prepared(job, tuple(tests), parameters)
+        for name in job.tables:
+            JOB_TABLES[name].check(prepared)
     return prepared
 
 
@@ -146,7 +153,7 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     matching = matched(job, configured(job, model), data[number], others)
     for name, group in matching.model.groups.items():
         if group.loss_table is not None:
-            with located(job, "test", "band"):
+            with key_path("test", "band"):
                 group.loss_table.at(matching.frf.freq, name)
     fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
@@ -157,22 +164,14 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
 def _model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
-        try:
-            model = MODEL_KINDS[table.kind](table.keys)
-        except InputError as error:
-            raise job.error_about(str(error), "model") from error
-        return model
+        with key_path("model"):
+            return MODEL_KINDS[table.kind](table.keys)
     from updyn.io import read_model
 
     assert table.file is not None
     path = _existing(job, table.file, "model")
-    try:
+    with key_path("model", otherwise=("file",)):
         return read_model(path, format=table.format, **table.keys)
-    except OptionError as error:
-        key = next(iter(k for k in table.keys if repr(k) in str(error)), "file")
-        raise job.error(str(error), "model", key) from error
-    except InputError as error:
-        raise job.error(str(error), "model", "file") from error
 
 
 def _check_properties(job: Job) -> None:
@@ -181,7 +180,7 @@ def _check_properties(job: Job) -> None:
         return
     from updyn.io.formats import find_format
 
-    with located(job, "output", "properties"):
+    with key_path("output", "properties"):
         if job.model.file is None:
             raise OptionError(
                 "output.properties: a model that was built here has no deck; write it to model.h5"
@@ -203,20 +202,16 @@ def _measurement(job: Job) -> FRF:
     if table.repeats is not None:
         if table.averages is not None:
             told = "test.averages: with repeats the variance comes from them; leave it out"
-            raise job.error(told, "test", "averages")
+            raise OptionError(told, key=("test", "averages"))
         repeats = [_read(job, file, "repeats") for file in table.repeats]
-        with located(job, "test", "repeats"):
+        with key_path("test", "repeats"):
             frf = average([frf, *repeats])
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
-            raise job.error(
-                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave"
-                " it out",
-                "test",
-                "averages",
-            )
+            text = f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it out"
+            raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
-    with located(job, "test", "band"):
+    with key_path("test", "band"):
         return frf.select(band=table.band)
 
 
@@ -224,10 +219,8 @@ def _read(job: Job, file: str, key: str) -> FRF:
     from updyn.io import read_frf
 
     path = _existing(job, file, "test", key)
-    try:
+    with key_path("test", otherwise=(key,)):
         return read_frf(path, **job.test.reader_options)
-    except InputError as error:
-        raise job.error_about(str(error), "test", path=path) from error
 
 
 def _modes(job: Job, matching: Matching) -> ModeSet | None:
@@ -238,7 +231,7 @@ def _modes(job: Job, matching: Matching) -> ModeSet | None:
     if table.modes is None:
         return None
     path = _existing(job, table.modes, "test", "modes")
-    with located(job, "test", "modes"):
+    with key_path("test", "modes"):
         modes = matched_modes(matching, read_modes(path))
         return modes if table.band is None else modes.select(band=table.band)
 
@@ -248,7 +241,7 @@ def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
     if path.is_file():
         return path
     if path.is_dir():
-        raise job.error(f"{table}.{key} = {file!r} is a folder ({path})", table, key)
+        raise OptionError(f"{table}.{key} = {file!r} is a folder ({path})", key=(table, key))
     siblings = (
         [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
     )
@@ -257,7 +250,7 @@ def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
         if siblings
         else f"the folder {str(path.parent)!r} is empty or does not exist"
     )
-    raise job.error(f"{table}.{key} = {file!r}: no such file; {hint}", table, key)
+    raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))
 
 
 # -- what is fitted ----------------------------------------------------------------------------------------
@@ -265,7 +258,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
     held = job.validation
     if held is None:
         return frf
-    with located(job, "method" if job.test.validation is None else "test", "validation"):
+    with key_path("method" if job.test.validation is None else "test", "validation"):
         if isinstance(held[0], str):
             at = frf.responses.match(held, "validation response").index
             keep = np.setdiff1d(np.arange(len(frf.responses)), at)
@@ -285,18 +278,16 @@ def _check_method(job: Job, fitted: FRF) -> None:
     from updyn.updating.fit.reducing import is_reduced
     from updyn.updating.problem.noise import choose_noise
 
-    if job.method.tier is not None and job.method.tier not in TIERS:
-        raise job.error(
-            f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}", "method", "tier"
-        )
-    with located(job, "method", "tier"):
+    with key_path("method", "tier"):
+        if job.method.tier is not None and job.method.tier not in TIERS:
+            raise OptionError(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}")
         is_reduced(job.method.tier, 0, 0, job.method.name)
-    with located(job, "method", "backend"):
+    with key_path("method"):
         check_backend(job.method.backend)
-    with located(job, "method" if job.test.noise is None else "test", "noise"):
+    with key_path("method" if job.test.noise is None else "test"):
         choose_noise(job.noise, fitted)
     if isinstance(job.method.lines, tuple):
-        with located(job, "method", "lines"):
+        with key_path("method", "lines"):
             fitted.find_lines(job.method.lines)
 
 
@@ -349,7 +340,7 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
             directions=_here(table.directions, frf, others),
         )
     except MatchError as error:
-        raise _at_its_line(job, error) from error
+        raise _of_the_job(job, error) from error
 
 
 def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
@@ -410,7 +401,8 @@ def _named(frf: FRF) -> set[str]:
     return {f"{d.node}:{d.direction}" for d in dofs} | {str(d.node) for d in dofs}
 
 
-def _at_its_line(job: Job, error: MatchError) -> JobError:
+def _of_the_job(job: Job, error: MatchError) -> JobError:
+    """Return an error of `match` in the words and with the key of the job."""
     message = (
         str(error)
         .replace("the measurement", job.test.file)
@@ -421,20 +413,12 @@ def _at_its_line(job: Job, error: MatchError) -> JobError:
             f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."),'
             " or keep only those that are, with responses and references in [test]"
         )
-    return job.error(message, *(("match", *error.place) if error.place else ("test", "file")))
+    return JobError(message, key=("match", *error.key) if error.key else ("test", "file"))
 
 
 def _geometry(job: Job, file: str) -> Geometry:
     from updyn.io import read_geometry
 
-    path = job.beside(file)
-    if not path.is_file():
-        siblings = (
-            [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
-        )
-        hint = suggest(path.name, siblings) if siblings else "its folder is empty or does not exist"
-        raise job.error(f"match.geometry = {file!r}: no such file; {hint}", "match", "geometry")
-    try:
+    path = _existing(job, file, "match", "geometry")
+    with key_path("match", "geometry"):
         return read_geometry(path)
-    except InputError as error:
-        raise job.error(str(error), "match", "geometry") from error

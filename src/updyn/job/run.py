@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,10 +35,41 @@ if TYPE_CHECKING:
     from updyn.updating.problem.selection import Selection
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["as_tests", "job_identifiability", "job_selection", "method_errors", "run_job"]
+__all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
+#: Keys of ``[selection]`` by the arguments of `updyn.cluster` and `updyn.select`.
+_SELECTION_KEYS: Mapping[object, tuple[str, ...]] = {
+    "threshold": ("selection", "cluster"),
+    "n": ("selection", "n"),
+    "max_collinearity": ("selection", "max_collinearity"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JobRun:
+    """A finished run of a job.
+
+    Attributes
+    ----------
+    result : UpdateResult or JointResult
+        The update; the latter for several tests.
+    further : mapping of str to object
+        What tables such as ``[uncertainty]`` and ``[plant]`` gave, by their names.
+    folder : Path
+        Where it was written to.
+    """
+
+    result: UpdateResult | JointResult
+    further: Mapping[str, Any]
+    folder: Path
+
+    def summary(self) -> str:
+        """Return the update, and what the further tables gave, as text."""
+        texts = [self.result.summary()]
+        texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
+        return "\n\n".join(text for text in texts if text)
 
 
 def run_job(
@@ -45,12 +77,10 @@ def run_job(
     out: str | Path | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
     *,
-    report: Callable[..., object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     resume: bool = False,
-    further: Callable[[Mapping[str, Any]], object] | None = None,
-) -> UpdateResult | JointResult:
+) -> JobRun:
     """Run a job and write its folder.
 
     Parameters
@@ -63,9 +93,6 @@ def run_job(
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops
         the run.
-    report : callable, optional
-        Writes the report, usually `updyn.write_report`. It is handed in, as the way to a result
-        does not depend on how results are shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -74,19 +101,14 @@ def run_job(
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
         of steps: to the same answer as if it had not been.
 
-    further : callable, optional
-        Called once all is written, with what tables such as ``[uncertainty]`` and ``[plant]`` gave,
-        by their names.
-
     Returns
     -------
-    UpdateResult or JointResult
-        The latter for several tests, each of which has its ``model.h5``, ``run.nc`` and
-        ``report.html`` in a folder of its name. Also in `out`: ``result.json``, ``run.nc``,
-        ``model.h5``, ``job.toml`` (all defaults written out; runs again from there), what
-        ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask for and, unless the job says
-        not to, what `report` makes: ``report.html``. While it runs, and until it has finished,
-        ``run.journal`` is there, too, which `resume` needs.
+    JobRun
+        In `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out;
+        runs again from there), what ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask
+        for and, unless the job says not to, ``report.html``. Each of several tests has its
+        ``model.h5``, ``run.nc`` and ``report.html`` in a folder of its name. While it runs, and
+        until it has finished, ``run.journal`` is there, too, which `resume` needs.
 
     Raises
     ------
@@ -99,25 +121,23 @@ def run_job(
     Warns
     -----
     UpdynWarning
-        If the job asks for a report and `report` is not given, or for an uncertainty or a plant
-        that cannot be had.
+        If the job asks for an uncertainty or a plant that cannot be had.
     """
     out = check_out(job, default_out(job) if out is None else out)
     ready = prepare(job) if prepared is None else prepared
     with made_folder(out), journal_of(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
-        found = _further(ready, result, callback, engine)
+        further = _further(ready, result, callback, engine)
         with unfinished(out) as temporary:
             _write(result, job, out, temporary)
-            for name, one in found.items():
-                JOB_TABLES[name].write(one, job, temporary)
-            _report(result, job, temporary, report, found)
+            for name, found in further.items():
+                JOB_TABLES[name].write(found, job, temporary)
+            if job.output.report:
+                _write_reports(result, temporary, further)
             put_in_place([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
-    if further is not None:
-        further(found)
-    return result
+    return JobRun(result, further, out)
 
 
 def job_selection(prepared: Prepared) -> Selection | None:
@@ -147,7 +167,7 @@ def job_selection(prepared: Prepared) -> Selection | None:
     from updyn.updating.problem.selection import Selection
 
     tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
-    with method_errors(prepared.job):
+    with update_keys(prepared.job):
         if wish.cluster is not None:
             found = cluster_jointly(tests, found, wish.cluster)
         if wish.n is not None or wish.max_collinearity is not None:
@@ -179,7 +199,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     from updyn.updating.update import joint_identifiability
 
     job = prepared.job
-    with method_errors(job):
+    with update_keys(job):
         return joint_identifiability(
             as_tests(prepared, held_out=False), selection or prepared.parameters
         )
@@ -219,7 +239,7 @@ def _update(
         if getattr(method, key) is not None:
             options[key] = getattr(method, key)
     tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
-    with method_errors(job):
+    with update_keys(job):
         if len(tests) > 1:
             return update_jointly(tests, unknowns, **options)
         (test,) = tests
@@ -242,24 +262,24 @@ def _modes(ready: Prepared) -> dict[str, Any]:
     method = ready.job.method.name
     if "modes" not in options_of(method):
         part = next(test.job for test in ready.tests if test.modes is not None)
-        raise part.error(
-            f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out",
-            "test",
-            "modes",
-        )
+        text = f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out"
+        with part.located():
+            raise JobError(text, key=("test", "modes"))
     return {"modes": ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))}
 
 
 @contextmanager
-def method_errors(job: Job) -> Iterator[None]:
-    """Give an error of the update the line of [method] or [selection] that it is about: all else has been checked."""
-    try:
-        yield
-    except JobError:
-        raise
-    except InputError as error:
-        table = "selection" if str(error).startswith(("select:", "cluster:")) else "method"
-        raise job.error_about(str(error), table) from error
+def update_keys(job: Job) -> Iterator[None]:
+    """Give an error of the update file and line of the key of ``[method]`` or ``[selection]``."""
+    with job.located():
+        try:
+            yield
+        except JobError:
+            raise
+        except InputError as error:
+            argument = error.key[0] if error.key else None
+            error.key = _SELECTION_KEYS.get(argument, ("method", *error.key))
+            raise
 
 
 def _further(
@@ -300,33 +320,18 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
     """Return the result of each test with the folder that it belongs to."""
-    from updyn.updating.result import UpdateResult
-
-    if isinstance(result, UpdateResult):
-        return [(folder, result)]
     return [(folder / name, one) for name, one in result.results.items()]
 
 
-def _report(
-    result: UpdateResult | JointResult,
-    job: Job,
-    folder: Path,
-    report: Callable[..., object] | None,
-    found: Mapping[str, Any],
+def _write_reports(
+    result: UpdateResult | JointResult, folder: Path, further: Mapping[str, Any]
 ) -> None:
-    if not job.output.report:
-        return
+    """Write the report and, of several tests, one for each in its folder."""
+    from updyn.report import write_report
     from updyn.report.section import objects_shown
 
-    if report is None:
-        text = (
-            f"{job.path}: a report is asked for; hand updyn.write_report to run_job as report= to"
-            " get it"
-        )
-        warnings.warn(text, UpdynWarning, stacklevel=3)
-        return
-    shown = {name: one for name, one in found.items() if name in objects_shown()}
-    report(result, folder / "report.html", **shown)
+    shown = {name: found for name, found in further.items() if name in objects_shown()}
+    write_report(result, folder / "report.html", **shown)
     for own, one in _by_folder(result, folder):
         if own != folder:
-            report(one, own / "report.html")
+            write_report(one, own / "report.html")

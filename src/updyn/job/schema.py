@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -17,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from updyn.errors import JobError
+from updyn.errors import InputError, JobError
 from updyn.job.toml_lines import Place, line_of
 
 __all__ = [
@@ -497,47 +498,21 @@ class Job(Table):
         """
         return self.path.parent / file
 
-    def error(self, message: str, *place: str | int) -> JobError:
-        """Return an error at a place of the job file.
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Give an `InputError` that is raised inside the file, and the line of its key.
 
-        Parameters
-        ----------
-        message : str
-            What was found and what was expected.
-        *place : str or int
-            As for `place`.
-
-        Returns
-        -------
+        Raises
+        ------
         JobError
-            To be raised.
+            In its place; one that has a file already stays as it is.
         """
-        return JobError(message, self.path, self.place(*place))
-
-    def error_about(self, message: str, *place: str | int, path: Path | None = None) -> JobError:
-        """Return an error about a table, at the line of its first key that the message names, else at its own.
-
-        Parameters
-        ----------
-        message : str
-            What was found and what was expected.
-        *place : str or int
-            The table, as for `place`.
-        path : Path, optional
-            A file that the message starts with: the words in its name are not keys.
-
-        Returns
-        -------
-        JobError
-            To be raised.
-        """
-        words = re.findall(r"\w+", message.removeprefix(str(path)))
-        inside = {
-            p[len(place)]: p
-            for p in self._lines
-            if len(p) == len(place) + 1 and p[: len(place)] == place
-        }
-        return self.error(message, *next((inside[w] for w in words if w in inside), place))
+        try:
+            yield
+        except InputError as error:
+            if isinstance(error, JobError) and error.path is not None:
+                raise
+            raise JobError(str(error), self.path, self.place(*error.key)) from error
 
     def with_source(self, path: Path, lines: dict[Place, int], tables: dict[str, Table]) -> Job:
         """Return this job with its place and its further tables.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
-from updyn.errors import OptionError
+from updyn.errors import OptionError, key_path
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job, Table, Texts
@@ -17,8 +17,9 @@ from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
+from updyn.uncertainty.restored import LIKELIHOOD, WITH_NOISE, positions_of
 from updyn.uncertainty.sampling import sample
-from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
+from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
@@ -65,18 +66,15 @@ class _UncertaintyJobTable(JobTable):
         if (
             table.names is not None and job.selection is None
         ):  # which joins unknowns under new names
-            try:
-                chosen(table.names, prepared.parameters.names)
-            except OptionError as error:
-                raise job.error(f"uncertainty: {error}", "uncertainty", "names") from error
-        methods = WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD
+            with key_path("uncertainty", "names"):
+                positions_of(table.names, prepared.parameters.names)
+        methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
-            raise job.error(
+            raise OptionError(
                 f"uncertainty: kind {table.kind!r} is of a fit by {valid}; [method] name is"
                 f" {job.method.name!r}",
-                "uncertainty",
-                "kind",
+                key=("uncertainty", "kind"),
             )
 
     def run(

@@ -7,15 +7,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from updyn.errors import InputError, JobError
+from updyn.errors import OptionError, key_path
 from updyn.frf import FRF
 from updyn.group import GROUP_QUANTITIES
 from updyn.job.configuration import with_all_masses
-from updyn.job.located import located
-from updyn.job.schema import Job
+from updyn.job.schema import Job, ParameterTable
 from updyn.model import Model
-from updyn.updating.fit.methods import method_class
-from updyn.updating.problem.channels import calibration, check_method
+from updyn.updating.fit.methods import METHODS, check_channels
+from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
 __all__ = ["unknowns_of"]
@@ -59,25 +58,18 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
     chosen: dict[str, tuple[int, Parameter]] = {}
     loaded = with_all_masses(job, model)
     for number, table in enumerate(job.parameter):
-        try:
-            # Masses that a test adds are known: they are unknowns of who names them, not of "all"
-            # and "*".
-            own = _fits(model, table.groups or (), []) and _fits(
-                model, table.drives or (), GROUP_QUANTITIES
-            )
-            items = _choose(job, model if own else loaded, number)
-        except JobError:
-            raise
-        except InputError as error:
-            raise job.error_about(str(error), "parameter", number) from error
+        # Masses that a test adds are known: they are unknowns only where a table names them, not by
+        # "all" and "*".
+        own = _fits(model, table.groups or (), []) and _fits(
+            model, table.drives or (), GROUP_QUANTITIES
+        )
+        with key_path("parameter", number):
+            items = _choose(job, model if own else loaded, table)
         for p in items:
             if p.name in chosen:
                 first = job.place("parameter", chosen[p.name][0])
-                raise job.error(
-                    f"{p.name} is already an unknown of the [[parameter]] on line {first}",
-                    "parameter",
-                    number,
-                )
+                text = f"{p.name} is already an unknown of the [[parameter]] on line {first}"
+                raise OptionError(text, key=("parameter", number))
             chosen[p.name] = (number, p)
     groups = list(loaded.groups)
 
@@ -87,7 +79,7 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
             return len(groups), number
         return groups.index(p.group), _QUANTITY_ORDER.index(p.quantity)
 
-    with located(job, "parameter"):
+    with key_path("parameter"):
         return ParameterSet(tuple(p for _, p in sorted(chosen.values(), key=place)))
 
 
@@ -96,7 +88,7 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
     items = list(chosen)
     first: dict[str, int] = {}
     for number, table in enumerate(job.calibration):
-        try:
+        with key_path("calibration", number):
             found = calibration(
                 data,
                 responses=table.responses,
@@ -105,20 +97,15 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
                 bounds=table.bounds,
                 name=table.name,
             )
-        except InputError as error:
-            raise job.error_about(str(error), "calibration", number) from error
         for p in found:
             if first.setdefault(p.name, number) != number:
                 line = job.place("calibration", first[p.name])
-                raise job.error(
-                    f"{p.name} is already an unknown of the [[calibration]] on line {line}",
-                    "calibration",
-                    number,
-                )
+                text = f"{p.name} is already an unknown of the [[calibration]] on line {line}"
+                raise OptionError(text, key=("calibration", number))
         items += found
     whole = ParameterSet(tuple(items))
-    with located(job, "method", "name"):
-        check_method(whole, job.method.name, method_class(job.method.name))
+    with key_path("method", "name"):
+        check_channels(whole, METHODS.find(job.method.name))
     return whole
 
 
@@ -131,30 +118,27 @@ def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> b
     )
 
 
-def _sensor_mass(job: Job, number: int, group: str) -> float | None:
+def _sensor_mass(job: Job, group: str) -> float | None:
     """Return the nominal mass of a sensor's group; None of any other."""
     from updyn.elements.masses import sensor_group
 
-    given = {
-        mass
-        for part in job.parts
-        for key, mass in (part.test.sensor_masses or {}).items()
-        if sensor_group(key) == group
-    }
+    given = set()
+    for part in job.parts:
+        for key, mass in (part.test.sensor_masses or {}).items():
+            if sensor_group(key) == group:
+                given.add(mass)
     if len(given) > 1:
-        raise job.error(
-            f"{group!r} weighs {' and '.join(f'{m:g}' for m in sorted(given))} kg in different"
-            " tests; one unknown cannot be both",
-            "parameter",
-            number,
+        masses = " and ".join(f"{mass:g}" for mass in sorted(given))
+        raise OptionError(
+            f"{group!r} weighs {masses} kg in different tests; one unknown cannot be both"
         )
     return given.pop() if given else None
 
 
-def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
-    table = job.parameter[number]
+def _choose(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter]:
+    """Return the unknowns of a table."""
     if table.name is not None and table.drives is not None:
-        with located(job, "parameter", number, "drives"):
+        with key_path(otherwise=("drives",)):
             return link(
                 model,
                 table.name,
@@ -165,33 +149,31 @@ def _choose(job: Job, model: Model, number: int) -> Sequence[Parameter]:
                 nominal=table.nominal,
                 unit=table.unit,
             )
-    assert table.quantity is not None and table.groups is not None  # noqa: PT018 (the schema saw to it)
-    quantity, bounds = table.quantity, table.bounds
+    assert table.quantity is not None
+    assert table.groups is not None
+    bounds = table.bounds
     groups = "all" if table.groups == ("all",) and "all" not in model.groups else table.groups
-    chosen: dict[str, Any] = {quantity: groups}
-    with located(job, "parameter", number, "groups"):
+    chosen: dict[str, Any] = {table.quantity: groups}
+    with key_path("groups"):
         items: Sequence[Parameter] = parameters(model, **chosen)
-    if (
-        bounds is not None and table.start is None
-    ):  # may move the start of a loss factor onto a bound
-        items = parameters(model, **chosen, bounds={quantity: bounds})
+    if bounds is not None and table.start is None:
+        # may move the start of a loss factor onto a bound
+        items = parameters(model, **chosen, bounds={table.quantity: bounds})
     elif table.start is not None:
-        items = [
-            replace(
-                p,
-                start=table.start,
-                lower=bounds[0] if bounds else p.lower,
-                upper=bounds[1] if bounds else p.upper,
-            )
-            for p in items
-        ]
-    items = [
-        replace(p, prior_std=table.prior_std, nominal=table.nominal, unit=table.unit) for p in items
-    ]
-    if quantity != "mass" or table.nominal is not None:
+        stated: dict[str, Any] = {"start": table.start}
+        if bounds is not None:
+            stated |= {"lower": bounds[0], "upper": bounds[1]}
+        items = [replace(p, **stated) for p in items]
+    common: dict[str, Any] = {
+        "prior_std": table.prior_std,
+        "nominal": table.nominal,
+        "unit": table.unit,
+    }
+    items = [replace(p, **common) for p in items]
+    if table.quantity != "mass" or table.nominal is not None:
         return items
-    masses = [_sensor_mass(job, number, p.group) for p in items]
-    return [
-        p if m is None else replace(p, nominal=m, unit="kg")
-        for p, m in zip(items, masses, strict=True)
-    ]
+    weighed = []
+    for p in items:
+        mass = _sensor_mass(job, p.group)
+        weighed.append(p if mass is None else replace(p, nominal=mass, unit="kg"))
+    return weighed

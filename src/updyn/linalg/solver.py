@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import OptionError, SolverError
+from updyn.errors import OptionError, SolverError, key_path
 from updyn.registry import Registry
 
 __all__ = [
@@ -96,9 +96,12 @@ def check_backend(name: str | None) -> str:
     """
     if name is None:
         return next(known for known in BACKENDS if BACKENDS[known].available())
-    backend = BACKENDS.find(name)
-    if not backend.available():
-        raise OptionError(f"backend {name!r} is not installed; {backend.install}, or use 'superlu'")
+    with key_path("backend"):
+        backend = BACKENDS.find(name)
+        if not backend.available():
+            raise OptionError(
+                f"backend {name!r} is not installed; {backend.install}, or use 'superlu'"
+            )
     return name
 
 

@@ -1,11 +1,12 @@
-"""Sensors that point anywhere: the DOFs of their node are turned until each sensor is one of them.
+"""Sensors that point along no DOF: the DOFs of their node are turned until each sensor is one of them.
 
 At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of length 1, independent)
 get the DOFs q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A
-force f along a_k does the work f q_k, so that it is a force on q_k alone: this holds whether or not
-the directions are at right angles. All groups follow as T^T K T with T = B at that node, one
-elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element Analysis, 4th
-ed. 2002, chapter 8). It is exact: nothing is interpolated, and the model stays a sum of its groups.
+force f along a_k does the work f q_k, so that it is a force on q_k alone, whether or not the
+directions are at right angles. All groups follow as T^T K T with T = B at that node and the
+identity elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element
+Analysis, 4th ed. 2002, chapter 8). This is exact: nothing is interpolated, and the model stays a
+sum of its groups.
 """
 
 from __future__ import annotations
@@ -24,29 +25,32 @@ from updyn.geometry import Geometry
 from updyn.matching.result import EXACT, SHOWN, MatchError, listed, vector_text
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["Aim", "Seat", "seat"]
+__all__ = ["AssignedDof", "Target", "assign_dofs"]
 
-_NEARLY = 10.0  # degrees off a DOF up to which a message says how to take a sensor along it
-_APART = 1.0  # degrees below which two directions are too much alike to be two DOFs
+_NEARLY_ALONG = 10.0  # degrees off a DOF up to which a message suggests the option `angle`
+_SMALLEST_ANGLE = 1.0  # degrees between two directions that are two DOFs
 _INDEPENDENT = 0.01  # smallest singular value of the directions at a node
-_RIGHT_ANGLES = 5e-5  # within what a geometry takes for orthonormal
+_ORTHONORMAL = 5e-5  # tolerance of `Geometry` on its axes
+_TIE = 1e-6  # weight of the label's own direction where axes are equally near
+
+_TRANSLATION = 0  # first direction of the translations and of the rotations of a node
+_ROTATION = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Aim:
-    """Where a sensor sits in the model, and where it points.
+class Target:
+    """Node of the model at which a sensor is, and its direction there.
 
     Attributes
     ----------
     sensor : Dof
         Its label in the measurement, positive.
     role : str
-        What it is there.
+        Its role in the measurement.
     dof : Dof
-        Node in the model, with the direction and the sense that the label says.
+        Node in the model, with the direction and the sense of the label.
     vector : ndarray of float, shape (3,), or None
-        Direction in the global system of the model, of length 1; None: that of `dof`, as the model
-        has it.
+        Direction in the global system of the model, of length 1; None: that of `dof`.
     """
 
     sensor: Dof
@@ -56,13 +60,13 @@ class Aim:
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class AssignedDof:
     """The DOF of a sensor.
 
     Attributes
     ----------
     dof : Dof
-        In the model that `seat` returns, with the sense of the sensor.
+        In the model that `assign_dofs` returns, with the sense of the sensor.
     angle : float
         Degrees between the sensor and that DOF before it was turned.
     turned : bool
@@ -76,28 +80,36 @@ class Seat:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Local:
-    """An aim in the directions of its node: `part` 0 for translations, 3 for rotations."""
+    """A target in the directions of its node: `part` 0 for translations, 3 for rotations."""
 
-    aim: Aim
+    target: Target
     part: int
     vector: NDArray[np.float64]
     angle: float
 
     @property
+    def node(self) -> int:
+        return self.target.dof.node
+
+    @property
     def oblique(self) -> bool:
         return bool(np.count_nonzero(self.vector) > 1)
 
+    def __str__(self) -> str:
+        along = vector_text(self.vector)
+        return f"{self.target.role} {self.target.sensor} along {along}"
 
-def seat(
-    model: Model, aims: Sequence[Aim], angle: float = EXACT
-) -> tuple[Model, list[Seat], list[str]]:
-    """Give each sensor a DOF, turning the DOFs of nodes with oblique ones.
+
+def assign_dofs(
+    model: Model, targets: Sequence[Target], angle: float = EXACT
+) -> tuple[Model, list[AssignedDof], list[str]]:
+    """Assign a DOF to each sensor, turning the DOFs of nodes with oblique sensors.
 
     Parameters
     ----------
     model : Model
         The structure.
-    aims : sequence of Aim
+    targets : sequence of Target
         The sensors and forces.
     angle : float
         Degrees within which a sensor is taken to point along a DOF.
@@ -105,180 +117,223 @@ def seat(
     Returns
     -------
     model : Model
-        With turned DOFs where that was needed, else the same object. Labels stay; `Geometry.axes`
-        tells of turned nodes whose directions are at right angles, the title of the others.
-    seats : list of Seat
-        As `aims`.
+        With turned DOFs where needed, else the same object. Labels stay. `Geometry.axes` holds the
+        directions of turned nodes that are at right angles; the title states the others.
+    assigned : list of AssignedDof
+        In the order of `targets`.
     notes : list of str
-        On DOFs that the geometry cannot tell.
+        On DOFs whose directions the geometry cannot hold.
 
     Raises
     ------
     MatchError
-        If the model lacks a DOF, or the directions at one node are too many or too much alike.
+        If the model lacks a DOF, or the directions at one node are too many or too close.
     """
-    frames = _frames(model, {a.dof.node for a in aims})
-    have = _present(model, frames)
-    locals_: list[_Local] = []
-    lost: dict[str, str] = {}
-    for aim in aims:
-        found = _local(model, aim, frames[aim.dof.node], have[aim.dof.node], angle)
-        if isinstance(found, str):
-            lost[str(aim.sensor)] = found
-        else:
-            locals_.append(found)
-    if lost:
-        raise MatchError(
-            f"{len(lost)} of the sensors and forces of the measurement are not DOFs of the model:"
-            + listed(list(lost.values())),
-            lost=list(lost),
-        )
+    nodes = {target.dof.node for target in targets}
+    frames = _frames(model, nodes)
+    directions = _directions_of(model, nodes)
+    locals_ = _locals(model, targets, frames, directions, angle)
     at: dict[int, list[_Local]] = {}
-    for found in locals_:
-        at.setdefault(found.aim.dof.node, []).append(found)
-    bases = {
-        n: _basis(n, group, have[n]) for n, group in at.items() if any(f.oblique for f in group)
-    }
-    seats = [_seat(f, bases.get(f.aim.dof.node)) for f in locals_]
+    for local in locals_:
+        at.setdefault(local.node, []).append(local)
+    bases: dict[int, _Basis] = {}
+    for node, group in at.items():
+        if any(local.oblique for local in group):
+            bases[node] = _basis(node, group, directions[node])
+    assigned = [_assigned(local, bases.get(local.node)) for local in locals_]
     if not bases:
-        return model, seats, []
-    turned, notes = _turned(model, bases, frames, have)
-    return turned, seats, notes
+        return model, assigned, []
+    turned, notes = _turned(model, bases, frames, directions)
+    return turned, assigned, notes
 
 
-# -- one sensor --------------------------------------------------------------------------------------------
+# -- one sensor
 def _frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.float64]]:
     """Return the displacement directions of nodes, as rows."""
-    out = {n: np.eye(3) for n in nodes}
+    out = {node: np.eye(3) for node in nodes}
     if model.geometry is not None and model.geometry.axes is not None:
         for row in np.flatnonzero(np.isin(model.geometry.nodes, list(out))):
             out[int(model.geometry.nodes[row])] = model.geometry.axes[row]
     return out
 
 
-def _present(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
-    """Return which of the six directions nodes have."""
-    out: dict[int, list[int]] = {n: [] for n in nodes}
+def _directions_of(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
+    """Return which of the six directions nodes have, ascending."""
+    out: dict[int, list[int]] = {node: [] for node in nodes}
     for row in np.flatnonzero(np.isin(model.dofs.nodes, list(out))):
         out[int(model.dofs.nodes[row])].append(int(model.dofs.axes[row]))
-    return {n: tuple(sorted(a)) for n, a in out.items()}
+    return {node: tuple(sorted(axes)) for node, axes in out.items()}
+
+
+def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
+    """Return which of the three directions of a part (translations, rotations) a node has."""
+    return np.isin(part + np.arange(3), list(directions))
+
+
+def _locals(
+    model: Model,
+    targets: Sequence[Target],
+    frames: Mapping[int, NDArray[np.float64]],
+    directions: Mapping[int, tuple[int, ...]],
+    angle: float,
+) -> list[_Local]:
+    out: list[_Local] = []
+    lost: dict[str, str] = {}
+    for target in targets:
+        node = target.dof.node
+        found = _local(model, target, frames[node], directions[node], angle)
+        if isinstance(found, str):
+            lost[str(target.sensor)] = found
+        else:
+            out.append(found)
+    if lost:
+        raise MatchError(
+            f"{len(lost)} of the sensors and forces of the measurement are not DOFs of the model:"
+            + listed(list(lost.values())),
+            lost=list(lost),
+        )
+    return out
 
 
 def _local(
-    model: Model, aim: Aim, frame: NDArray[np.float64], have: tuple[int, ...], angle: float
+    model: Model,
+    target: Target,
+    frame: NDArray[np.float64],
+    directions: tuple[int, ...],
+    angle: float,
 ) -> _Local | str:
-    """Return the sensor in the directions of its node, or why it cannot be there."""
-    axis = DIRECTIONS.index(aim.dof.direction)
-    part = 3 * (axis // 3)
+    """Return the target in the directions of its node, or why it is no DOF there."""
+    axis = DIRECTIONS.index(target.dof.direction)
+    part = _ROTATION if axis >= _ROTATION else _TRANSLATION
+    present = _mask(directions, part)
     along = np.zeros(3)
-    if aim.vector is None or not any(a // 3 == part // 3 for a in have):
-        if axis not in have:
-            return _not_there(model, aim)
-        along[axis % 3] = aim.dof.sign
-        return _Local(aim, part, along, 0.0)
-    c = frame @ aim.vector
-    here = np.array([part + k in have for k in range(3)])
-    k = int(np.argmax(np.where(here, np.abs(c), -1.0)))
-    along[k] = np.copysign(1.0, c[k])
-    off = float(np.degrees(np.arctan2(np.linalg.norm(np.delete(c, k)), abs(c[k]))))
+    if target.vector is None or not present.any():
+        if axis not in directions:
+            return _missing_dof(model, target)
+        along[axis - part] = target.dof.sign
+        return _Local(target, part, along, 0.0)
+    components = frame @ target.vector
+    k = int(np.argmax(np.where(present, np.abs(components), -1.0)))
+    along[k] = np.copysign(1.0, components[k])
+    off = _angle_off(components, k)
     if off <= max(angle, EXACT):
-        return _Local(aim, part, along, off)
-    missing = float(np.linalg.norm(c[~here]))
-    if missing > np.sin(np.radians(EXACT)):
-        names = ", ".join(f"{aim.dof.node}:{DIRECTIONS[a]}" for a in have)
-        return (
-            f"{aim.role} {aim.sensor} along {vector_text(aim.vector)} is {off:.3g} degrees off"
-            f" {aim.dof.node}:{DIRECTIONS[part + k]}, and a part of {missing:.3g} is along what"
-            f" node {aim.dof.node} of the model lacks; it has {names}"
-            + (f"; with angle = {np.ceil(off):g} it is taken along that" if off <= _NEARLY else "")
+        return _Local(target, part, along, off)
+    lacking = float(np.linalg.norm(components[~present]))
+    if lacking > np.sin(np.radians(EXACT)):
+        node = target.dof.node
+        names = ", ".join(f"{node}:{DIRECTIONS[a]}" for a in directions)
+        text = (
+            f"{target.role} {target.sensor} along {vector_text(target.vector)} is {off:.3g} degrees"
+            f" off {node}:{DIRECTIONS[part + k]}, and a part of {lacking:.3g} is along what node"
+            f" {node} of the model lacks; it has {names}"
         )
-    c = np.where(here, c, 0.0)
-    return _Local(aim, part, c / np.linalg.norm(c), off)
+        if off <= _NEARLY_ALONG:
+            text += f"; with angle = {np.ceil(off):g} it is taken along that"
+        return text
+    components = np.where(present, components, 0.0)
+    return _Local(target, part, components / np.linalg.norm(components), off)
 
 
-def _not_there(model: Model, aim: Aim) -> str:
+def _angle_off(vector: NDArray[np.float64], axis: int) -> float:
+    """Return the angle between a vector and an axis, regardless of sense, in degrees."""
+    across = np.linalg.norm(np.delete(vector, axis))
+    return float(np.degrees(np.arctan2(across, abs(vector[axis]))))
+
+
+def _missing_dof(model: Model, target: Target) -> str:
+    """Return the message on a DOF that the model lacks."""
+    dof = target.dof if target.dof.sign > 0 else -target.dof
     try:
-        model.dofs.match([aim.dof if aim.dof.sign > 0 else -aim.dof], aim.role)
+        model.dofs.match([dof], target.role)
     except DofError as error:
-        moved = (aim.dof.node, aim.dof.direction) != (aim.sensor.node, aim.sensor.direction)
-        return f"{aim.sensor}: {error}" if moved else str(error)
-    raise AssertionError(aim.dof)
+        same_label = (dof.node, dof.direction) == (target.sensor.node, target.sensor.direction)
+        return str(error) if same_label else f"{target.sensor}: {error}"
+    raise AssertionError(target.dof)
 
 
-# -- one node ----------------------------------------------------------------------------------------------
+# -- one node
 @dataclass(frozen=True, slots=True, eq=False)
 class _Basis:
-    """New directions of a node, as rows in its old ones: of translations (0) and rotations (3).
+    """New directions of a node, as rows in its old ones.
 
-    `one` says whether both are the same three directions at right angles.
+    `same` says whether translations and rotations have the same three directions at right angles.
     """
 
-    rows: Mapping[int, NDArray[np.float64]]
-    one: bool
+    translations: NDArray[np.float64]
+    rotations: NDArray[np.float64]
+    same: bool
+
+    def of(self, part: int) -> NDArray[np.float64]:
+        return self.translations if part == _TRANSLATION else self.rotations
+
+    def row(self, axis: int) -> NDArray[np.float64]:
+        """Return the direction of one of the six DOFs."""
+        rows = self.translations if axis < _ROTATION else self.rotations
+        return np.asarray(rows[axis % 3])
 
 
-def _basis(node: int, found: Sequence[_Local], have: tuple[int, ...]) -> _Basis:
-    here = {part: np.array([part + k in have for k in range(3)]) for part in (0, 3)}
-    parts = {
-        part: _distinct(node, [f for f in found if f.part == part], here[part]) for part in (0, 3)
-    }
-    both = _merged([*parts[0], *parts[3]])
-    together = np.array([f.vector for f in both])
-    if len(both) <= 3 and np.abs(together @ together.T - np.eye(len(both))).max() < _RIGHT_ANGLES:
+def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _Basis:
+    translating = [local for local in found if local.part == _TRANSLATION]
+    rotating = [local for local in found if local.part == _ROTATION]
+    masks = [_mask(directions, part) for part in (_TRANSLATION, _ROTATION)]
+    translating = _independent(node, translating, masks[0])
+    rotating = _independent(node, rotating, masks[1])
+    both = _distinct([*translating, *rotating])
+    vectors = np.array([local.vector for local in both])
+    off = np.abs(vectors @ vectors.T - np.eye(len(both))).max()
+    if len(both) <= 3 and off < _ORTHONORMAL:
         A = _completed(both, np.ones(3, dtype=np.bool_))
-        # A direction that the node lacks must not mix with those it has: a planar model stays
-        # planar.
-        if all(
-            not A[np.ix_(h, ~h)].any() and not A[np.ix_(~h, h)].any()
-            for h in here.values()
-            if h.any()
-        ):
-            return _Basis({0: A, 3: A}, one=True)
-    rows = {
-        part: _completed(group, here[part]) if any(f.oblique for f in group) else np.eye(3)
-        for part, group in parts.items()
-    }
-    return _Basis(rows, one=False)
+        if not any(_mixes(A, mask) for mask in masks):
+            return _Basis(A, A, same=True)
+    return _Basis(_turned_rows(translating, masks[0]), _turned_rows(rotating, masks[1]), same=False)
 
 
-def _merged(found: Sequence[_Local]) -> list[_Local]:
-    """Return one of those that are parallel; first the ones along a DOF, which stay as they are."""
+def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
+    """Return whether new directions combine directions that a node has with others that it lacks.
+
+    They must not: a planar model stays planar.
+    """
+    if not mask.any():
+        return False
+    return bool(A[np.ix_(mask, ~mask)].any() or A[np.ix_(~mask, mask)].any())
+
+
+def _turned_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    if any(local.oblique for local in found):
+        return _completed(found, mask)
+    return np.eye(3)
+
+
+def _distinct(found: Sequence[_Local]) -> list[_Local]:
+    """Return one of those that are parallel; first those along a DOF, which stay as they are."""
     kept: list[_Local] = []
-    for one in sorted(found, key=lambda f: f.oblique):
-        if all(_between(one.vector, other.vector) > EXACT for other in kept):
-            kept.append(one)
+    for local in sorted(found, key=lambda x: x.oblique):
+        if all(_angle_between(local.vector, other.vector) > EXACT for other in kept):
+            kept.append(local)
     return kept
 
 
-def _between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def _angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Return the angle between two lines in degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
 
 
-def _distinct(node: int, found: Sequence[_Local], here: NDArray[np.bool_]) -> list[_Local]:
-    """Return the different directions at a node, checked to be independent."""
-    kept = _merged(found)
-    if not any(f.oblique for f in kept):
+def _independent(node: int, found: Sequence[_Local], mask: NDArray[np.bool_]) -> list[_Local]:
+    """Return the distinct directions at a node, after a check that they are independent."""
+    kept = _distinct(found)
+    if not any(local.oblique for local in kept):
         return kept
-    named = listed([f"{f.aim.role} {f.aim.sensor} along {vector_text(f.vector)}" for f in kept])
-    for i, one in enumerate(kept):
-        for other in kept[:i]:
-            if (apart := _between(one.vector, other.vector)) < _APART:
-                raise MatchError(
-                    f"{one.aim.sensor} and {other.aim.sensor} at node {node} of the model point"
-                    f" {apart:.2g} degrees apart: too much alike for two DOFs, and more than the"
-                    f" {EXACT:g} degrees within which they are one; give both the same direction,"
-                    " or leave one out",
-                    ("directions",),
-                )
-    if len(kept) > here.sum():
+    _check_angles(node, kept)
+    named = listed([str(local) for local in kept])
+    available = int(mask.sum())
+    if len(kept) > available:
         raise MatchError(
             f"sensors and forces at node {node} of the model point in {len(kept)} directions, of"
-            f" which it has {int(here.sum())}; keep as many, or give the others another"
+            f" which it has {available}; keep as many, or give the others another"
             f" node:{named}",
             ("directions",),
         )
-    smallest = np.linalg.svd(np.array([f.vector for f in kept]), compute_uv=False)[-1]
+    smallest = np.linalg.svd(np.array([local.vector for local in kept]), compute_uv=False)[-1]
     if smallest < _INDEPENDENT:
         raise MatchError(
             f"sensors and forces at node {node} of the model point in {len(kept)} directions of one"
@@ -288,127 +343,163 @@ def _distinct(node: int, found: Sequence[_Local], here: NDArray[np.bool_]) -> li
     return kept
 
 
-def _completed(kept: Sequence[_Local], here: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return three directions as rows: those given, then what is at right angles to them, each by its nearest name."""
-    vectors = [f.vector for f in kept]
-    names = [DIRECTIONS.index(f.aim.dof.direction) % 3 for f in kept]
-    axes = np.flatnonzero(here).tolist()
-    span = np.linalg.qr(np.array(vectors).T)[0] if vectors else np.empty((3, 0))
+def _check_angles(node: int, found: Sequence[_Local]) -> None:
+    for i, local in enumerate(found):
+        for other in found[:i]:
+            apart = _angle_between(local.vector, other.vector)
+            if apart < _SMALLEST_ANGLE:
+                raise MatchError(
+                    f"{local.target.sensor} and {other.target.sensor} at node {node} of the model"
+                    f" point {apart:.2g} degrees apart: too close for two DOFs, and more than the"
+                    f" {EXACT:g} degrees within which they are one; give both the same direction,"
+                    " or leave one out",
+                    ("directions",),
+                )
+
+
+def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return three directions as rows: those of the sensors, then others at right angles to them.
+
+    Each is in the row of the axis that is nearest to it.
+    """
+    vectors = [local.vector for local in found]
+    labels = [DIRECTIONS.index(local.target.dof.direction) % 3 for local in found]
+    axes = np.flatnonzero(mask).tolist()
+    span = np.empty((3, 0))
+    if vectors:
+        span = np.linalg.qr(np.array(vectors).T)[0]
     while len(vectors) < len(axes):
         rest = np.eye(3)[axes] - (np.eye(3)[axes] @ span) @ span.T
         size = np.round(np.linalg.norm(rest, axis=1), 12)  # a tie goes to the first
-        new = rest[int(np.argmax(size))] / np.linalg.norm(rest[int(np.argmax(size))])
+        largest = rest[int(np.argmax(size))]
+        new = largest / np.linalg.norm(largest)
         new[np.abs(new) < 1e-14] = 0.0
         vectors.append(new / np.linalg.norm(new))
         span = np.column_stack([span, new])
+    best = max(permutations(axes), key=lambda order: _label_score(vectors, labels, order))
     out = np.eye(3)
-    best = max(permutations(axes), key=lambda order: _likeness(vectors, names, order))
     for vector, axis in zip(vectors, best, strict=True):
         out[axis] = vector * (-1.0 if vector[axis] < 0 else 1.0)
     return out
 
 
-def _likeness(
-    vectors: Sequence[NDArray[np.float64]], names: Sequence[int], order: Sequence[int]
+def _label_score(
+    vectors: Sequence[NDArray[np.float64]], labels: Sequence[int], order: Sequence[int]
 ) -> float:
-    """Return how well directions are called: along the axis of their name, and where that is a tie as the sensor is."""
-    close = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
-    return round(close, 9) + 1e-6 * sum(a == b for a, b in zip(names, order, strict=False))
+    """Return how near vectors are to the axes of an order; ties prefer the labels of the sensors."""
+    near = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
+    same = sum(label == axis for label, axis in zip(labels, order, strict=False))
+    return round(near, 9) + _TIE * same
 
 
-def _seat(found: _Local, basis: _Basis | None) -> Seat:
-    rows = np.eye(3) if basis is None else basis.rows[found.part]
-    row = int(np.argmin([_between(r, found.vector) for r in rows]))
-    dof = Dof(
-        found.aim.dof.node, DIRECTIONS[found.part + row], -1 if rows[row] @ found.vector < 0 else 1
-    )
-    turned = not np.array_equal(rows[row], np.eye(3)[row])
-    angle = float(
-        np.degrees(np.arctan2(np.linalg.norm(np.delete(rows[row], row)), abs(rows[row][row])))
-    )
-    return Seat(dof, angle if turned else found.angle, turned)
+def _assigned(local: _Local, basis: _Basis | None) -> AssignedDof:
+    rows = np.eye(3) if basis is None else basis.of(local.part)
+    axis = int(np.argmin([_angle_between(row, local.vector) for row in rows]))
+    sign = -1 if rows[axis] @ local.vector < 0 else 1
+    dof = Dof(local.node, DIRECTIONS[local.part + axis], sign)
+    if np.array_equal(rows[axis], np.eye(3)[axis]):
+        return AssignedDof(dof, local.angle, turned=False)
+    return AssignedDof(dof, _angle_off(rows[axis], axis), turned=True)
 
 
-# -- the model ---------------------------------------------------------------------------------------------
+# -- the model
 def _turned(
     model: Model,
     bases: Mapping[int, _Basis],
     frames: Mapping[int, NDArray[np.float64]],
-    have: Mapping[int, tuple[int, ...]],
+    directions: Mapping[int, tuple[int, ...]],
 ) -> tuple[Model, list[str]]:
-    """Return the model in the new DOFs, and what its geometry cannot tell of them."""
-    n, place = model.n_dofs, {}
+    """Return the model in the new DOFs, and notes on those that its geometry cannot hold."""
+    T, changed = _transformation(model, bases, directions)
+    groups = {name: _transformed(group, T, changed) for name, group in model.groups.items()}
+    geometry, others = _with_axes(model.geometry, bases, frames)
+    if not others:
+        return Model(groups, model.dofs, geometry, model.title), []
+    texts = [_described(node, bases[node], frames[node], directions[node]) for node in others]
+    shown = "; ".join(texts[:SHOWN])
+    if len(texts) > SHOWN:
+        shown += "; ..."
+    title = f"{model.title} (turned DOFs: {shown})".strip()
+    note = f"Not in the geometry of the model: DOFs {shown}"
+    return Model(groups, model.dofs, geometry, title), [note]
+
+
+def _transformation(
+    model: Model, bases: Mapping[int, _Basis], directions: Mapping[int, tuple[int, ...]]
+) -> tuple[Matrix, NDArray[np.bool_]]:
+    """Return T of u = T q, shape (N, N), and the DOFs that it changes, shape (N,)."""
+    n = model.n_dofs
+    place = {}
     for row in np.flatnonzero(np.isin(model.dofs.nodes, list(bases))):
         place[int(model.dofs.nodes[row]), int(model.dofs.axes[row])] = int(row)
-    rows, columns, values = [], [], []
+    rows: list[int] = []
+    columns: list[int] = []
+    values: list[float] = []
     for node, basis in bases.items():
-        for part, A in basis.rows.items():
-            axes = [a - part for a in have[node] if a // 3 == part // 3]
-            B = np.linalg.solve(A[np.ix_(axes, axes)], np.eye(len(axes)))
-            index = [place[node, part + a] for a in axes]
+        for part in (_TRANSLATION, _ROTATION):
+            axes = np.flatnonzero(_mask(directions[node], part))
+            A = basis.of(part)[np.ix_(axes, axes)]
+            B = np.linalg.solve(A, np.eye(len(axes)))
+            index = [place[node, part + axis] for axis in axes.tolist()]
             rows += np.repeat(index, len(axes)).tolist()
             columns += index * len(axes)
             values += B.ravel().tolist()
-    touched = np.zeros(n, dtype=np.bool_)
-    touched[rows] = True
-    rest = np.flatnonzero(~touched)
-    T = sp.csr_array(
-        (
-            np.r_[values, np.ones(len(rest))],
-            (np.r_[rows, rest].astype(np.intp), np.r_[columns, rest].astype(np.intp)),
-        ),
-        shape=(n, n),
-    )
+    changed = np.zeros(n, dtype=np.bool_)
+    changed[rows] = True
+    rest = np.flatnonzero(~changed)
+    entries = np.concatenate([values, np.ones(len(rest))])
+    all_rows = np.concatenate([rows, rest]).astype(np.intp)
+    all_columns = np.concatenate([columns, rest]).astype(np.intp)
+    T = sp.csr_array((entries, (all_rows, all_columns)), shape=(n, n))
     T.eliminate_zeros()
-    groups = {name: _moved(group, T, touched) for name, group in model.groups.items()}
-    geometry, untold = _told(model.geometry, bases, frames)
-    words = [_words(node, bases[node], frames[node], have[node]) for node in untold]
-    shown = "; ".join(words[:SHOWN]) + ("; ..." if len(words) > SHOWN else "")
-    title = f"{model.title} (turned DOFs: {shown})".strip() if words else model.title
-    notes = [f"Not told by the geometry of the model: DOFs {shown}"] if words else []
-    return Model(groups, model.dofs, geometry, title), notes
+    return T, changed
 
 
-def _moved(group: Group, T: Matrix, touched: NDArray[np.bool_]) -> Group:
-    def moved(A: Matrix | None) -> Matrix | None:
-        if A is None or not touched[A.indices].any():
+def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
+    """Return T^T A T of the matrices of a group; the group itself where no DOF of it changes."""
+
+    def transformed(A: Matrix | None) -> Matrix | None:
+        if A is None or not changed[A.indices].any():
             return A
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
-    matrices = [moved(A) for A in (group.stiffness, group.mass, group.viscous)]
-    if all(
-        a is b for a, b in zip(matrices, (group.stiffness, group.mass, group.viscous), strict=True)
-    ):
+    old = (group.stiffness, group.mass, group.viscous)
+    new = [transformed(A) for A in old]
+    if all(a is b for a, b in zip(old, new, strict=True)):
         return group
-    return group.with_matrices(*matrices)
+    return group.with_matrices(*new)
 
 
-def _told(
+def _with_axes(
     geometry: Geometry | None,
     bases: Mapping[int, _Basis],
     frames: Mapping[int, NDArray[np.float64]],
 ) -> tuple[Geometry | None, list[int]]:
     """Return the geometry with the new directions, and the nodes whose directions it cannot hold."""
-    known = set() if geometry is None else set(geometry.nodes.tolist())
-    tell = {n: b.rows[0] @ frames[n] for n, b in bases.items() if b.one and n in known}
-    untold = [n for n in bases if n not in tell]
-    if geometry is None or not tell:
-        return geometry, untold
-    axes = (
-        np.tile(np.eye(3), (len(geometry.nodes), 1, 1))
-        if geometry.axes is None
-        else geometry.axes.copy()
-    )
-    for row in np.flatnonzero(np.isin(geometry.nodes, list(tell))):
-        axes[row] = tell[int(geometry.nodes[row])]
-    return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes), untold
+    if geometry is None:
+        return None, list(bases)
+    known = set(geometry.nodes.tolist())
+    new = {n: b.translations @ frames[n] for n, b in bases.items() if b.same and n in known}
+    others = [node for node in bases if node not in new]
+    if not new:
+        return geometry, others
+    if geometry.axes is None:
+        axes = np.tile(np.eye(3), (len(geometry.nodes), 1, 1))
+    else:
+        axes = geometry.axes.copy()
+    for row in np.flatnonzero(np.isin(geometry.nodes, list(new))):
+        axes[row] = new[int(geometry.nodes[row])]
+    return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes), others
 
 
-def _words(node: int, basis: _Basis, frame: NDArray[np.float64], have: tuple[int, ...]) -> str:
-    along = [
-        f"{node}:{DIRECTIONS[a]} along {vector_text(basis.rows[3 * (a // 3)][a % 3] @ frame)}"
-        for a in have
-        if not np.array_equal(basis.rows[3 * (a // 3)][a % 3], np.eye(3)[a % 3])
-    ]
-    return ", ".join(along)
+def _described(
+    node: int, basis: _Basis, frame: NDArray[np.float64], directions: tuple[int, ...]
+) -> str:
+    """Return the turned DOFs of a node with their directions in the global system."""
+    texts = []
+    for axis in directions:
+        row = basis.row(axis)
+        if not np.array_equal(row, np.eye(3)[axis % 3]):
+            texts.append(f"{node}:{DIRECTIONS[axis]} along {vector_text(row @ frame)}")
+    return ", ".join(texts)

@@ -6,7 +6,7 @@ An alignment is a rotation and a shift, never a scaling or a reflection.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,31 +20,31 @@ from updyn.geometry import Geometry
 from updyn.matching.result import SHOWN, Alignment, MatchError, listed, vector_text
 from updyn.model import Model
 
-__all__ = [
-    "UNITS",
-    "Placed",
-    "check_pairs",
-    "fit_to_nearest",
-    "fit_to_pairs",
-    "given_matrix",
-    "place",
-    "rigid",
-]
+__all__ = ["UNITS", "NodeMatch", "fit_rigid", "match_nodes"]
 
-_MOST_ROUNDS = 200
+#: Metres of each unit of length.
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+
+_MAX_ITERATIONS = 200  # of the fit to nearest nodes
 _IN_LINE = 1e-6  # width of a set of points over its length
-_PLACE = ("alignment",)
+_ORTHOGONAL = 1e-6  # largest deviation of a rotation matrix
+_DEFAULT_TOLERANCE = 0.01  # of the model's size
+_EQUALLY_NEAR = 1e-6  # of the model's size
+_NEARLY_AS_NEAR = 2.0  # distance of a second node over the first, up to which it is noted
+_WRONG_SCALE = 0.02  # stretch between pairs beyond which the message states it
+_ALIGNMENT = ("alignment",)
 
 Points = NDArray[np.float64]
 
 
-def rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
-    """Return the turn and the shift that bring points onto others with the least sum of squared distances.
+# -- rigid alignment
+def fit_rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
+    """Fit a rotation and a shift that move points onto others, by least squares.
 
     Parameters
     ----------
     x, y : ndarray of float, shape (n, 3)
-        Points, and where they should come to lie.
+        Points, and their targets.
 
     Returns
     -------
@@ -52,12 +52,13 @@ def rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
     shift : ndarray of float, shape (3,)
         y is about ``x @ rotation.T + shift``.
     residual : float
-        Root mean square distance left.
+        Root mean square distance that remains.
 
     Raises
     ------
     MatchError
-        If there are fewer than three, or they lie in a line: the turn about it is open.
+        If there are fewer than three points, or they lie in a line, which leaves the rotation about
+        it undetermined.
 
     Notes
     -----
@@ -65,118 +66,106 @@ def rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
     """
     if len(x) < 3:
         raise MatchError(
-            f"an alignment needs three points that are not in a line, found {len(x)}", _PLACE
+            f"an alignment needs three points that are not in a line, found {len(x)}", _ALIGNMENT
         )
-    x0, y0 = x.mean(axis=0), y.mean(axis=0)
-    for points, what in ((x - x0, "of the test"), (y - y0, "of the model")):
-        size = np.linalg.svd(points, compute_uv=False)
-        if size[1] <= _IN_LINE * size[0]:
-            raise MatchError(
-                f"the points {what} lie in a line (or all at one place): the turn about it is open;"
-                " add a point off it, give the alignment as a matrix, or leave it out",
-                _PLACE,
-            )
+    x0 = x.mean(axis=0)
+    y0 = y.mean(axis=0)
+    _check_not_in_line(x - x0, "of the test")
+    _check_not_in_line(y - y0, "of the model")
     R = Rotation.align_vectors(y - y0, x - x0)[0].as_matrix()
     shift = y0 - R @ x0
-    return R, shift, float(np.sqrt(np.mean(np.sum((x @ R.T + shift - y) ** 2, axis=1))))
+    residual = np.sqrt(np.mean(np.sum((x @ R.T + shift - y) ** 2, axis=1)))
+    return R, shift, float(residual)
 
 
-def given_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
-    """Return the alignment that a 4 x 4 matrix states: the turn, and in its last column the shift in m.
+def _check_not_in_line(centred: Points, what: str) -> None:
+    size = np.linalg.svd(centred, compute_uv=False)
+    if size[1] <= _IN_LINE * size[0]:
+        raise MatchError(
+            f"the points {what} lie in a line (or all at one place): the rotation about it is"
+            " undetermined; add a point off it, give the alignment as a matrix, or leave it out",
+            _ALIGNMENT,
+        )
 
-    Raises
-    ------
-    MatchError
-        If it is none, stretches or reflects.
-    """
+
+def _read_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
+    """Return the alignment of a 4 x 4 matrix: the rotation, and in its last column the shift in m."""
     try:
         matrix = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise MatchError(f"alignment: not a matrix of numbers ({error})", _PLACE) from error
+        raise MatchError(f"alignment: not a matrix of numbers ({error})", _ALIGNMENT) from error
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any():
         raise MatchError(
             "alignment: expected a 4 x 4 matrix of finite numbers whose last row is 0 0 0 1 and"
             f" whose last column is the shift in m, found shape {matrix.shape}",
-            _PLACE,
+            _ALIGNMENT,
         )
     R = matrix[:3, :3]
     size = float(np.cbrt(abs(np.linalg.det(R))))
-    if size == 0 or np.abs(R @ R.T / size**2 - np.eye(3)).max() > 1e-6:
+    if size == 0 or np.abs(R @ R.T / size**2 - np.eye(3)).max() > _ORTHOGONAL:
         raise MatchError(
-            "alignment: the upper left 3 x 3 of the matrix is not a turn: its rows are not at right"
-            " angles",
-            _PLACE,
+            "alignment: the upper left 3 x 3 of the matrix is not a rotation: its rows are not at"
+            " right angles",
+            _ALIGNMENT,
         )
-    if abs(size - 1.0) > 1e-6:
+    if abs(size - 1.0) > _ORTHOGONAL:
         raise MatchError(
             f"alignment: the matrix stretches by {size:.6g}; state the unit of the test instead",
             ("unit",),
         )
     if np.linalg.det(R) < 0:
         raise MatchError(
-            "alignment: the matrix is a reflection; a rigid body cannot be moved like that", _PLACE
+            "alignment: the matrix is a reflection; expected a rotation and a shift", _ALIGNMENT
         )
     return Alignment("aligned by the matrix given", R, matrix[:3, 3].copy(), factor, unit)
 
 
-def fit_to_pairs(
-    pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, unit: str | None
-) -> tuple[Alignment, Points, float]:
-    """Fit nodes of the test on nodes of the model.
-
-    Returns
-    -------
-    alignment : Alignment
-    distances : ndarray of float, shape (len(pairs),)
-        That are left, in m.
-    stretch : float
-        Size of the model's points over that of the test's, 1 where the unit is right (Horn 1987,
-        eq. for the scale).
-
-    Raises
-    ------
-    MatchError
-        If a node has no position, or the points do not determine a turn.
-    """
+def _points_of_pairs(
+    pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float
+) -> tuple[Points, Points]:
     try:
-        x, y = factor * test.position(list(pairs)), model.position(list(pairs.values()))
+        return factor * test.position(list(pairs)), model.position(list(pairs.values()))
     except InputError as error:
-        raise MatchError(f"alignment: {error}", _PLACE) from error
-    R, shift, residual = rigid(x, y)
-    spread = [float(np.sqrt(np.sum((p - p.mean(axis=0)) ** 2))) for p in (x, y)]
-    out = Alignment(f"aligned on {len(pairs)} pairs of nodes", R, shift, factor, unit, residual)
-    return out, np.linalg.norm(x @ R.T + shift - y, axis=1), spread[1] / spread[0]
+        raise MatchError(f"alignment: {error}", _ALIGNMENT) from error
 
 
-def check_pairs(
+def _fit_to_pairs(
+    pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, unit: str | None
+) -> Alignment:
+    """Fit nodes of the test on nodes of the model."""
+    x, y = _points_of_pairs(pairs, test, model, factor)
+    R, shift, residual = fit_rigid(x, y)
+    return Alignment(f"aligned on {len(pairs)} pairs of nodes", R, shift, factor, unit, residual)
+
+
+def _check_pairs(
     pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, tolerance: float
 ) -> None:
-    """Complain about pairs that do not lie on each other.
-
-    Raises
-    ------
-    MatchError
-        If one is farther off than `tolerance` in m; the message says each distance, and what may be
-        the matter.
-    """
-    _, distances, stretch = fit_to_pairs(pairs, test, model, factor, None)
+    """Raise an error for pairs farther apart than `tolerance` in m, with each distance and a likely cause."""
+    x, y = _points_of_pairs(pairs, test, model, factor)
+    R, shift, residual = fit_rigid(x, y)
+    distances = np.linalg.norm(x @ R.T + shift - y, axis=1)
     if distances.max() <= tolerance:
         return
-    x, y = factor * test.position(list(pairs)), model.position(list(pairs.values()))
-    hint = ""
-    if 10.0 * rigid(x * [1.0, 1.0, -1.0], y)[2] < rigid(x, y)[2]:
-        hint = "; they would as a mirror image: one axis of the test points the other way"
-    elif abs(stretch - 1.0) > 0.02:
-        hint = f"; those of the model are {stretch:.4g} times as far apart as those of the test"
+    stretch = _spread(y) / _spread(x)  # Horn (1987), scale of the fit
+    cause = ""
+    if 10.0 * fit_rigid(x * [1.0, 1.0, -1.0], y)[2] < residual:
+        cause = "; they would as a mirror image: one axis of the test points the other way"
+    elif abs(stretch - 1.0) > _WRONG_SCALE:
+        cause = f"; those of the model are {stretch:.4g} times as far apart as those of the test"
     rows = [f"{a} on {b}: {d:.3g} m" for (a, b), d in zip(pairs.items(), distances, strict=True)]
     raise MatchError(
         f"alignment: the pairs do not lie on each other within {tolerance:.3g}"
-        f" m{hint}:{listed(rows)}",
-        _PLACE,
+        f" m{cause}:{listed(rows)}",
+        _ALIGNMENT,
     )
 
 
-def fit_to_nearest(
+def _spread(points: Points) -> float:
+    return float(np.sqrt(np.sum((points - points.mean(axis=0)) ** 2)))
+
+
+def _fit_to_nearest(
     x: Points,
     nearest: Callable[[Points], Points],
     centre: Points,
@@ -184,10 +173,10 @@ def fit_to_nearest(
     unit: str | None,
     tolerance: float,
 ) -> Alignment:
-    """Fit points on the nearest of the model, again and again until the nearest stay the same (Besl & McKay 1992).
+    """Fit points to the nearest of the model by iterated closest points (Besl & McKay 1992).
 
-    It starts where the points stand; if they do not come within the tolerance, once more with the
-    centres of both on each other. It finds the nearest fit, not the best of all.
+    It starts from the positions themselves, and if the points do not come within the tolerance,
+    once more with the centres of both sets on each other. It finds a local minimum.
 
     Parameters
     ----------
@@ -201,62 +190,49 @@ def fit_to_nearest(
         For the record.
     tolerance : float
         In m.
-
-    Returns
-    -------
-    Alignment
-
-    Raises
-    ------
-    MatchError
-        If the points do not determine a turn.
     """
     starts: Sequence[tuple[str, Points]] = (
         ("as the positions stand", np.zeros(3)),
         ("with the centres on each other", centre - x.mean(axis=0)),
     )
-    rigid(x, x)  # whether the points determine a turn at all
-    tries = []
+    fit_rigid(x, x)  # refuses points that do not determine a rotation
+    fits = []
     for words, start in starts:
-        R, shift = _settled(x, nearest, start)
-        distances = np.linalg.norm(x @ R.T + shift - nearest(x @ R.T + shift), axis=1)
-        rms = float(np.sqrt(np.mean(distances**2)))
-        out = Alignment(
-            f"fitted to the nearest nodes, started {words}", R, shift, factor, unit, rms
-        )
+        R, shift = _iterate_nearest(x, nearest, start)
+        moved = x @ R.T + shift
+        distances = np.linalg.norm(moved - nearest(moved), axis=1)
+        residual = float(np.sqrt(np.mean(distances**2)))
+        how = f"fitted to the nearest nodes, started {words}"
+        fit = Alignment(how, R, shift, factor, unit, residual)
         if distances.max() <= tolerance:
-            return out
-        tries.append(out)
-    return min(tries, key=lambda a: a.residual or 0.0)
+            return fit
+        fits.append(fit)
+    return min(fits, key=lambda fit: fit.residual or 0.0)
 
 
-def _settled(
+def _iterate_nearest(
     x: Points, nearest: Callable[[Points], Points], start: Points
 ) -> tuple[Points, Points]:
-    """Return turn and shift where the nearest points stay the same; where they fall into a line it goes no further."""
-    R, shift, before = np.eye(3), start, None
-    for _ in range(_MOST_ROUNDS):
+    """Return rotation and shift at which the nearest points stay the same, or fall into a line."""
+    R = np.eye(3)
+    shift = start
+    before: Points | None = None
+    for _ in range(_MAX_ITERATIONS):
         y = nearest(x @ R.T + shift)
         if before is not None and np.array_equal(y, before):
             break
         try:
-            R, shift, _ = rigid(x, y)
+            R, shift, _ = fit_rigid(x, y)
         except MatchError:
             break
         before = y
     return R, shift
 
 
-#: Metres of each unit of length.
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-_SHARE = 0.01  # tolerance where none is stated, of the model's size
-_TIE = 1e-6  # of the model's size: nodes that are equally near
-_CLOSE = 2.0  # a second node up to this many times as far is told
-
-
+# -- nearest nodes
 @dataclass(frozen=True, slots=True)
-class Placed:
-    """Where a node of the test came to lie.
+class NodeMatch:
+    """Node of the model for a node of the test.
 
     Attributes
     ----------
@@ -265,7 +241,7 @@ class Placed:
     distance : float
         Between the two, in m.
     note : str
-        On another node nearly as near.
+        Another node that is nearly as near.
     """
 
     node: int
@@ -274,15 +250,14 @@ class Placed:
 
 
 class _Candidates:
-    """The nodes of a model that have a position and translations, rotations, or both, as asked for."""
+    """Nodes of a model with a position and translations (0), rotations (1) or both, as needed."""
 
     def __init__(self, model: Model, geometry: Geometry, needs: Sequence[frozenset[int]]) -> None:
-        own = [
-            np.isin(geometry.nodes, model.dofs.nodes[model.dofs.axes < 3]),
-            np.isin(geometry.nodes, model.dofs.nodes[model.dofs.axes >= 3]),
-        ]
-        self.geometry, self.needs = geometry, needs
-        self.used = own[0] | own[1]
+        translating = np.isin(geometry.nodes, model.dofs.nodes[model.dofs.axes < 3])
+        rotating = np.isin(geometry.nodes, model.dofs.nodes[model.dofs.axes >= 3])
+        self.geometry = geometry
+        self.needs = needs
+        self.used = translating | rotating
         if not self.used.any():
             raise MatchError("no node of the geometry of the model has a DOF")
         box = geometry.xyz[self.used]
@@ -290,7 +265,12 @@ class _Candidates:
         self.centre = box.mean(axis=0)
         self._trees: dict[frozenset[int], tuple[NDArray[np.intp], KDTree]] = {}
         for need in set(needs):
-            rows = np.flatnonzero(np.logical_and.reduce([own[part] for part in need]))
+            suitable = self.used.copy()
+            if 0 in need:
+                suitable &= translating
+            if 1 in need:
+                suitable &= rotating
+            rows = np.flatnonzero(suitable)
             if not len(rows):
                 what = " and ".join(("translations", "rotations")[part] for part in sorted(need))
                 raise MatchError(
@@ -299,29 +279,41 @@ class _Candidates:
             self._trees[need] = rows, KDTree(geometry.xyz[rows])
 
     def nearest(self, points: Points, n: int) -> tuple[NDArray[np.intp], Points]:
-        """Return rows of the geometry and distances in m of the n nearest, shape (len(points), n); far ones inf."""
+        """Return rows of the geometry and distances in m of the n nearest, shape (len(points), n).
+
+        A distance is infinite where there are fewer than n.
+        """
         rows = np.zeros((len(points), n), dtype=np.intp)
-        far = np.full((len(points), n), np.inf)
+        distances = np.full((len(points), n), np.inf)
         for need, (own, tree) in self._trees.items():
-            at = [i for i, x in enumerate(self.needs) if x == need]
+            at = [i for i, other in enumerate(self.needs) if other == need]
             distance, index = tree.query(points[at], k=list(range(1, n + 1)))
-            far[at] = distance
+            distances[at] = distance
             rows[at] = own[np.minimum(index, len(own) - 1)]
-        return rows, far
+        return rows, distances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Try:
-    """The sensors' nodes, brought to the model with one factor of length."""
+class _Attempt:
+    """The test's nodes, moved to the model with one unit; `distinct`: no two fall on one node."""
 
     alignment: Alignment
     points: Points
     distance: Points
     distinct: bool
 
+    @property
+    def span(self) -> float:
+        """Diagonal of the box around the points, in m."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
-class _Placing:
-    """What is asked of one call."""
+    def fits(self, tolerance: float) -> bool:
+        """Return whether all nodes are within the tolerance."""
+        return bool((self.distance <= tolerance).all())
+
+
+class _Placement:
+    """Nodes of a test to place in a model, and the way to align them."""
 
     def __init__(
         self,
@@ -332,44 +324,54 @@ class _Placing:
         alignment: Any,
     ) -> None:
         self.nodes = list(needs)
-        self.test, self.model_geometry, self.alignment = test, geometry, alignment
+        self.test = test
+        self.model_geometry = geometry
+        self.alignment = alignment
         self.candidates = _Candidates(model, geometry, list(needs.values()))
         self.raw = test.position(self.nodes)
+        self.n_places = 1
         span = float(np.ptp(self.raw, axis=0).max())
-        self.apart = len(np.unique(np.round(self.raw / span, 9), axis=0)) if span else 1
+        if span:
+            self.n_places = len(np.unique(np.round(self.raw / span, 9), axis=0))
         self.tolerance = 0.0
 
-    def attempt(self, unit: str | None, factor: float) -> _Try:
-        x = factor * self.raw
-        if self.alignment is None:
-            found = Alignment("not moved", np.eye(3), np.zeros(3), factor, unit)
-        elif isinstance(self.alignment, str):
-            found = fit_to_nearest(
-                x, self._nearest_points, self.candidates.centre, factor, unit, self.tolerance
-            )
-        elif isinstance(self.alignment, Mapping):
-            found, *_ = fit_to_pairs(self.alignment, self.test, self.model_geometry, factor, unit)
-        else:
-            found = given_matrix(self.alignment, factor, unit)
+    def attempt(self, unit: str | None, factor: float) -> _Attempt:
+        """Align the nodes with one factor of length and find the nearest nodes of the model."""
+        found = self._align(unit, factor)
         points = found.apply(self.raw)
-        rows, far = self.candidates.nearest(points, 1)
-        return _Try(found, points, far[:, 0], len(np.unique(rows[:, 0])) >= self.apart)
+        rows, distances = self.candidates.nearest(points, 1)
+        distinct = len(np.unique(rows[:, 0])) >= self.n_places
+        return _Attempt(found, points, distances[:, 0], distinct)
+
+    def _align(self, unit: str | None, factor: float) -> Alignment:
+        if self.alignment is None:
+            return Alignment("not moved", np.eye(3), np.zeros(3), factor, unit)
+        if isinstance(self.alignment, str):
+            return _fit_to_nearest(
+                factor * self.raw,
+                self._nearest_points,
+                self.candidates.centre,
+                factor,
+                unit,
+                self.tolerance,
+            )
+        if isinstance(self.alignment, Mapping):
+            return _fit_to_pairs(self.alignment, self.test, self.model_geometry, factor, unit)
+        return _read_matrix(self.alignment, factor, unit)
 
     def _nearest_points(self, points: Points) -> Points:
-        return np.asarray(self.model_geometry.xyz[self.candidates.nearest(points, 1)[0][:, 0]])
-
-    def fits(self, tried: _Try) -> bool:
-        return bool((tried.distance <= self.tolerance).all())
+        rows, _ = self.candidates.nearest(points, 1)
+        return np.asarray(self.model_geometry.xyz[rows[:, 0]])
 
 
-def place(
+def match_nodes(
     model: Model,
     test: Geometry,
     needs: Mapping[int, frozenset[int]],
     tolerance: float | str | None,
     unit: str | None,
     alignment: Any,
-) -> tuple[dict[int, Placed], Alignment, list[str]]:
+) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
     """Find the node of the model that is nearest to each node of the test.
 
     Parameters
@@ -379,8 +381,8 @@ def place(
     test : Geometry
         Of the test.
     needs : mapping of int to frozenset of int
-        Nodes of the test to place; each needs a node of the model with translations (0), rotations
-        (1) or both.
+        Nodes of the test; each needs a node of the model with translations (0), rotations (1) or
+        both.
     tolerance : float, str or None
         Largest distance in m, or a share of the model's size such as "1 %".
     unit : str or None
@@ -390,158 +392,161 @@ def place(
 
     Returns
     -------
-    placed : dict of int to Placed
+    matches : dict of int to NodeMatch
         By node of the test.
     alignment : Alignment
-        What was done to the positions.
+        Motion of the positions.
     notes : list of str
 
     Raises
     ------
     MatchError
-        If a node is not within the tolerance of one, or of two alike; or the unit has to be stated.
+        If a node is not within the tolerance of one, or two are equally near, or the unit has to be
+        stated.
     """
     if model.geometry is None:
         raise MatchError(
             "the model has no geometry, so that its nodes have no positions; match by label",
             ("by",),
         )
-    _check_unit(unit)
-    lost = [n for n in needs if n not in set(test.nodes.tolist())]
-    if lost:
-        known = ", ".join(str(n) for n in test.nodes[:SHOWN].tolist()) + (
-            ", ..." if len(test.nodes) > SHOWN else ""
-        )
+    if unit is not None and unit not in UNITS:
+        raise MatchError(f"unit {unit!r}: {suggest(str(unit), UNITS)}", ("unit",))
+    _check_positions(test, needs)
+    placement = _Placement(model, model.geometry, test, needs, alignment)
+    placement.tolerance = read_tolerance(tolerance, placement.candidates.size)
+    factor = UNITS[unit or "m"]
+    attempt = placement.attempt(unit, factor)
+    _check_unit(placement, attempt, unit)
+    if isinstance(alignment, Mapping):
+        _check_pairs(alignment, test, model.geometry, factor, placement.tolerance)
+    if not attempt.fits(placement.tolerance):
+        raise MatchError(_too_far(placement, attempt), ("tolerance",))
+    note = f"Tolerance {placement.tolerance:.3g} m"
+    if tolerance is None:
+        note += " (1 % of the model's size)"
+    _warn_of_far_fit(placement, attempt)
+    return _node_matches(placement, attempt), attempt.alignment, [note]
+
+
+def _check_positions(test: Geometry, nodes: Iterable[int]) -> None:
+    missing = [node for node in nodes if node not in test.nodes]
+    if missing:
+        known = _some(test.nodes.tolist())
         raise MatchError(
-            f"{len(lost)} nodes of the measurement have no position in the geometry of the test (it"
-            f" has {known}); give each its node in table: {', '.join(str(n) for n in lost[:SHOWN])}"
-            + (", ..." if len(lost) > SHOWN else ""),
+            f"{len(missing)} nodes of the measurement have no position in the geometry of the test"
+            f" (it has {known}); give each its node in table: {_some(missing)}",
             ("geometry",),
         )
-    task = _Placing(model, model.geometry, test, needs, alignment)
-    task.tolerance = read_tolerance(tolerance, task.candidates.size)
-    factor = UNITS[unit or "m"]
-    tried = task.attempt(unit, factor)
-    _check_size(task, tried, unit, factor)
-    if isinstance(alignment, Mapping):
-        check_pairs(alignment, test, model.geometry, factor, task.tolerance)
-    if not task.fits(tried):
-        raise MatchError(_far(task, tried), ("tolerance",))
-    notes = [
-        f"Tolerance {task.tolerance:.3g} m"
-        + ("" if tolerance is not None else " (1 % of the model's size)")
-    ]
-    _check_slide(task, tried)
-    return _placed(task, tried), tried.alignment, notes
+
+
+def _some(numbers: Sequence[int]) -> str:
+    text = ", ".join(map(str, numbers[:SHOWN]))
+    return text + ", ..." if len(numbers) > SHOWN else text
 
 
 def read_tolerance(given: float | str | None, size: float) -> float:
     """Return a tolerance in m; a share such as "1 %" is of `size` in m."""
     if given is None:
-        return _SHARE * size
+        return _DEFAULT_TOLERANCE * size
     number: Any = given
-    share = isinstance(given, str) and given.strip().endswith("%")
-    try:
-        number = (
-            float(given.strip().removesuffix("%")) if share and isinstance(given, str) else given
-        )
-    except ValueError:
-        number = None
-    if (
-        isinstance(number, bool)
-        or not isinstance(number, int | float | np.number)
-        or not 0 < number < np.inf
-    ):
+    is_share = isinstance(given, str) and given.strip().endswith("%")
+    if isinstance(given, str) and is_share:
+        try:
+            number = float(given.strip().removesuffix("%"))
+        except ValueError:
+            number = None
+    is_number = isinstance(number, int | float | np.number) and not isinstance(number, bool)
+    if not (is_number and 0 < number < np.inf):
         raise MatchError(
             f"tolerance {given!r}: expected a distance in m, or a share of the model's size such as"
             " '1 %'",
             ("tolerance",),
         )
-    return float(number) * size / 100.0 if share else float(number)
+    return float(number) * size / 100.0 if is_share else float(number)
 
 
-def _check_unit(unit: str | None) -> None:
-    if unit is not None and unit not in UNITS:
-        raise MatchError(f"unit {unit!r}: {suggest(str(unit), UNITS)}", ("unit",))
-
-
-def _check_size(task: _Placing, tried: _Try, unit: str | None, factor: float) -> None:
-    """Complain where the positions fit in another unit only. Nothing is converted that was not stated."""
-    span = float(np.linalg.norm(np.ptp(tried.points, axis=0)))
-    shrunk = unit is None and not tried.distinct and 10.0 * span < task.candidates.size
-    if task.fits(tried) and not shrunk:
+def _check_unit(placement: _Placement, attempt: _Attempt, unit: str | None) -> None:
+    """Raise an error where the positions fit in another unit only; nothing is converted unasked."""
+    size = placement.candidates.size
+    shrunk = unit is None and not attempt.distinct and 10.0 * attempt.span < size
+    if attempt.fits(placement.tolerance) and not shrunk:
         return
-    others: list[tuple[str, str | None, float]] = [
-        (f"look like {name}", name, f) for name, f in UNITS.items() if name != (unit or "m")
-    ]
-    others += [
-        (f"are in m where those of the model look like {n}", None, 1.0 / f)
-        for n, f in UNITS.items()
-        if n != "m"
-    ]
-    found = []
-    for words, name, other in others:
-        try:
-            again = task.attempt(name, other)
-        except MatchError:
-            continue
-        if task.fits(again) and again.distinct:
-            found.append((float(np.sqrt(np.mean(again.distance**2))), words, name, again))
-    if not found:
+    fits = _fits_in_other_units(placement, unit or "m")
+    if not fits:
         return
-    _, words, name, again = min(found, key=lambda f: f[0])
-    many = "node lies" if len(task.nodes) == 1 else f"{len(task.nodes)} nodes lie"
+    what, name, other = min(fits, key=lambda fit: float(np.sqrt(np.mean(fit[2].distance ** 2))))
+    n = len(placement.nodes)
+    lie = "its node lies" if n == 1 else f"all {n} nodes lie"
     stated = "as they stand" if unit is None else f"in {unit}"
-    outside = int((tried.distance > task.tolerance).sum())
-    bad = (
-        f"{outside} do not"
-        if outside
-        else f"they span {span:.3g} m of a model of {task.candidates.size:.3g} m"
-    )
-    advice = (
-        f"if so, state it: unit = {name!r}"
-        if name is not None
-        else "models are in SI: read or scale it in m, or confirm the positions with unit = 'm'"
-    )
+    outside = int((attempt.distance > placement.tolerance).sum())
+    if outside:
+        bad = f"{outside} do not"
+    else:
+        bad = f"they span {attempt.span:.3g} m of a model of {size:.3g} m"
+    if name is not None:
+        advice = f"if so, state it: unit = {name!r}"
+    else:
+        advice = "models are in SI: read or scale it in m, or confirm the positions with unit = 'm'"
     raise MatchError(
-        f"the positions of the test {words}: then {'its' if len(task.nodes) == 1 else 'all'} {many}"
-        f" within {task.tolerance:.3g} m of the model (largest distance {again.distance.max():.3g}"
-        f" m), {stated} {bad}. Nothing is converted unless it is stated; {advice}",
+        f"the positions of the test {what}: then {lie} within {placement.tolerance:.3g} m of the"
+        f" model (largest distance {other.distance.max():.3g} m), {stated} {bad}. Nothing is"
+        f" converted unless it is stated; {advice}",
         ("unit",),
     )
 
 
-def _far(task: _Placing, tried: _Try) -> str:
-    rows, far = task.candidates.nearest(tried.points, 3)
-    lost = np.flatnonzero(tried.distance > task.tolerance)
+def _fits_in_other_units(
+    placement: _Placement, stated: str
+) -> list[tuple[str, str | None, _Attempt]]:
+    """Return the other units in which all nodes fit: in words, unit to state, attempt."""
+    others: list[tuple[str, str | None, float]] = []
+    for name, factor in UNITS.items():
+        if name != stated:
+            others.append((f"look like {name}", name, factor))
+    for name, factor in UNITS.items():
+        if name != "m":
+            what = f"are in m where those of the model look like {name}"
+            others.append((what, None, 1.0 / factor))
+    found = []
+    for what, unit, factor in others:
+        try:
+            attempt = placement.attempt(unit, factor)
+        except MatchError:
+            continue
+        if attempt.fits(placement.tolerance) and attempt.distinct:
+            found.append((what, unit, attempt))
+    return found
+
+
+def _too_far(placement: _Placement, attempt: _Attempt) -> str:
+    """Return the message on nodes without a node of the model within the tolerance."""
+    rows, distances = placement.candidates.nearest(attempt.points, 3)
+    lost = np.flatnonzero(attempt.distance > placement.tolerance)
     texts = []
     for i in lost:
-        near = [
-            f"{task.model_geometry.nodes[r]} at {d:.3g} m"
-            for r, d in zip(rows[i], far[i], strict=True)
-            if np.isfinite(d)
-        ]
-        texts.append(
-            f"node {task.nodes[i]} at {vector_text(tried.points[i])} m: nearest {', '.join(near)}"
-        )
+        known = np.isfinite(distances[i])
+        names = placement.model_geometry.nodes[rows[i, known]]
+        near = [f"{n} at {d:.3g} m" for n, d in zip(names, distances[i, known], strict=True)]
+        at = vector_text(attempt.points[i])
+        texts.append(f"node {placement.nodes[i]} at {at} m: nearest {', '.join(near)}")
     return (
-        f"{len(lost)} of {len(task.nodes)} nodes of the test are not within {task.tolerance:.3g} m"
-        " of a node of the "
-        f"model ({tried.alignment}):{listed(texts)}\nGive a tolerance, an alignment, or their nodes"
-        " in table "
-        f'("{task.nodes[lost[0]]}" = "...")'
+        f"{len(lost)} of {len(placement.nodes)} nodes of the test are not within"
+        f" {placement.tolerance:.3g} m of a node of the model ({attempt.alignment}):"
+        f"{listed(texts)}\nGive a tolerance, an alignment, or their nodes in table"
+        f' ("{placement.nodes[lost[0]]}" = "...")'
     )
 
 
-def _check_slide(task: _Placing, tried: _Try) -> None:
-    """Warn of a fit to nearest nodes that went so far that others may be the right ones."""
-    if not isinstance(task.alignment, str):
+def _warn_of_far_fit(placement: _Placement, attempt: _Attempt) -> None:
+    """Warn of a fit to nearest nodes that moved far enough to have found the wrong ones."""
+    if not isinstance(placement.alignment, str):
         return
-    moved = np.linalg.norm(tried.points - tried.alignment.factor * task.raw, axis=1)
-    used = task.model_geometry.xyz[task.candidates.used]
-    spacing = (
-        float(np.median(KDTree(used).query(tried.points, k=[2])[0])) if len(used) > 1 else np.inf
-    )
+    start = attempt.alignment.factor * placement.raw
+    moved = np.linalg.norm(attempt.points - start, axis=1)
+    used = placement.model_geometry.xyz[placement.candidates.used]
+    if len(used) < 2:
+        return
+    spacing = float(np.median(KDTree(used).query(attempt.points, k=[2])[0]))
     if moved.max() > spacing / 2.0:
         warnings.warn(
             f"the fit to the nearest nodes moved the sensors by up to {moved.max():.3g} m, where"
@@ -552,25 +557,29 @@ def _check_slide(task: _Placing, tried: _Try) -> None:
         )
 
 
-def _placed(task: _Placing, tried: _Try) -> dict[int, Placed]:
-    rows, far = task.candidates.nearest(tried.points, 2)
-    names = task.model_geometry.nodes
-    tied = np.flatnonzero(far[:, 1] - far[:, 0] <= _TIE * task.candidates.size)
+def _node_matches(placement: _Placement, attempt: _Attempt) -> dict[int, NodeMatch]:
+    rows, distances = placement.candidates.nearest(attempt.points, 2)
+    names = placement.model_geometry.nodes[rows]
+    first = distances[:, 0]
+    second = distances[:, 1]
+    tied = np.flatnonzero(second - first <= _EQUALLY_NEAR * placement.candidates.size)
     if len(tied):
-        texts = [
-            f"node {task.nodes[i]} at {vector_text(tried.points[i])} m: {min(names[rows[i]])} and "
-            f"{max(names[rows[i]])}, both at {far[i, 0]:.3g} m"
-            for i in tied
-        ]
+        texts = []
+        for i in tied:
+            at = vector_text(attempt.points[i])
+            low, high = sorted(names[i].tolist())
+            texts.append(
+                f"node {placement.nodes[i]} at {at} m: {low} and {high}, both at {first[i]:.3g} m"
+            )
         raise MatchError(
             f"{len(tied)} nodes of the test are equally near to two nodes of the model; say which"
-            " in table "
-            f'("{task.nodes[tied[0]]}" = "..."):{listed(texts)}',
+            f' in table ("{placement.nodes[tied[0]]}" = "..."):{listed(texts)}',
             ("by",),
         )
     out = {}
-    for i, node in enumerate(task.nodes):
-        near = far[i, 1] < _CLOSE * far[i, 0]
-        note = f"node {names[rows[i, 1]]} is at {far[i, 1]:.3g} m" if near else ""
-        out[node] = Placed(int(names[rows[i, 0]]), float(far[i, 0]), note)
+    for row, node in enumerate(placement.nodes):
+        note = ""
+        if second[row] < _NEARLY_AS_NEAR * first[row]:
+            note = f"node {names[row, 1]} is at {second[row]:.3g} m"
+        out[node] = NodeMatch(int(names[row, 0]), float(first[row]), note)
     return out

@@ -1,4 +1,4 @@
-"""What a matching gives back: the model, the renamed measurement, and a table of who sits where."""
+"""Results of a matching: the model, the renamed measurement, and the table of sensors and their DOFs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from updyn.errors import DofError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.text_table import text_table
 
 __all__ = [
     "EXACT",
@@ -25,7 +26,7 @@ __all__ = [
 
 #: Degrees within which a direction counts as along a DOF, and two directions as one.
 EXACT = 0.1
-#: Items that a message names one by one.
+#: Items that a message lists.
 SHOWN = 8
 
 
@@ -36,33 +37,35 @@ class MatchError(DofError):
     ----------
     message : str
         What was found, what was expected, and the nearest candidates.
-    place : tuple of str
+    key : tuple of str
         Argument of `match`, and key in it, that the error is about; empty: the measurement.
     lost : sequence of str
         The sensors, as the test labels them, that are no DOFs of the model.
     """
 
-    def __init__(self, message: str, place: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
-        self.place, self.lost = place, tuple(lost)
-        super().__init__(message)
+    def __init__(self, message: str, key: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
+        super().__init__(message, key=key)
+        self.lost = tuple(lost)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """How the positions of the test were brought to those of the model: x_model = rotation @ (factor x_test) + shift.
+    """Motion of the positions of the test to those of the model.
+
+    x_model = rotation @ (factor x_test) + shift.
 
     Attributes
     ----------
     how : str
-        In words.
+        How it was found, in words.
     rotation : ndarray of float, shape (3, 3)
-        A turn, no reflection.
+        A rotation, no reflection.
     shift : ndarray of float, shape (3,)
         In m.
     factor : float
         Metres of the unit of the test's positions.
     unit : str or None
-        Its name, as stated; None: nothing was stated and m is taken.
+        Its name, as stated; None: nothing was stated and m is assumed.
     residual : float or None
         Root mean square distance in m of the points that were fitted on each other; None where
         nothing was fitted.
@@ -83,7 +86,7 @@ class Alignment:
         return float(np.degrees(np.arctan2(sine, (np.trace(self.rotation) - 1.0) / 2.0)))
 
     def apply(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bring positions onto the model.
+        """Move positions of the test onto the model.
 
         Parameters
         ----------
@@ -102,7 +105,7 @@ class Alignment:
         if self.turn > 1e-9 or self.shift.any():
             parts.append(f"turned by {self.turn:.3g} degrees, moved by {vector_text(self.shift)} m")
         if self.residual is not None:
-            parts.append(f"rms distance of what was fitted {_metres(self.residual)} m")
+            parts.append(f"rms distance of the fitted points {_metres(self.residual)} m")
         return "; ".join(parts)
 
 
@@ -115,19 +118,19 @@ class SensorMatch:
     sensor : str
         Label in the measurement, without sign.
     role : {"response", "reference", "response and reference"}
-        What it is there.
+        Its role in the measurement.
     dof : str
         Label in the model, with the sign of the sensor's direction.
     distance : float
         Between the two nodes, in m; nan where positions are not known.
     angle : float
-        Degrees between the sensor and the DOF of that name in the model as it was given.
+        Degrees between the sensor and the DOF of that name in the model before the matching.
     turned : bool
         Whether that DOF has been turned, so that it now lies along the sensor.
     direction : tuple of three float or None
-        The sensor's direction, of length 1, in the axes of the model; None: taken from the label.
+        The sensor's direction, of length 1, in the axes of the model; None: as its label says.
     note : str
-        What else there is to know.
+        Remark, such as another node that is nearly as near.
     """
 
     sensor: str
@@ -155,9 +158,9 @@ class Matching:
     by : {"label", "coordinates"}
         How nodes were found.
     alignment : Alignment or None
-        How positions were brought onto the model; None by label.
+        How positions were moved onto the model; None by label.
     notes : tuple of str
-        What should be known of the whole.
+        Remarks on the matching as a whole.
     """
 
     model: Model
@@ -169,7 +172,7 @@ class Matching:
 
     @property
     def plain(self) -> bool:
-        """Whether every label is that of the model, and nothing was turned or is to be noted."""
+        """Whether every label is that of the model, no DOF was turned, and there is no note."""
         same = all(m.sensor == m.dof and not m.turned and not m.note for m in self.table)
         return same and self.by == "label" and not self.notes
 
@@ -178,53 +181,32 @@ class Matching:
             f"Matched by {self.by}: {len(self.table)} sensors and forces are DOFs of the model"
         ]
         if self.alignment is not None:
-            lines.append(f"{self.alignment}")
-        far = np.array([m.distance for m in self.table])
-        if np.isfinite(far).any():
-            known = far[np.isfinite(far)]
-            stand = (
-                ""
-                if self.alignment is not None
-                else ", as the positions of the two geometries stand"
-            )
-            lines.append(
-                f"Distances: rms {_metres(np.sqrt(np.mean(known**2)))} m, largest"
-                f" {_metres(known.max())} m{stand}"
-            )
+            lines.append(str(self.alignment))
+        distances = np.array([m.distance for m in self.table])
+        known = distances[np.isfinite(distances)]
+        if known.size:
+            rms = _metres(float(np.sqrt(np.mean(known**2))))
+            text = f"Distances: rms {rms} m, largest {_metres(float(known.max()))} m"
+            if self.alignment is None:
+                text += ", between the positions of the two geometries as they are"
+            lines.append(text)
         lines += self.notes
-        rows = [
-            [
-                m.sensor,
-                m.role,
-                m.dof,
-                _metres(m.distance) if np.isfinite(m.distance) else "-",
-                f"{m.angle:.3g}",
-                "; ".join(
-                    [
-                        *(
-                            [f"turned along {vector_text(m.direction)}"]
-                            if m.turned and m.direction
-                            else []
-                        ),
-                        *([m.note] if m.note else []),
-                    ]
-                ),
-            ]
-            for m in self.table
-        ]
         header = ["sensor", "is", "DOF", "distance (m)", "angle (deg)", "note"]
-        return "\n".join([*lines, *_columns([header, *rows])])
+        rows = [_cells(m) for m in self.table]
+        lines.append(text_table(header, rows, left=(0, 1, 2, 5)))
+        return "\n".join(lines)
 
 
-def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    width = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.rjust(w) if i in (3, 4) else cell.ljust(w)
-            for i, (cell, w) in enumerate(zip(r, width, strict=True))
-        ).rstrip()
-        for r in rows
-    ]
+def _cells(row: SensorMatch) -> list[str]:
+    distance = "-"
+    if np.isfinite(row.distance):
+        distance = _metres(row.distance)
+    notes = []
+    if row.turned and row.direction:
+        notes.append(f"turned along {vector_text(row.direction)}")
+    if row.note:
+        notes.append(row.note)
+    return [row.sensor, row.role, row.dof, distance, f"{row.angle:.3g}", "; ".join(notes)]
 
 
 def _metres(distance: float) -> str:
@@ -232,11 +214,15 @@ def _metres(distance: float) -> str:
 
 
 def listed(items: Sequence[str], indent: str = "\n  ") -> str:
-    """Return up to `SHOWN` items, each on a line of its own, and how many more there are."""
-    more = [f"... and {len(items) - SHOWN} more"] if len(items) > SHOWN else []
-    return indent + indent.join([*items[:SHOWN], *more])
+    """Return up to `SHOWN` items, each on a line, and how many more there are."""
+    lines = list(items[:SHOWN])
+    if len(items) > SHOWN:
+        lines.append(f"... and {len(items) - SHOWN} more")
+    return indent + indent.join(lines)
 
 
 def vector_text(vector: Sequence[float] | NDArray[np.float64]) -> str:
-    """Return three numbers as text."""
-    return "(" + ", ".join(f"{0.0 if abs(v) < 5e-13 else v:.4g}" for v in vector) + ")"
+    """Return three numbers as text; rounding errors of 0 are 0."""
+    v = np.asarray(vector, dtype=np.float64)
+    v = np.where(np.abs(v) < 5e-13, 0.0, v)
+    return "(" + ", ".join(f"{x:.4g}" for x in v) + ")"

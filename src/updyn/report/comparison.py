@@ -555,8 +555,8 @@ def _how(comparison: Comparison, test: Test) -> Mapping[str, Any]:
 
 
 def _of_test(row: Row, test: Test) -> UpdateResult | None:
-    if row.result is None or isinstance(row.result, UpdateResult):
-        return row.result
+    if row.result is None:
+        return None
     return row.result.results.get(test.name)
 
 

@@ -58,9 +58,7 @@ class Content:
         """Results by the name of their test; a single one has no name."""
         if self.update is None:
             return {}
-        if isinstance(self.update, JointResult):
-            return self.update.results
-        return {"": self.update}
+        return self.update.results
 
     @property
     def of_one_test(self) -> bool:

@@ -33,6 +33,7 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import Content, Section
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -48,18 +49,8 @@ __all__ = [
     "value_paths",
 ]
 
-#: Explanation of the stages of a fit, by name.
-_STAGE_WORDS = {
-    "search": "trials from several starts, each jump up is the next",
-    "log": "fit of logarithmic level and phase",
-    "maximum-likelihood": "fit weighted with the noise",
-    "output-error": "fit of the unweighted FRFs",
-    "equation-error": "fit of the condensed force equation",
-    "rfm": "response function equation",
-    "complex-rfm": "response function equation, complex stiffnesses",
-    "frf-sensitivity": "linearised FRFs",
-    "reduced-frf": "force equation of the reduced model",
-}
+#: Explanation of the search for a start.
+_SEARCH = "trials from several starts, each jump up is the next"
 #: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
 #: Steps up to which each is drawn as a point of its own.
@@ -549,13 +540,22 @@ class Convergence(_OfUnknowns):
             "taken": content.result.iterations,
             "refused": sum(not step.accepted for step in history),
             "stages": stages,
-            "explained": [f"{s}: {_STAGE_WORDS[s]}" for s in stages if s in _STAGE_WORDS],
+            "explained": _explained(stages),
             "last": (costs[0], costs[-1]) if costs else None,
             "titles": titles,
         }
 
 
 CONVERGENCE = Convergence()
+
+
+def _explained(stages: Sequence[str]) -> list[str]:
+    """Return the stages with what each minimises, where that is stated."""
+    words = {"search": _SEARCH}
+    for stage in stages:
+        if stage in METHODS:
+            words[stage] = METHODS[stage].label
+    return [f"{stage}: {words[stage]}" for stage in stages if words.get(stage)]
 
 
 def cost_path(result: UpdateResult) -> Figure | None:

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, OptionError, SolverError, suggest
+from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Part
-from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.result import JointResult, UpdateResult, result_of_test
 
 __all__ = [
     "Band",
@@ -51,7 +51,7 @@ def predict(
     ----------
     source : UpdateResult, JointResult or Draws
         An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws
-        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly chosen.
+        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly positions_of.
     freq : array_like of float, shape (n_f,)
         Lines in Hz, also others than were measured.
     responses, references : iterable of str or Dof
@@ -97,32 +97,16 @@ def predict(
         raise OptionError(
             "these draws were read from a file; give them their update first: draws.of(result)"
         )
-    assert not isinstance(about, Draws)
-    result = _chosen(about, test)
+    if not isinstance(about, UpdateResult | JointResult):
+        found = type(about).__name__
+        raise OptionError(f"expected the result of an update or draws, found {found}")
+    result = result_of_test(about, test)
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(np.array([result.values[n] for n in result.parameters.names]))
     variance = _noise(result, problem, x) if noise else None
     if draws is not None:
         return _from_draws(problem, x, draws, level, variance, seed)
-    assert about is not None
     return _from_laplace(problem, x, about, result, level, variance)
-
-
-def _chosen(about: UpdateResult | JointResult | None, test: str | None) -> UpdateResult:
-    if isinstance(about, JointResult):
-        if test is None or test not in about.results:
-            raise OptionError(
-                f"test = {test!r}: which test's model is to answer?"
-                f" {suggest(str(test), about.results)}"
-            )
-        return about.results[test]
-    if not isinstance(about, UpdateResult):
-        raise OptionError(
-            f"expected the result of an update or draws, found {type(about).__name__}"
-        )
-    if test is not None:
-        raise OptionError(f"test = {test!r}: this update has one test only")
-    return about
 
 
 def _problem(

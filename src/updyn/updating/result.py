@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.monitor import Iteration
@@ -17,7 +18,7 @@ from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import ParameterSet
 
-__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of"]
+__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "result_of_test"]
 
 STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
 
@@ -107,6 +108,16 @@ class UpdateResult:
     versions: Mapping[str, str]
     title: str = ""
     adequacy: Adequacy | None = None
+
+    @property
+    def results(self) -> Mapping[str, UpdateResult]:
+        """The results by test, as `JointResult` has them: this one, of the only test."""
+        return {"": self}
+
+    @property
+    def first(self) -> UpdateResult:
+        """The result of the first test: this one."""
+        return self
 
     @property
     def ok(self) -> bool:
@@ -281,6 +292,37 @@ def _left_over(found: Adequacy | None, message: str) -> list[str]:
     for suspect in found.explained_by[:3]:
         lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")
     return lines
+
+
+def result_of_test(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
+    """Return the result of one test of an update.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        The result.
+    test : str or None
+        Name of the test; None where the update has one test.
+
+    Returns
+    -------
+    UpdateResult
+
+    Raises
+    ------
+    OptionError
+        If `result` is none, or has no test of that name; the nearest is named.
+    """
+    if not isinstance(result, UpdateResult | JointResult):
+        raise OptionError(f"expected the result of an update, found {type(result).__name__}")
+    names = [name for name in result.results if name]
+    if test is None and not names:
+        return result.first
+    if test is not None and test in names:
+        return result.results[test]
+    if not names:
+        raise OptionError(f"test = {test!r}: this update has one test only")
+    raise OptionError(f"test = {test!r}: which test's model is meant? {suggest(str(test), names)}")
 
 
 def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.ports import port_matrix
-from updyn.errors import InputError, JobError, suggest
-from updyn.job.located import located
+from updyn.errors import JobError, key_path, suggest
 from updyn.job.schema import Job
 from updyn.model import Model
 
@@ -47,27 +45,54 @@ def check_control_tables(job: Job) -> None:
         for number, name in enumerate(names):
             if name in names[:number]:
                 text = f"plant: two {key} are called {name!r}; give one of them another name"
-                raise job.error(text, "plant", key, number)
+                raise JobError(
+                    text,
+                    key=(
+                        "plant",
+                        key,
+                        number,
+                    ),
+                )
     if len(table.quantities) != len(table.outputs):
         text = (
             f"plant.quantity: {len(table.quantities)} given; expected one, or one for each of the"
             " outputs, "
         )
-        raise job.error(f"{text}{len(table.outputs)}", "plant", "quantity")
+        raise JobError(
+            f"{text}{len(table.outputs)}",
+            key=(
+                "plant",
+                "quantity",
+            ),
+        )
     if table.band is not None and not 0 <= table.band[0] < table.band[1]:
         text = (
             f"plant.band = {list(table.band)}: expected two frequencies in Hz, the lower one first"
         )
-        raise job.error(text, "plant", "band")
+        raise JobError(
+            text,
+            key=(
+                "plant",
+                "band",
+            ),
+        )
     if table.test is not None:
         names = [part.test.name for part in job.parts]
         if len(names) == 1 and table.test != names[0]:
-            raise job.error(
-                "plant.test chooses one of several tests; this job has one", "plant", "test"
+            raise JobError(
+                "plant.test chooses one of several tests; this job has one",
+                key=(
+                    "plant",
+                    "test",
+                ),
             )
         if table.test not in names:
-            raise job.error(
-                f"plant.test = {table.test!r}: {suggest(table.test, names)}", "plant", "test"
+            raise JobError(
+                f"plant.test = {table.test!r}: {suggest(table.test, names)}",
+                key=(
+                    "plant",
+                    "test",
+                ),
             )
 
 
@@ -140,18 +165,18 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     number = part_of_plant(job)
     for key in ("inputs", "outputs"):
         for at, port in enumerate(getattr(table, f"{key[:-1]}_ports")):
-            with located(job, "plant", key, at):
+            with key_path("plant", key, at):
                 port_matrix((port,), models[number], key[:-1])
     for key in ("motor", "load"):
         label = None if servo is None else getattr(servo, key)
         if label is not None:
-            with located(job, "servo", key):
+            with key_path("servo", key):
                 models[number].dofs.match([label], key)
     for at, each in enumerate(() if servo is None else servo.nonlinear):
-        with located(job, "servo", "nonlinear", at, "at"):
+        with key_path("servo", "nonlinear", at, "at"):
             models[number].dofs.match([each.at], "DOF")
         if each.mesh is not None:
-            with located(job, "servo", "nonlinear", at, "mesh"):
+            with key_path("servo", "nonlinear", at, "mesh"):
                 models[number].group(each.mesh)
     high = band_of_plant(job, data[number])[1]
     if table.sampling is not None and high > 0.5 / table.sampling.dt:
@@ -160,7 +185,13 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
             f"plant.sampling: half the rate is {half:g} Hz, below the end of the plant's band,"
             f" {high:.4g} Hz"
         )
-        raise job.error(text, "plant", "sampling")
+        raise JobError(
+            text,
+            key=(
+                "plant",
+                "sampling",
+            ),
+        )
 
 
 # -- [servo] ---------------------------------------------------------------------------------------------------
@@ -170,7 +201,7 @@ def check_servo_table(job: Job) -> None:
     if servo is None:
         return
     if plant is None:
-        raise job.error("[servo] without [plant]; add one with inputs and outputs", "servo")
+        raise JobError("[servo] without [plant]; add one with inputs and outputs", key=("servo",))
     ports = {
         "input": [p.name for p in plant.input_ports],
         "output": [p.name for p in plant.output_ports],
@@ -183,21 +214,36 @@ def check_servo_table(job: Job) -> None:
                 f"servo.{key} = {name!r}: the plant has no {what} of that name;"
                 f" {suggest(name, ports[what])}"
             )
-            raise job.error(text, "servo", key)
+            raise JobError(
+                text,
+                key=(
+                    "servo",
+                    key,
+                ),
+            )
     if (servo.motor is None) != (servo.load is None):
-        raise job.error(
-            "servo: expected motor and load, for the figures of the drive; one is missing", "servo"
+        raise JobError(
+            "servo: expected motor and load, for the figures of the drive; one is missing",
+            key=("servo",),
         )
     if servo.ratio is not None and servo.motor is None:
-        raise job.error(
-            "servo.ratio is checked with motor and load; they are missing", "servo", "ratio"
+        raise JobError(
+            "servo.ratio is checked with motor and load; they are missing",
+            key=(
+                "servo",
+                "ratio",
+            ),
         )
     if servo.wind is not None and servo.disturbance is None:
-        raise job.error(
-            "servo.wind without disturbance; name the input at which it acts", "servo", "wind"
+        raise JobError(
+            "servo.wind without disturbance; name the input at which it acts",
+            key=(
+                "servo",
+                "wind",
+            ),
         )
     if servo.wind is not None:
-        with _about(job, "servo", "wind"):
+        with key_path("servo", "wind"):
             servo.wind.wind()
     if servo.controller is None:
         keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
@@ -207,31 +253,26 @@ def check_servo_table(job: Job) -> None:
                 "servo: expected [servo.controller] with kp or crossover, or motor and load for the"
                 " drive's figures"
             )
-            raise job.error(text, "servo", *([] if loose is None else [loose]))
+            raise JobError(
+                text,
+                key=(
+                    "servo",
+                    *([] if loose is None else [loose]),
+                ),
+            )
         return
     if servo.velocity is None:
-        raise job.error(
-            "servo: missing key 'velocity', the output that the velocity loop reads", "servo"
+        raise JobError(
+            "servo: missing key 'velocity', the output that the velocity loop reads", key=("servo",)
         )
     if servo.torque is None and len(ports["input"]) > 1:
         names = ", ".join(map(repr, ports["input"]))
-        raise job.error(f"servo: missing key 'torque': which of the inputs {names}?", "servo")
+        raise JobError(f"servo: missing key 'torque': which of the inputs {names}?", key=("servo",))
     for number, table in enumerate(servo.controller.notch):
-        with _about(job, "servo", "controller", "notch", number):
+        with key_path("servo", "controller", "notch", number):
             table.notch()
-    with _about(job, "servo", "controller"):
+    with key_path("servo", "controller"):
         servo.controller.check()
     for number, each in enumerate(servo.nonlinear):
-        with _about(job, "servo", "nonlinear", number):
+        with key_path("servo", "nonlinear", number):
             each.check()
-
-
-@contextmanager
-def _about(job: Job, *place: str | int) -> Iterator[None]:
-    """Give an error of a table the line of the key that it is about."""
-    try:
-        yield
-    except JobError:
-        raise
-    except InputError as error:
-        raise job.error_about(str(error), *place) from error

@@ -83,15 +83,16 @@ class _PlantJobTable(JobTable):
         draws = found.get("uncertainty")
         if not isinstance(draws, Draws) or len(draws) < 2:
             draws = None
-        planted = planted_of(
-            prepared,
-            result,
-            f"The updated model ({result.status}).",
-            draws=draws,
-            engine=engine,
-            say=_shown(callback),
-            strict=False,
-        )
+        with prepared.job.located():
+            planted = planted_of(
+                prepared,
+                result,
+                f"The updated model ({result.status}).",
+                draws=draws,
+                engine=engine,
+                say=_shown(callback),
+                strict=False,
+            )
         if not planted.met:
             text = f"{prepared.job.path}: no plant is written: {planted.message}"
             warnings.warn(text, UpdynWarning, stacklevel=4)

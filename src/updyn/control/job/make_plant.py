@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from updyn.control.job.checks import part_of_plant
 from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
 from updyn.control.job.plant_result import Planted, planted_of
 from updyn.control.job.tables import PlantTable
+from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
     MARK,
@@ -97,7 +98,6 @@ def plant_job(
     out: str | Path | None = None,
     *,
     run: str | Path | None = None,
-    report: Callable[[Any, Path], object] | None = None,
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     say: Callable[[str], object] | None = None,
@@ -116,9 +116,6 @@ def plant_job(
         The folder; by default that of the job's run.
     run : path, optional
         The folder of the finished run, where it is another.
-    report : callable, optional
-        Writes the page, usually `write_plant_page`. It is handed in, as the way to a
-        plant does not depend on how it is shown.
     prepared : Prepared, optional
         From `prepare`, where it was called before.
     engine : None, int, dask.distributed Client or Engine
@@ -129,10 +126,9 @@ def plant_job(
     Returns
     -------
     Planted
-        In `out`: the files that ``[plant]`` names, ``control.json`` and, with `report`,
-        ``plant.html``, each replaced as a whole. Where no plant holds the tolerance, no file of it
-        is there afterwards, also none of an earlier one, as it would pass for this one; record and
-        page say what was reached.
+        In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, each
+        replaced as a whole. Where no plant holds the tolerance, no file of a plant is there
+        afterwards, not even of an earlier one; record and page say what was reached.
 
     Raises
     ------
@@ -146,17 +142,18 @@ def plant_job(
     table = job.table(PlantTable)
     assert table is not None
     ready = prepare(job) if prepared is None else prepared
-    found = _finished(ready, out, run)
+    with job.located():
+        found = _finished(ready, out, run)
     result, draws, where = (None, None, None) if found is None else found
     if result is None:
         source = "The model as it stands, NOT updated: there is no finished run of the job."
     else:
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
-    planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
+    with job.located():
+        planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
     with made_folder(out), unfinished(out) as temporary:
         write_plant_files(planted, job, temporary)
-        if report is not None:
-            report(planted, temporary / PLANT_PAGE)
+        write_plant_page(planted, temporary / PLANT_PAGE)
         put_in_place(plant_outputs(table), temporary, out)
     return planted
 
@@ -229,7 +226,7 @@ def _check_same(job: Job, folder: Path) -> None:
                 f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose"
                 " another --out"
             )
-            raise job.error(text, table)
+            raise JobError(text, key=(table,))
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,7 @@ from updyn.control.sampled import sampled
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.record import Servo
 from updyn.control.weight import UncertaintyWeight, uncertainty_weight
-from updyn.errors import InputError, JobError, ToleranceError, UpdynError
+from updyn.errors import ToleranceError, UpdynError, key_path
 from updyn.job.prepare import Prepared
 from updyn.job.schema import Job
 from updyn.model import Model
@@ -171,13 +170,11 @@ def planted_of(
     SolverError
         If the model has no answer at a line.
     """
-    from updyn.updating.result import JointResult
-
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)
     assert table is not None
     test = ready.tests[number]
-    one = result.results[test.name] if isinstance(result, JointResult) else result
+    one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
     band = band_of_plant(job, test.frf)
     told = say if say is not None else lambda _: None
@@ -229,12 +226,13 @@ def _servo(
     """Return drive and servo, and why one of them is not there."""
     out: dict[str, Any] = {}
     try:
-        out["drive"] = drive_of(job, model, band)
-        if plant is not None:
-            out["servo"] = found = servo_of(job, plant)
-            if found is not None:
-                nominal = plant if isinstance(plant, Plant) else plant.nominal
-                out["nonlinear"] = nonlinear_of(job, model, nominal, found)
+        with job.located():
+            out["drive"] = drive_of(job, model, band)
+            if plant is not None:
+                out["servo"] = found = servo_of(job, plant)
+                if found is not None:
+                    nominal = plant if isinstance(plant, Plant) else plant.nominal
+                    out["nonlinear"] = nonlinear_of(job, model, nominal, found)
     except UpdynError as error:
         if strict:
             raise
@@ -266,7 +264,7 @@ def _of_the_test(ready: Prepared, number: int) -> str:
 # -- parts -----------------------------------------------------------------------------------------------------
 def _side_by_side(job: Job, model: Model, given: dict[str, Any]) -> tuple[ConversionError, ...]:
 
-    with _located(job):
+    with key_path("plant"):
         return conversions(model, **given)
 
 
@@ -275,20 +273,10 @@ def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, 
     table = job.table(PlantTable)
     assert table is not None
     try:
-        with _located(job):
+        with key_path("plant"):
             return plant(model, tolerance=table.tolerance, route=table.route, **given), ""
     except ToleranceError as error:
         return None, str(error)
-
-
-@contextmanager
-def _located(job: Job) -> Iterator[None]:
-    try:
-        yield
-    except (JobError, ToleranceError):
-        raise
-    except InputError as error:
-        raise job.error_about(str(error), "plant") from error
 
 
 def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
@@ -341,10 +329,8 @@ def _sampled(job: Job, made: Plant) -> Plant:
     assert table is not None
     wish = table.sampling
     assert wish is not None
-    try:
+    with key_path("plant", "sampling"):
         return sampled(made, wish.dt, method=wish.method, delay=wish.delay)
-    except InputError as error:
-        raise job.error_about(str(error), "plant", "sampling") from error
 
 
 def _family(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +17,13 @@ from updyn.control.ports import Port
 from updyn.control.servo.drive import DriveFigures, drive_figures
 from updyn.control.servo.record import Servo
 from updyn.control.servo.servo import servo
-from updyn.errors import InputError, JobError, UpdynError
+from updyn.errors import UpdynError, key_path
 from updyn.job.schema import Job
 from updyn.model import Model
 
 __all__ = [
     "Nonlinear",
     "drive_of",
-    "located_in",
     "nonlinear_of",
     "servo_of",
 ]
@@ -53,7 +50,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
     if wish is None or wish.motor is None or wish.load is None:
         return None
 
-    with located_in(job, "servo"):
+    with key_path("servo"):
         return drive_figures(model, wish.motor, wish.load, ratio=wish.ratio, band=band)
 
 
@@ -79,9 +76,9 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
     torque = nominal.inputs[0] if wish.torque is None else wish.torque
     assert wish.velocity is not None
-    with located_in(job, "servo", "controller"):
+    with key_path("servo", "controller"):
         controller = wish.controller.controller(nominal, torque, wish.velocity, wish.position)
-    with located_in(job, "servo"):
+    with key_path("servo"):
         return servo(
             plant,
             controller,
@@ -95,17 +92,6 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
             wind=None if wish.wind is None else wish.wind.wind(),
             duration=wish.duration,
         )
-
-
-@contextmanager
-def located_in(job: Job, *place: str | int) -> Iterator[None]:
-    """Give an error the line of the key of a table that it is about."""
-    try:
-        yield
-    except JobError:
-        raise
-    except InputError as error:
-        raise job.error_about(str(error), *place) from error
 
 
 #: Periods of a cycle, and of the bandwidth, that are simulated where the job does not say how long;
@@ -211,7 +197,7 @@ def _one(
         "position": servo.position,
     }
     name = _unused(table.kind, plant)
-    with located_in(job, *place):
+    with key_path(*place):
         if table.kind == "friction":
             assert table.level is not None
             law: Nonlinearity = CoulombFriction(table.level, table.breakaway)

@@ -228,7 +228,8 @@ class NotchTable(Table):
             return Notch(self.frequency, **dampings)
         if dampings or self.width is None:
             raise OptionError(
-                f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios"
+                f"notch at {self.frequency:g} Hz: expected width with depth, or damping ratios",
+                key=("depth",) if self.width is None else tuple(dampings)[:1],
             )
         return Notch.of_width(self.frequency, self.width, self.depth or 0.0)
 
@@ -266,7 +267,8 @@ class ControllerTable(Table):
         """
         if (self.kp is None) == (self.crossover is None):
             raise OptionError(
-                "controller: expected kp, or crossover to size it by rule; one of the two"
+                "controller: expected kp, or crossover to size it by rule; one of the two",
+                key=("kp",),
             )
         given = self.settings
         if self.kp is None:
@@ -275,12 +277,15 @@ class ControllerTable(Table):
             ruled = next((key for key in _RULE if getattr(self, key) is not None), None)
             if ruled is not None:
                 raise OptionError(
-                    f"controller: {ruled} sizes a gain by rule; give crossover in place of kp"
+                    f"controller: {ruled} sizes a gain by rule; give crossover in place of kp",
+                    key=(ruled,),
                 )
         for key in _RULE:
             value = getattr(self, key)
             if value is not None and value <= 0:
-                raise OptionError(f"controller: {key} is {value!r}; expected a number above 0")
+                raise OptionError(
+                    f"controller: {key} is {value!r}; expected a number above 0", key=(key,)
+                )
         Controller(**given)
 
     def controller(
@@ -373,10 +378,12 @@ class NonlinearTable(Table):
         ]
         for key in own:
             if getattr(self, key) is None:
-                raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}")
+                raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}", key=("kind",))
         for key in others:
             if getattr(self, key) is not None:
-                raise OptionError(f"nonlinear: {key} does not belong to kind {self.kind!r}")
+                raise OptionError(
+                    f"nonlinear: {key} does not belong to kind {self.kind!r}", key=(key,)
+                )
 
 
 class ServoTable(Table):

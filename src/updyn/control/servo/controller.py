@@ -82,7 +82,8 @@ class Notch:
         ):
             raise OptionError(
                 f"notch at {self.frequency:g} Hz: zero_damping is {self.zero_damping!r}; expected 0"
-                " or above"
+                " or above",
+                key=("zero_damping",),
             )
 
     @classmethod
@@ -112,7 +113,8 @@ class Notch:
         _positive("notch: width", width, "Hz")
         if not is_number(depth) or not np.isfinite(depth) or depth < 0:
             raise OptionError(
-                f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above"
+                f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above",
+                key=("depth",),
             )
         pole = 0.5 * width / frequency
         return cls(frequency, depth * pole, pole)
@@ -219,20 +221,23 @@ class Controller:
                 _positive(f"controller: {name}", getattr(self, name), unit, "None for none")
         if self.low_pass_damping is not None and self.low_pass is None:
             raise OptionError(
-                "controller: low_pass_damping without low_pass; give its corner in Hz"
+                "controller: low_pass_damping without low_pass; give its corner in Hz",
+                key=("low_pass_damping",),
             )
         for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
                 above = "0 or above, in s" if name == "dead_time" else "a share from 0 to 1"
-                raise OptionError(f"controller: {name} is {value!r}; expected {above}")
+                raise OptionError(f"controller: {name} is {value!r}; expected {above}", key=(name,))
         if self.feed_forward and self.kv is None:
             raise OptionError(
-                "controller: feed_forward without kv; it belongs to the position loop"
+                "controller: feed_forward without kv; it belongs to the position loop",
+                key=("feed_forward",),
             )
         notches = (self.notches,) if isinstance(self.notches, Notch) else self.notches
         wrong = OptionError(
-            f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each"
+            f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each",
+            key=("notches",),
         )
         if not isinstance(notches, Iterable):
             raise wrong
@@ -526,4 +531,6 @@ def _pair(frequency: float, damping: float) -> _Complex:
 def _positive(what: str, value: object, unit: str, remedy: str = "") -> None:
     if not is_number(value) or not np.isfinite(value) or value <= 0:  # type: ignore[call-overload, operator]
         more = f" ({remedy})" if remedy else ""
-        raise OptionError(f"{what} is {value!r}; expected a number above 0, in {unit}{more}")
+        name = what.rpartition(": ")[2]
+        text = f"{what} is {value!r}; expected a number above 0, in {unit}{more}"
+        raise OptionError(text, key=(name,))

@@ -210,14 +210,15 @@ def _nodes_of(piece: Piece) -> tuple[int, ...]:
 
 def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
-        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes")
+        raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
     there = set(known)
     out = [whole("drive train", what, n) for n in nodes]
     for node in out:
         if node not in there:
             raise ModelError(
                 f"drive train: {what} names node {node}, which no part has; "
-                f"{suggest(str(node), [str(n) for n in sorted(there)])}"
+                f"{suggest(str(node), [str(n) for n in sorted(there)])}",
+                key=(what,),
             )
     return out
 

@@ -14,7 +14,7 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
 from updyn.elements.checks import check_keys, from_row, rows_of
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
-from updyn.errors import ModelError
+from updyn.errors import ModelError, key_path
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 
@@ -68,7 +68,8 @@ def structure(
     DofError
         If a DOF that is held or tied is used by nothing.
     """
-    table = _read_nodes(nodes)
+    with key_path("nodes"):
+        table = _read_nodes(nodes)
     elements = list(parts)
     _check_elements(elements)
     used = np.zeros((len(table.numbers), 6), dtype=np.bool_)
@@ -77,7 +78,8 @@ def structure(
     geometry = Geometry(table.numbers, table.xyz, _edges(elements))
     ties = _ties(table, geometry, list(links), list(equations), used)
     dofs = _dofs(table, used)
-    held = _held(table, used, dofs, grounded)
+    with key_path("grounded"):
+        held = _held(table, used, dofs, grounded)
     # A held DOF that is in no tie is never assembled; the transformation removes the others.
     tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
     left_out = np.zeros(len(dofs), dtype=np.bool_)
@@ -132,7 +134,8 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     grounded = data.get("grounded", [])
     if not isinstance(grounded, list | tuple):
         raise ModelError(
-            f"model: grounded {grounded!r}; expected an array of DOFs and node numbers"
+            f"model: grounded {grounded!r}; expected an array of DOFs and node numbers",
+            key=("grounded",),
         )
     return structure(
         _nodes_of_table(data["nodes"]),
@@ -159,19 +162,21 @@ def _nodes_of_table(table: Any) -> dict[int, Any]:
     if not isinstance(table, Mapping):
         raise ModelError(
             f"model: nodes holds {type(table).__name__}; expected a table from node number to"
-            " position"
+            " position",
+            key=("nodes",),
         )
     out: dict[int, Any] = {}
     for key, position in table.items():
         text = str(key)
         if not text.isdecimal():
-            raise ModelError(f"model.nodes: {key!r}; expected a node number")
+            raise ModelError(f"model.nodes: {key!r}; expected a node number", key=("nodes",))
         if not isinstance(position, list | tuple) or len(position) != 3:
             raise ModelError(
-                f"model.nodes: node {text} stands at {position!r}; expected three numbers"
+                f"model.nodes: node {text} stands at {position!r}; expected three numbers",
+                key=("nodes",),
             )
         if int(text) in out:
-            raise ModelError(f"model.nodes: node {int(text)} stands twice")
+            raise ModelError(f"model.nodes: node {int(text)} stands twice", key=("nodes",))
         out[int(text)] = position
     return out
 

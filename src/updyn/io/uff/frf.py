@@ -47,7 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
-from updyn.errors import FormatError, InputError, OptionError, UpdynWarning
+from updyn.errors import FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import chosen, placed
@@ -264,7 +264,9 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
         )
     if given is not None and said and given not in said:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}", path
+            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}",
+            path,
+            key=("quantity",),
         )
     silent = [f for f in measured if _one_quantity(f, path) is None]
     if silent and given is None:
@@ -609,7 +611,7 @@ class _Chosen:
             self.kept = held
             return
         self.kept = chosen(wanted, f"{self.what}s", self.path)
-        with placed(self.path, f"{self.what}s"):
+        with placed(self.path, f"{self.what}s"), key_path(f"{self.what}s"):
             held.match(self.kept, self.what)
 
     def __contains__(self, dof: Dof) -> bool:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method, Pull, in_units
+from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.noise import NoiseModel
@@ -29,7 +30,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "CHOICES",
-    "METHODS",
     "Regularised",
     "Spectrum",
     "check_regularise",
@@ -257,8 +257,6 @@ _STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
     "discrepancy": discrepancy,
 }
 CHOICES = (*_STRENGTHS, "tsvd")
-#: Methods that minimise one sum of squares within bounds, to which a pull can be added.
-METHODS = ("maximum-likelihood", "log", "output-error", "equation-error")
 #: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
 #: e.
 WEAKEST = 1.0
@@ -294,7 +292,8 @@ def check_regularise(
         if regularise not in CHOICES and re.fullmatch(r"tsvd:[1-9]\d*", regularise) is None:
             raise OptionError(
                 f"regularise {regularise!r}: {suggest(regularise, CHOICES)}; or 'tsvd:N' with a"
-                " whole number N, or a strength above 0"
+                " whole number N, or a strength above 0",
+                key=("regularise",),
             )
     elif (
         isinstance(regularise, bool)
@@ -303,16 +302,20 @@ def check_regularise(
     ):
         raise OptionError(
             f"regularise = {regularise!r}: expected a strength above 0, or one of"
-            f" {', '.join(CHOICES)}"
+            f" {', '.join(CHOICES)}",
+            key=("regularise",),
         )
     if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
         raise OptionError(
             f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
-            " where its basis was made; use tier 'sparse', or 'gcv'"
+            " where its basis was made; use tier 'sparse', or 'gcv'",
+            key=("regularise",),
         )
-    if method not in METHODS:
+    if not METHODS.find(method).can_regularise:
+        able = ", ".join(methods_with("can_regularise"))
         raise OptionError(
-            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}"
+            f"regularise: method {method!r} cannot be regularised; use one of {able}",
+            key=("regularise",),
         )
 
 
@@ -344,7 +347,7 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
 
 
 @dataclass(frozen=True, slots=True)
-class Regularised:
+class Regularised(Method):
     """A method that is regularised.
 
     Parameters
@@ -382,7 +385,8 @@ class Regularised:
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
             raise OptionError(
-                "regularise: every unknown has a prior of its own; nothing is left to regularise"
+                "regularise: every unknown has a prior of its own; nothing is left to regularise",
+                key=("regularise",),
             )
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
         run = _Run(problem, once, monitor, free)
@@ -391,7 +395,8 @@ class Regularised:
             if number is not None and number > free.sum():
                 raise OptionError(
                     f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
-                    " unknown without a prior"
+                    " unknown without a prior",
+                    key=("regularise",),
                 )
             return run.truncated(noises, x, number)
         if isinstance(self.how, str):
@@ -627,7 +632,7 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Held:
+class _Held(NoiseModel):
     """A noise model that is not looked at again."""
 
     noise: NoiseModel
@@ -637,14 +642,15 @@ class _Held:
         return self.noise.kind
 
     @property
+    def source(self) -> str:
+        return self.noise.source
+
+    @property
     def scale_known(self) -> bool:
         return self.noise.scale_known
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         return self.noise.variance(H, frf)
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> NoiseModel:
-        return self
 
     def figures(self) -> dict[str, Any]:
         return self.noise.figures()

@@ -290,11 +290,13 @@ def select_jointly(
         or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))
     ):
         raise OptionError(
-            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None"
+            f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None",
+            key=("n",),
         )
     if isinstance(max_collinearity, bool) or not max_collinearity >= 1.0:
         raise OptionError(
-            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1"
+            f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1",
+            key=("max_collinearity",),
         )
     R = _sensitivity(tests, before)
     count = analyse(R, given.names).report.rank if n == "rank" else n
@@ -391,7 +393,8 @@ def cluster_jointly(
     if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
         raise OptionError(
             f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
-            f" {ALIKE}"
+            f" {ALIKE}",
+            key=("threshold",),
         )
     R = _sensitivity(tests, before)
     cosine = _cosines(R)

@@ -57,12 +57,14 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
             raise OptionError(
                 f"lines {lines!r}: expected 'd-optimal:N' or 'a-optimal:N' with a whole number N,"
                 " after the latter a colon and names of unknowns where only some count, or"
-                " frequencies in Hz"
+                " frequencies in Hz",
+                key=("lines",),
             )
         count = int(found[2])
         if not 1 <= count <= len(frf.freq):
             raise OptionError(
-                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from"
+                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from",
+                key=("lines",),
             )
         wanted = _wanted(lines, found[3], part.coordinates.parameters.names)
         return d_optimal(part, count) if found[1] == "d" else a_optimal(part, count, wanted)
@@ -141,7 +143,10 @@ def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | 
     for pattern in (text.strip() for text in names.split(",")):
         fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
         if not fits:
-            raise OptionError(f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}")
+            raise OptionError(
+                f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}",
+                key=("lines",),
+            )
         at.update(fits)
     return sorted(at)
 

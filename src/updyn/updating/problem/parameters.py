@@ -125,21 +125,25 @@ class Parameter:
         if not self.lower < self.upper:
             raise ParameterError(
                 f"unknown {self.name!r}: bounds ({self.lower:g}, {self.upper:g}); expected the"
-                " lower one first"
+                " lower one first",
+                key=("bounds",),
             )
         if not self.lower <= self.start <= self.upper:
             raise ParameterError(
                 f"unknown {self.name!r} starts at {self.start:g}, outside its bounds"
-                f" ({self.lower:g}, {self.upper:g})"
+                f" ({self.lower:g}, {self.upper:g})",
+                key=("bounds",),
             )
         if self.is_factor and self.lower <= 0:
             raise ParameterError(
-                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0"
+                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0",
+                key=("bounds",),
             )
         if not self.is_factor and self.lower < 0:
             raise ParameterError(
                 f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound"
-                f" {self.lower:g}"
+                f" {self.lower:g}",
+                key=("bounds",),
             )
         if self.prior_std is not None:
             object.__setattr__(
@@ -148,11 +152,13 @@ class Parameter:
             if self.prior_std <= 0:
                 raise ParameterError(
                     f"unknown {self.name!r}: prior_std {self.prior_std:g}; expected a number"
-                    " above 0"
+                    " above 0",
+                    key=("prior_std",),
                 )
         elif self.is_channel:
             raise ParameterError(
-                f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05"
+                f"unknown {self.name!r}: a calibration factor needs a prior_std, such as 0.05",
+                key=("prior_std",),
             )
         if self.nominal is not None:
             object.__setattr__(
@@ -163,7 +169,8 @@ class Parameter:
                     "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
                 )
                 raise ParameterError(
-                    f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}"
+                    f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}",
+                    key=("nominal",),
                 )
 
     def _check_drives(self) -> None:
@@ -586,7 +593,8 @@ def link(
     stem, dot, quantity = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     if not dot or not stem.strip() or not quantity.strip() or set(name) & set("*?[]\n\t"):
         raise ParameterError(
-            f"unknown {name!r}: expected a name of two parts, such as 'dish.thickness'"
+            f"unknown {name!r}: expected a name of two parts, such as 'dish.thickness'",
+            key=("name",),
         )
     named = [drives] if isinstance(drives, str) else drives
     powers = named if isinstance(named, Mapping) else dict.fromkeys(named, 1.0)
@@ -594,7 +602,7 @@ def link(
         drive for key, power in powers.items() for drive in _drives(model, name, key, power)
     )
     if not acts:
-        raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty")
+        raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty", key=("drives",))
     if kinds := sorted({d.quantity for d in acts} & set(VALUES)):
         values = sorted(
             {model.group(d.group).value(d.quantity) for d in acts if d.quantity == kinds[0]}
@@ -621,7 +629,8 @@ def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     found = [a for a in able if isinstance(key, str) and fnmatch.fnmatchcase(a, key)]
     if not found:
         raise ParameterError(
-            f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}"
+            f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}",
+            key=("drives",),
         )
     return [Drive(a.rpartition(".")[0], a.rpartition(".")[2], power) for a in found]
 
@@ -689,5 +698,5 @@ def _table(
 
 def _pair(given: Any, what: str) -> tuple[float, float]:
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
-        raise ParameterError(f"{what}: expected (lower, upper), found {given!r}")
+        raise ParameterError(f"{what}: expected (lower, upper), found {given!r}", key=("bounds",))
     return finite(given[0], what), finite(given[1], what)

@@ -16,7 +16,7 @@ from updyn.errors import DataError, OptionError, ParameterError, SolverError, su
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.sensitivity import RealModes, separated, slopes
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local, joined, reduce
@@ -45,7 +45,7 @@ _CURE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ModalMethod:
+class ModalMethod(Method):
     """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
 
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
@@ -88,8 +88,13 @@ class ModalMethod:
     mac: float = 0.8
     modes: ModeSet | Mapping[str, ModeSet] | None = None
 
+    name: ClassVar[str] = "modal"
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
     needs: ClassVar[str] = "modes that can be told apart"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    )
     cannot: ClassVar[tuple[str, ...]] = (
         *(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")),
         *CHANNELS,
@@ -98,21 +103,21 @@ class ModalMethod:
     def __post_init__(self) -> None:
         if self.shapes and not self.shape_weight > 0:
             raise OptionError(
-                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out"
+                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out",
+                key=("shape_weight",),
             )
         if self.mac > 1.0:
-            raise OptionError(f"option mac = {self.mac:g}: expected a number from 0 to 1")
+            raise OptionError(
+                f"option mac = {self.mac:g}: expected a number from 0 to 1", key=("mac",)
+            )
         given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
         for one in given:
             if one is not None and not isinstance(one, ModeSet):
                 raise OptionError(
                     f"option modes: expected a ModeSet, found {type(one).__name__}; read one with"
-                    " updyn.read_modes, or name the file in a job: [test] modes"
+                    " updyn.read_modes, or name the file in a job: [test] modes",
+                    key=("modes",),
                 )
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -132,7 +137,7 @@ class ModalMethod:
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
-        with monitor.stage("modal"):
+        with monitor.stage(self.name):
             try:
                 measured = [Target.of(part, self._measured(part)) for part in problem.parts]
                 outcome, residual, kept = self._in_rounds(problem, measured, x, monitor)
@@ -182,11 +187,14 @@ class ModalMethod:
     def _check_names(self, names: Sequence[str]) -> None:
         if isinstance(self.modes, ModeSet) and len(names) > 1:
             raise OptionError(
-                "option modes: there are several tests; give modes by the name of the test"
+                "option modes: there are several tests; give modes by the name of the test",
+                key=("modes",),
             )
         for name in self.modes if isinstance(self.modes, Mapping) else ():
             if name not in names:
-                raise OptionError(f"option modes: no test {name!r}; {suggest(str(name), names)}")
+                raise OptionError(
+                    f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
+                )
 
     def _measured(self, part: Part) -> ModeSet:
         given = self.modes.get(part.name) if isinstance(self.modes, Mapping) else self.modes

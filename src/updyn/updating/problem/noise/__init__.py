@@ -1,19 +1,24 @@
-"""Noise models: how uncertain each measured value is, given or estimated; one file each.
+"""Noise models: how uncertain each measured value is, known or estimated.
 
 Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half
 of it each. Where the noise is proportional the model's |H| is used, not the measured one, as
 weights made from noisy data bias the estimate.
+
+A further model derives from `NoiseModel` and is registered under the name by which ``noise="NAME"``
+asks for it: ``NOISE_MODELS.register("my-noise", MyNoise)``, or an entry point of the group
+``updyn.noise``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
+from updyn.registry import Registry
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
 from updyn.updating.problem.noise.known import (
     ASSUMED,
@@ -29,6 +34,7 @@ from updyn.updating.problem.noise.robust import FREEDOM, Robust
 
 __all__ = [
     "ASSUMED",
+    "NOISE_MODELS",
     "Assumed",
     "Coherence",
     "Estimated",
@@ -45,14 +51,17 @@ __all__ = [
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
 
-#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of
-#: freedom.
-SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
-    "variance": lambda frf, tails: Variance(),
-    "coherence": lambda frf, tails: Coherence.of(frf),
-    "estimated": lambda frf, tails: Estimated(tails=tails),
-    "estimated-by-channel": lambda frf, tails: EstimatedByChannel(tails),
-}
+#: Noise models that `choose_noise` finds by name.
+NOISE_MODELS: Registry[type[NoiseModel]] = Registry(
+    "noise",
+    "updyn.noise",
+    {
+        "variance": Variance,
+        "coherence": Coherence,
+        "estimated": Estimated,
+        "estimated-by-channel": EstimatedByChannel,
+    },
+)
 _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
 
 
@@ -79,15 +88,21 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         return _sourced(noise, frf)
     for key in noise:
         if key not in _KEYS:
-            raise OptionError(f"noise: no key {key!r}; {suggest(str(key), _KEYS)}")
+            raise OptionError(
+                f"noise: no key {key!r}; {suggest(str(key), _KEYS)}", key=("noise", key)
+            )
     robust = noise.get("robust")
     if robust not in (None, Robust.name):
-        raise OptionError(f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}")
+        raise OptionError(
+            f"noise: robust = {robust!r}; {suggest(str(robust), (Robust.name,))}",
+            key=("noise", "robust"),
+        )
     numbers = {key: noise[key] for key in _NUMBERS if key in noise}
     if numbers and "source" in noise:
         raise OptionError(
             "noise: relative and floor state it, source takes it from elsewhere; give one of"
-            " the two"
+            " the two",
+            key=("noise",),
         )
     tails = np.inf if robust is None else FREEDOM
     stated = numbers or not (robust or "source" in noise)
@@ -100,17 +115,16 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
         single = frf.averages == 1  # its coherence is 1 whatever the noise
         usable = frf.coherence is not None and not single
         source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
-    if source not in SOURCES:
+    if source not in NOISE_MODELS:
         raise OptionError(
-            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor"
+            f"noise {source!r}: {suggest(str(source), NOISE_MODELS)}, or a table with relative and"
+            " floor",
+            key=("noise",),
         )
-    if source in ("variance", "coherence") and getattr(frf, source) is None:
-        raise OptionError(f"noise {source!r}: the data carry no {source}")
-    if source == "coherence" and frf.averages == 1:
-        raise OptionError(
-            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing"
-        )
-    return SOURCES[source](frf, tails)
+    model = NOISE_MODELS[source]
+    if model.needs and getattr(frf, model.needs) is None:
+        raise OptionError(f"noise {source!r}: the data carry no {model.needs}", key=("noise",))
+    return model.of_data(frf, tails)
 
 
 def _stated(noise: Mapping[str, float | str]) -> Stated:
@@ -122,13 +136,16 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
             or not np.isfinite(value)
             or value < 0
         ):
-            raise OptionError(f"noise: {key} = {value!r}; expected a number of at least 0")
+            raise OptionError(
+                f"noise: {key} = {value!r}; expected a number of at least 0", key=("noise", key)
+            )
         usable[key] = float(value)
     stated = Stated(usable.get("relative", 0.0), usable.get("floor", 0.0))
     if stated.relative == stated.floor == 0.0:
         raise OptionError(
             "noise: relative and floor are both 0; data without noise need no noise model, leave"
-            " it out"
+            " it out",
+            key=("noise",),
         )
     return stated
 
@@ -149,16 +166,23 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
         If the data lack what the record speaks of.
     """
     base: NoiseModel
-    if record.get("kind") in ("variance", "coherence"):
+    if "relative_by_channel" in record:
+        base = _by_channel_of(record, frf)
+    elif record.get("kind") in NOISE_MODELS and "relative" not in record:
         base = _sourced(record["kind"], frf)
-    elif "relative_by_channel" in record:
-        relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
-        lacking = [label for label in frf.responses.labels if label not in relative]
-        if lacking:
-            raise OptionError(f"noise by channel: nothing is known of response {lacking[0]}")
-        names = tuple(frf.responses.labels)
-        a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
-        base = EstimatedByChannel(relative=a, floor=b, names=names, held=True)
     else:
         base = Stated(float(record.get("relative", 0.0)), float(record.get("floor", 0.0)))
     return Robust(base) if record.get("robust") == Robust.name else base
+
+
+def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
+    """Return the noise by channel that a record states."""
+    relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
+    names = tuple(frf.responses.labels)
+    lacking = [label for label in names if label not in relative]
+    if lacking:
+        raise OptionError(
+            f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
+        )
+    a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
+    return EstimatedByChannel(relative=a, floor=b, names=names, held=True)

@@ -1,0 +1,75 @@
+"""Run the tests whose results rounding could change (`pytest -m kernels`) under several kernels of OpenBLAS.
+
+python tools/kernels.py Haswell Prescott SkylakeX -- -n 2
+
+OpenBLAS chooses its kernel by the processor and adds in another order in each. A kernel that this
+processor cannot run, and the one that it uses anyway, are named and left out.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+_ASK = """
+import numpy, scipy.linalg, threadpoolctl
+found = {i["architecture"] for i in threadpoolctl.threadpool_info() if i["internal_api"] == "openblas"}
+print(*sorted(found))
+"""
+
+#: OpenBLAS reports the first name of those that share a kernel.
+_ALIASES = {"Katmai": "Prescott"}
+
+
+def environment(kernel: str | None) -> dict[str, str]:
+    """Return the environment of a process that uses a kernel, with one thread; None: the machine's own."""
+    kept = {k: v for k, v in os.environ.items() if k != "OPENBLAS_CORETYPE"}
+    chosen = {} if kernel is None else {"OPENBLAS_CORETYPE": kernel}
+    return kept | chosen | {"OMP_NUM_THREADS": "1"}
+
+
+def kernels_used(kernel: str | None) -> list[str]:
+    """Return the kernels that numpy and scipy use where one is asked for; empty without OpenBLAS."""
+    asked = subprocess.run(
+        [sys.executable, "-c", _ASK],
+        env=environment(kernel),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return [_ALIASES.get(name, name) for name in asked.stdout.split()]
+
+
+def runnable(kernels: list[str]) -> list[str]:
+    """Return the kernels that this processor runs besides its own; say which it does not."""
+    own, out = kernels_used(None), []
+    print(f"this machine's own kernel of OpenBLAS: {', '.join(own) or 'none'}", flush=True)
+    for kernel in kernels:
+        used = kernels_used(kernel)
+        if used == own and kernel in own:
+            print(f"{kernel}: the machine's own", flush=True)
+        elif used != [kernel]:
+            print(f"{kernel}: left out, OpenBLAS uses {', '.join(used) or 'none'}", flush=True)
+        else:
+            out.append(kernel)
+    return out
+
+
+def main() -> int:
+    """Run the tests under each kernel; the exit code is 1 where one fails."""
+    words = sys.argv[1:]
+    cut = words.index("--") if "--" in words else len(words)
+    failed = []
+    for kernel in runnable(words[:cut]):
+        print(f"== {kernel}", flush=True)
+        run = [sys.executable, "-m", "pytest", "-m", "kernels", *words[cut + 1 :]]
+        if subprocess.run(run, env=environment(kernel), check=False).returncode:
+            failed.append(kernel)
+    if failed:
+        print(f"failed under {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
