@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
-from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -22,9 +22,10 @@ __all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of"
 
 _Vector = NDArray[np.float64]
 
-#: What minimises a likelihood; and what says of the noise all that is needed to make data anew.
-LIKELIHOOD = ("maximum-likelihood",)
-WITH_NOISE = ("maximum-likelihood", "log", "output-error")
+#: What methods state (`updyn.updating.fit.method.Method`): that they minimise a likelihood; that
+#: their noise record is enough to make data anew.
+LIKELIHOOD = "is_likelihood"
+WITH_NOISE = "states_noise"
 #: How an update has to have ended.
 _ENDED = ("converged", "not-identifiable", "stalled")
 
@@ -109,7 +110,7 @@ class RestoredFit:
 def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
-    methods: Sequence[str] = LIKELIHOOD,
+    stated: str = LIKELIHOOD,
 ) -> RestoredFit:
     """Bring an update back to its problem.
 
@@ -119,8 +120,8 @@ def restore(
         A fit that has ended.
     session : Session, optional
         Where lines are solved.
-    methods : sequence of str
-        Those that will do.
+    stated : str
+        What the method has to state: `LIKELIHOOD` or `WITH_NOISE`.
 
     Returns
     -------
@@ -129,15 +130,15 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method is none of these, it is regularised, or the fit did not end
+        If it is no result, its method does not state that, it is regularised, or the fit did not end
         at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
     results = parts_of(result)
     first = results[0]
-    if first.method not in methods:
-        said = " or ".join(repr(m) for m in methods)
+    if not getattr(METHODS.find(first.method), stated):
+        said = " or ".join(repr(name) for name in methods_with(stated))
         raise OptionError(
             f"method {first.method!r} does not minimise a likelihood; update with {said}"
         )
