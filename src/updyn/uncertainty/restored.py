@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
-from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -22,10 +22,10 @@ __all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of"
 
 _Vector = NDArray[np.float64]
 
-#: Methods that minimise a likelihood.
-LIKELIHOOD = ("maximum-likelihood",)
-#: Methods whose noise model can generate data.
-WITH_NOISE = ("maximum-likelihood", "log", "output-error")
+#: Attribute of methods (`updyn.updating.fit.method.Method`) that minimise a likelihood.
+LIKELIHOOD = "is_likelihood"
+#: Attribute of methods whose noise record is enough to generate data.
+WITH_NOISE = "states_noise"
 #: Statuses of a fit at a minimum.
 _ENDED = ("converged", "not-identifiable", "stalled")
 
@@ -110,7 +110,7 @@ class RestoredFit:
 def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
-    methods: Sequence[str] = LIKELIHOOD,
+    stated: str = LIKELIHOOD,
 ) -> RestoredFit:
     """Restore the problem, estimate and noise of an update.
 
@@ -120,8 +120,8 @@ def restore(
         A fit that has ended.
     session : Session, optional
         The session in which lines are solved.
-    methods : sequence of str
-        Methods that are accepted.
+    stated : str
+        Attribute that the method must have: `LIKELIHOOD` or `WITH_NOISE`.
 
     Returns
     -------
@@ -130,15 +130,15 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method is none of these, it is regularised, or the fit did not end
+        If it is no result, its method lacks the attribute, it is regularised, or the fit did not end
         at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
     results = parts_of(result)
     first = results[0]
-    if first.method not in methods:
-        accepted = " or ".join(map(repr, methods))
+    if not getattr(METHODS.find(first.method), stated):
+        accepted = " or ".join(map(repr, methods_with(stated)))
         raise OptionError(
             f"method {first.method!r} does not minimise a likelihood; update with {accepted}"
         )

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduced import NOT_CONDENSED, Certificate, Reduction
+from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, scattered
 from updyn.updating.problem.noise import NoiseModel
@@ -38,34 +39,6 @@ _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
-#: Why some methods need the exact model.
-_NEED_EXACT = {
-    "equation-error": NOT_CONDENSED,
-    "rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
-    ),
-    "complex-rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
-        " 'sparse'"
-    ),
-    "frf-sensitivity": (
-        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
-        " use tier 'sparse', or method 'output-error'"
-    ),
-    "force-residual": (
-        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
-        " 'sparse'"
-    ),
-    "constitutive": (
-        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
-        " 'sparse'"
-    ),
-    "modal": (
-        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
-        " tier 'sparse'"
-    ),
-    "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
-}
 #: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
 #: half their value), and make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
@@ -99,7 +72,7 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    refused = _NEED_EXACT.get(method or "")
+    refused = "" if method is None else METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
         raise OptionError(refused, key=("tier",))
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
@@ -238,7 +211,7 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
+        """Search and fit in the basis of the start; where that fails, in a wider basis.
 
         Parameters
         ----------
@@ -279,7 +252,7 @@ class Reducing:
         return self.inside(problem), fit
 
     def _may_search(self, strategy: Method) -> bool:
-        """Whether a method looks for a basin, was given steps enough, and a wider basis is not too large for it."""
+        """Whether the method searches, has enough steps, and a wider basis is not too large."""
         starts = getattr(
             getattr(strategy, "method", strategy), "starts", 0
         )  # of a regularised one: what it wraps
@@ -307,7 +280,7 @@ class Reducing:
         *,
         far: bool,
     ) -> tuple[Problem, Fit]:
-        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
+        """Fit within a box about the point of the basis, renewed until it is certified."""
         near, left = False, strategy.max_iterations
         fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
         try:
@@ -343,7 +316,7 @@ class Reducing:
         return problem, self._noted(fit)
 
     def _better(self, problem: Problem, x: _Vector) -> _Vector:
-        """Make the reduced model where a search ended, far off, unless the start is as good after all."""
+        """Return where a search ended, or the start where its log error is smaller."""
         before = _log_cost(problem, self._home)
         self._make(x)
         if _log_cost(self.inside(problem), x) <= before:
@@ -370,7 +343,7 @@ class Reducing:
 
     @property
     def record(self) -> dict[str, float | int | str]:
-        """What the result states; of several tests, the sums of what was needed and the largest error."""
+        """Record for the result; of several tests, sums and the largest error."""
         found = [part.certificate for part in self._parts if part.certificate is not None]
         if not found:
             return {"accuracy": self.accuracy}
@@ -401,7 +374,7 @@ class Reducing:
         self._use(x)
 
     def _mend(self, x: _Vector) -> bool:
-        """Add what the bases lack at x, and return whether that was anything; if not, they are proved there."""
+        """Add what the bases lack at x, and return whether that was anything; else certify them."""
         before = [part.reduction.basis.size for part in self._parts]
         for part in self._parts:
             part.certify(x, enrich=True)
