@@ -23,7 +23,14 @@ from updyn.io.differences import groups_by_difference
 from updyn.io.items import placed
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, whole
 from updyn.io.keyword_deck.changes import write_changes
-from updyn.io.keyword_deck.structure import Deck, Property, edges, read_deck, read_properties
+from updyn.io.keyword_deck.structure import (
+    Deck,
+    Property,
+    edges,
+    heading_of,
+    read_deck,
+    read_properties,
+)
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -135,10 +142,7 @@ def read_model(
         C = sum(viscous) if viscous else None
         with placed(path, f"group {name!r}"):
             groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
-    heading = ""
-    for card in model:
-        if card.name == "HEADING" and card.rows and not heading:
-            heading = card.rows[0].text
+    heading = heading_of(model)
     with placed(path):
         drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
         return Model.from_groups(groups, dofs, geometry=drawn, title=heading)

@@ -24,6 +24,7 @@ __all__ = [
     "Property",
     "Section",
     "edges",
+    "heading_of",
     "read_deck",
     "read_members",
     "read_nodes",
@@ -157,6 +158,14 @@ def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
         elif card.name != "END STEP":
             steps[-1].append(card)
     return model, steps
+
+
+def heading_of(model: Sequence[Card]) -> str:
+    """Return the first line of the heading; empty where there is none."""
+    for card in model:
+        if card.name == "HEADING" and card.rows:
+            return card.rows[0].text
+    return ""
 
 
 def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
