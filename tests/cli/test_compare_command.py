@@ -147,7 +147,7 @@ def test_measured_modes_go_to_the_methods_that_take_them(inputs: Path, tmp_path:
     assert paper["status"] == "converged"
     assert modal["left"] == [f"unit {e}.loss_factor" for e in range(1, 7)]
     assert modal["lines_solved"] < paper["lines_solved"]  # it identifies nothing from FRFs
-    assert "does not depend on the lines" in modal["fewest"]["print_note"]
+    assert "does not depend on the lines" in modal["fewest"]["note"]
 
 
 def test_no_method_with_an_answer_says_3(inputs: Path, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
 #: help. A room or another package adds one by a line here, a call of `COMMANDS.register`, or an
 #: entry point of the group ``updyn.commands``; its module is imported when the command or the list
-#: of all commands is asked for. A command returns its exit code, and prints by `updyn.cli.terminal`.
+#: of all commands is asked for. It returns its exit code, and prints by `updyn.cli.terminal`.
 COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",

@@ -1,4 +1,4 @@
-"""The commands of the command line; rooms that take time to load are imported when they are used."""
+"""The commands of the command line; what takes time to load is imported in their bodies."""
 
 from __future__ import annotations
 
@@ -357,7 +357,7 @@ def compare(
     return NOT_DETERMINED
 
 
-# -- parts that several commands use -----------------------------------------------------------------------
+# -- parts that several commands use ---------------------------------------------------------------
 def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> UpdateResult | JointResult:

@@ -1,4 +1,4 @@
-"""Read a file of unknown content: a measurement, a model, the record of a run, modes, a plant ..."""
+"""`read_anything`: a file of unknown content, such as a measurement, a model or modes."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def stderr() -> Console:
 
 
 def print_note(text: str, style: str | None = None) -> None:
-    """Print a print_note to stderr."""
+    """Print a note to stderr."""
     stderr().print(text, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
@@ -79,7 +79,7 @@ def print_text(text: str) -> None:
 
 @contextmanager
 def warnings_as_notes() -> Iterator[None]:
-    """Show each `UpdynWarning` once, as a short print_note; leave other warnings as they are."""
+    """Show each `UpdynWarning` once, as a short note; leave other warnings as they are."""
     seen: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("always", UpdynWarning)
@@ -90,13 +90,13 @@ def warnings_as_notes() -> Iterator[None]:
                 others(message, category, *where, **more)
             elif str(message) not in seen:
                 seen.add(str(message))
-                print_note(f"print_note: {message}", "yellow")
+                print_note(f"note: {message}", "yellow")
 
         warnings.showwarning = show
         yield
 
 
-# -- progress ----------------------------------------------------------------------------------------------
+# -- progress --------------------------------------------------------------------------------------
 class ProgressDisplay:
     """Shows the progress of a run: a live line on a terminal, plain lines elsewhere.
 
@@ -171,7 +171,7 @@ class ProgressDisplay:
 
 @contextmanager
 def show_progress(console: Console) -> Iterator[ProgressDisplay]:
-    """Return a display as a context in which Ctrl-C asks it to stop, and a second one ends the run."""
+    """Return a display as a context: Ctrl-C asks the run to stop, a second one ends it."""
     display = ProgressDisplay(console)
     if threading.current_thread() is not threading.main_thread():
         # Only the main thread may handle signals.

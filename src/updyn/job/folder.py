@@ -1,4 +1,4 @@
-"""The folder of a run: names of its files, checks before it is written, journal and ``job.toml``."""
+"""The folder of a run: its files, checks before it is written, journal and ``job.toml``."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HEADER = "Written by updyn"
 _OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
 
-# -- files of a run ----------------------------------------------------------------------------------------
+# -- files of a run --------------------------------------------------------------------------------
 def outputs(job: Job) -> tuple[str, ...]:
     """Return what a run of a job may write, relative to its folder.
 
@@ -150,13 +150,13 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         text = f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}"
         raise JobError(text, job.path)
-    read = {path.resolve(): (path, what) for path, what in _inputs(job).items()}
-    for name in names:
-        target = out / name
+    targets = [out / name for name in names]
+    for target in targets:
         if target.is_dir():
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
-        if target.resolve() in read:
-            path, what = read[target.resolve()]
+    written = {target.resolve() for target in targets}
+    for path, what in _inputs(job).items():
+        if path.resolve() in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
     job_file = out / "job.toml"
@@ -177,18 +177,18 @@ def is_of_a_run(path: Path) -> bool:
 def _inputs(job: Job) -> dict[Path, str]:
     """Return what a job reads, and the word for it."""
     found = {job.path: "job file"}
-    if job.model.file is not None:
-        found[job.beside(job.model.file)] = "model"
     for part in job.parts:
         files = [part.test.file, *(part.test.repeats or ())]
         if part.test.modes is not None:
             files.append(part.test.modes)
         for file in files:
             found[job.beside(file)] = "measurement"
+    if job.model.file is not None:
+        found[job.beside(job.model.file)] = "model"
     return found
 
 
-# -- writing -----------------------------------------------------------------------------------------------
+# -- writing ---------------------------------------------------------------------------------------
 @contextmanager
 def create_folder(out: Path) -> Iterator[None]:
     """Create a folder and its parents; remove those again that are empty when the block raises."""
@@ -235,7 +235,7 @@ def move_outputs(names: Iterable[str], temporary: Path, out: Path) -> None:
             (out / name).unlink(missing_ok=True)
 
 
-# -- the journal -------------------------------------------------------------------------------------------
+# -- the journal -----------------------------------------------------------------------------------
 @contextmanager
 def run_journal(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
     """Return the journal of a run as a context, which removes it where the input is refused.
@@ -283,7 +283,7 @@ def _nothing_to_resume(out: Path) -> str:
     )
 
 
-# -- job.toml ----------------------------------------------------------------------------------------------
+# -- job.toml --------------------------------------------------------------------------------------
 def resolved_job(job: Job, out: Path) -> str:
     """Return the text of a job file that repeats a job from another folder.
 
@@ -345,7 +345,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _toml_item(value: Any) -> Any:
-    """Return a value as tomlkit writes it: a mapping as a table, a list of them as an array of tables."""
+    """Return a value as tomlkit writes it; mappings become tables."""
     import tomlkit
 
     if isinstance(value, Mapping):
