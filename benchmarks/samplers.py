@@ -23,8 +23,8 @@ from cases import chain12
 
 import updyn
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
+from updyn.uncertainty.restored import restore
 from updyn.uncertainty.sampling import Mixture, diagnose
-from updyn.uncertainty.setting import restore
 
 WITH_SLOPES = 3
 #: Independent ensembles, or chains.

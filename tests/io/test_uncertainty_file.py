@@ -11,7 +11,7 @@ import pytest
 import updyn
 from updyn.errors import FormatError, OptionError
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profile import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Interval, Profile, Profiles
 
 
 def draws(kind: str = "sampling") -> Draws:
@@ -26,11 +26,11 @@ def draws(kind: str = "sampling") -> Draws:
 def profiles() -> Profiles:
     one = Profile(
         "a.stiffness", 0.7, np.array([0.5, 0.7, 0.9]), np.array([2.0, 0.0, 3.0]), np.arange(6.0).reshape(3, 2),
-        (Hump(0.5, 0.6, 0.65, 0.1), Hump(0.69, 0.7, 0.8, 0.0)), "level", "bound",
+        (Interval(0.5, 0.6, 0.65, 0.1), Interval(0.69, 0.7, 0.8, 0.0)), "level", "bound",
     )  # fmt: skip
     other = Profile(
         "b.loss_factor", 0.0, np.array([0.0, 0.1]), np.array([0.0, 4.0]), np.ones((2, 2)),
-        (Hump(0.0, 0.0, 0.05, 0.0),), "zero", "level",
+        (Interval(0.0, 0.0, 0.05, 0.0),), "zero", "level",
     )  # fmt: skip
     return Profiles((one, other), 0.95, 1.92, ("c.mass",), {"a.stiffness": 0.6})
 

@@ -9,7 +9,7 @@ import updyn
 from updyn.report.page import render
 from updyn.report.uncertainty import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.profile import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Interval, Profile, Profiles
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def profiles(result, spans):
     found = []
     for name, (low, high) in spans.items():
         value, at = result.values[name], np.array([low, result.values[name], high])
-        hump = Hump(low, value, high, 0.0)
+        hump = Interval(low, value, high, 0.0)
         found.append(
             Profile(
                 name,

@@ -8,7 +8,7 @@ from uncertain_cases import in_series, one_spring, seen_from_the_middle, without
 
 import updyn
 from updyn.errors import OptionError
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from uncertain_cases import noisy, springs
 
 import updyn
 from updyn.errors import OptionError
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 
 LINES = np.linspace(1.0, 9.0, 60)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from updyn.cli.commands import open_engine
 from updyn.cli.terminal import DONE, NOT_DETERMINED, print_note, print_text
 from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
-from updyn.control.job.make_plant import check_plant_out, default_plant_out, plant_job
-from updyn.control.job.messages import describe_planted
+from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.plant_job import check_plant_out, default_plant_out, plant_job
 from updyn.control.job.tables import PlantTable
 from updyn.job import load_job, prepare
 
@@ -24,7 +24,7 @@ def plant(
     workers: int | None = None,
     cluster: str | None = None,
 ) -> int:
-    """Make the plant that [plant] of a job asks for: plant.mat, plant.json, plant.h, plant.html and control.json.
+    """Make the plant of a job: plant.mat, plant.json, plant.h, plant.html and control.json.
 
     It is that of the updated model where the job has been run, and else of the model as it stands,
     which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
@@ -56,7 +56,7 @@ def plant(
             engine=where,
             say=lambda text: print_note(text, "dim"),
         )
-    print_text(describe_planted(made))
+    print_text(describe_plant_result(made))
     table = loaded.table(PlantTable)
     assert table is not None
     if not made.met:

@@ -17,8 +17,9 @@ from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
+from updyn.uncertainty.restored import LIKELIHOOD, WITH_NOISE, positions_of
 from updyn.uncertainty.sampling import sample
-from updyn.uncertainty.setting import LIKELIHOOD, WITH_NOISE, chosen
+from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
@@ -66,8 +67,8 @@ class _UncertaintyJobTable(JobTable):
             table.names is not None and job.selection is None
         ):  # which joins unknowns under new names
             with key_path("uncertainty", "names"):
-                chosen(table.names, prepared.parameters.names)
-        methods = WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD
+                positions_of(table.names, prepared.parameters.names)
+        methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
             raise OptionError(

@@ -52,6 +52,8 @@ _EXACT = 1e-10
 #: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than
 #: that share of the bandwidth whose shapes have this MAC are one.
 _AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
+#: Poles that differ by less than this share agree: without damping the bandwidth is rounding.
+_ROUNDING = 1e-9
 #: Loss factors above this are no modes, nor is what adds less than this share at its own frequency.
 _HEAVY, _SEEN = 0.5, 0.1
 #: Poles to begin with.
@@ -267,7 +269,7 @@ def _same_shape(A: _Complex, B: _Complex) -> bool:
 
 
 def _agreed(lines: _Lines, pole: complex, found: tuple[Fitted, Fitted]) -> bool:
-    reach = _AGREE * float(lines.width(np.asarray(pole)))
+    reach = max(_AGREE * float(lines.width(np.asarray(pole))), _ROUNDING * abs(pole))
     return all(float(np.abs(f.poles - pole).min()) <= reach for f in found)
 
 

@@ -40,7 +40,7 @@ from updyn.store.netcdf import (
 )
 from updyn.store.values import to_text
 from updyn.uncertainty.draws import KINDS, Draws
-from updyn.uncertainty.profile import Hump, Profile, Profiles
+from updyn.uncertainty.profile import Interval, Profile, Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
             values[i, there],
             drop[i, there],
             others[i, there],
-            tuple(Hump(*numbers) for numbers in ranges),
+            tuple(Interval(*numbers) for numbers in ranges),
             lower_end,
             upper_end,
         )

@@ -16,8 +16,8 @@ from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
-from updyn.uncertainty.progress import Progress, Watch
-from updyn.uncertainty.setting import WITH_NOISE, Setting, restore
+from updyn.uncertainty.progress import Progress, WorkCounter
+from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
@@ -139,7 +139,7 @@ def bootstrap(
             ending.callback(made.close)
         session = Session(made)
         setting = restore(result, session, WITH_NOISE)
-        watch = Watch("bootstrap", int(n), callback)
+        watch = WorkCounter("bootstrap", int(n), callback)
         watch.attach(session)
         found: list[tuple[str, _Vector]] = []
         acceleration = np.zeros(len(setting.names))
@@ -167,7 +167,7 @@ def bootstrap(
     )
 
 
-def _refits(setting: Setting, kind: str) -> _Refits:
+def _refits(setting: RestoredFit, kind: str) -> _Refits:
     H = tuple(part.responses(setting.x) for part in setting.problem.parts)
     std = tuple(np.sqrt(v) for v in setting.variances())
     whitened: tuple[_Complex, ...] = ()
@@ -242,7 +242,7 @@ def _lines(rng: np.random.Generator, n_lines: int, run: int) -> NDArray[np.intp]
     return np.asarray((first[:, None] + np.arange(run)).ravel()[:n_lines], dtype=np.intp)
 
 
-def _acceleration(setting: Setting) -> _Vector:
+def _acceleration(setting: RestoredFit) -> _Vector:
     """Return the acceleration of BCa intervals, shape (n,): skewness of what each line does to the estimate, over 6.
 
     By the infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5)
@@ -273,7 +273,7 @@ def _checked(surrogate: Surrogate | None, ended: list[_Vector], accuracy: float)
 
 def _draws(
     result: UpdateResult | JointResult,
-    setting: Setting,
+    setting: RestoredFit,
     found: list[tuple[str, _Vector]],
     n: int,
     acceleration: _Vector,

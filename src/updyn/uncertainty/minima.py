@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.progress import Watch
+from updyn.uncertainty.progress import WorkCounter
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.residuals import LogError, with_prior
 
-__all__ = ["STARTS", "find_humps"]
+__all__ = ["STARTS", "find_minima"]
 
 _Vector = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ _SPREAD, _INFLATED = 1.0, 0.1
 _EXCHANGES, _FAINT = 3, 12.0
 
 
-def find_humps(
-    likelihood: Likelihood, best: Point, starts: int, seed: int, watch: Watch | None = None
+def find_minima(
+    likelihood: Likelihood, best: Point, starts: int, seed: int, watch: WorkCounter | None = None
 ) -> list[Point]:
     """Return the minima that explain the data about as well as the best, that one first.
 
@@ -48,7 +48,7 @@ def find_humps(
         Random starts; 0 looks nowhere else.
     seed : int
         Of the random starts.
-    watch : Watch, optional
+    watch : WorkCounter, optional
         Who waits.
 
     Returns

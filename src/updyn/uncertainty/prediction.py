@@ -13,7 +13,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.setting import restore
+from updyn.uncertainty.restored import restore
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Part
@@ -51,7 +51,7 @@ def predict(
     ----------
     source : UpdateResult, JointResult or Draws
         An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws
-        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly chosen.
+        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly positions_of.
     freq : array_like of float, shape (n_f,)
         Lines in Hz, also others than were measured.
     responses, references : iterable of str or Dof

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.minima import STARTS, find_humps
-from updyn.uncertainty.progress import Progress, Watch
-from updyn.uncertainty.setting import chosen, restore
+from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.progress import Progress, WorkCounter
+from updyn.uncertainty.restored import positions_of, restore
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ENDS",
-    "Hump",
+    "Interval",
     "Profile",
+    "ProfileTracer",
     "Profiles",
-    "Walk",
     "profile",
 ]
 
@@ -101,8 +101,8 @@ def profile(
             ending.callback(made.close)
         session = Session(made)
         setting = restore(result, session)
-        at = chosen(names, setting.names)
-        watch = Watch("profile", len(at), callback)
+        at = positions_of(names, setting.names)
+        watch = WorkCounter("profile", len(at), callback)
         watch.attach(session)
         likelihood = setting.likelihood()
         drop = 0.5 * float(chi2.ppf(level, 1))
@@ -130,10 +130,10 @@ def _all(
     at: Sequence[int],
     drop: float,
     search: tuple[int, int],
-    watch: Watch,
+    watch: WorkCounter,
 ) -> tuple[dict[int, Profile], Point]:
     """Profile the unknowns; where a better fit turns up on the way, from there again."""
-    tops = find_humps(likelihood, best, *search, watch)
+    tops = find_minima(likelihood, best, *search, watch)
     for number in range(_ROUNDS):
         best = tops[0]
         found: dict[int, Profile] = {}
@@ -159,7 +159,7 @@ def _all(
 def _one(likelihood: Likelihood, item: tuple[Sequence[Point], int, float]) -> tuple[Profile, Point]:
     """Profile one unknown; also return the best point on the way."""
     tops, k, drop = item
-    return Walk(likelihood, tops, k, drop).run()
+    return ProfileTracer(likelihood, tops, k, drop).run()
 
 
 def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
@@ -178,7 +178,9 @@ def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
         return float(coordinates.to_values(np.full(len(parameters), x))[k])
 
     others = np.clip(coordinates.to_values(found.others), lower, upper)
-    humps = tuple(Hump(value(h.lower), value(h.best), value(h.upper), h.drop) for h in found.humps)
+    humps = tuple(
+        Interval(value(h.lower), value(h.best), value(h.upper), h.drop) for h in found.humps
+    )
     values = np.array([value(x) for x in found.values])
     return Profile(
         found.name,
@@ -197,7 +199,7 @@ ENDS = ("level", "bound", "zero", "unsolved", "stopped")
 
 
 @dataclass(frozen=True, slots=True)
-class Hump:
+class Interval:
     """A range of values that the data allow.
 
     Attributes
@@ -230,7 +232,7 @@ class Profile:
         Fall of the logarithm of the likelihood there, all others fitted again.
     others : ndarray of float, shape (k, n)
         All unknowns there.
-    humps : tuple of Hump
+    humps : tuple of Interval
         Ranges that the data allow, ascending; more than one where they cannot be told apart.
     lower_end, upper_end : {"level", "bound", "zero", "unsolved"}
         Why the outermost ends are where they are: the data say so; the bound of the unknown was
@@ -243,7 +245,7 @@ class Profile:
     values: _Vector
     drop: _Vector
     others: NDArray[np.float64]
-    humps: tuple[Hump, ...]
+    humps: tuple[Interval, ...]
     lower_end: str
     upper_end: str
 
@@ -377,7 +379,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(slots=True, eq=False)
-class Walk:
+class ProfileTracer:
     """The profile of one unknown, in the optimiser's coordinates.
 
     Parameters
@@ -405,7 +407,7 @@ class Walk:
 
     def run(self) -> tuple[Profile, Point]:
         """Return the profile and the best point on the way."""
-        humps: list[tuple[Hump, str, str]] = []
+        humps: list[tuple[Interval, str, str]] = []
         for top in self.tops:
             if self._fall(top) < self.drop and not _within(top.x[self.k], humps):
                 humps.append(self._hump(top))
@@ -425,11 +427,15 @@ class Walk:
         return found, min(points, key=lambda p: p.cost)
 
     # -- one hump ------------------------------------------------------------------------------------------
-    def _hump(self, top: Point) -> tuple[Hump, str, str]:
+    def _hump(self, top: Point) -> tuple[Interval, str, str]:
         """Return the range about a minimum, and why it ends on each side."""
         self._points.append(top)
         (low, why_low), (high, why_high) = (self._end(top, side) for side in (-1.0, 1.0))
-        return Hump(low, float(top.x[self.k]), high, top.cost - self.best.cost), why_low, why_high
+        return (
+            Interval(low, float(top.x[self.k]), high, top.cost - self.best.cost),
+            why_low,
+            why_high,
+        )
 
     def _end(self, top: Point, side: float) -> tuple[float, str]:
         """Return where the range about a minimum ends on one side, and why."""
@@ -553,17 +559,17 @@ class Walk:
         return 0.5 * (a + b)
 
 
-def _within(x: float, humps: list[tuple[Hump, str, str]]) -> bool:
+def _within(x: float, humps: list[tuple[Interval, str, str]]) -> bool:
     return any(h.lower <= x <= h.upper for h, _, _ in humps)
 
 
-def _merged(humps: list[tuple[Hump, str, str]]) -> list[Hump]:
+def _merged(humps: list[tuple[Interval, str, str]]) -> list[Interval]:
     """Return the ranges, those that overlap as one."""
-    out: list[Hump] = []
+    out: list[Interval] = []
     for hump, _, _ in humps:
         if out and hump.lower <= out[-1].upper:
             best = min(out[-1], hump, key=lambda h: h.drop)
-            out[-1] = Hump(
+            out[-1] = Interval(
                 min(out[-1].lower, hump.lower), best.best, max(out[-1].upper, hump.upper), best.drop
             )
         else:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from updyn.updating.problem.session import Session
 
-__all__ = ["Progress", "Watch"]
+__all__ = ["Progress", "WorkCounter"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Progress:
 
 
 @dataclass(slots=True)
-class Watch:
+class WorkCounter:
     """Counts pieces of work and asks the caller whether to go on.
 
     Parameters

@@ -16,9 +16,9 @@ from updyn.engines import Engine, choose_engine
 from updyn.errors import OptionError, SolverError
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point, furthest
-from updyn.uncertainty.minima import STARTS, find_humps
-from updyn.uncertainty.progress import Progress, Watch
-from updyn.uncertainty.setting import Setting, restore
+from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.progress import Progress, WorkCounter
+from updyn.uncertainty.restored import RestoredFit, restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
@@ -135,7 +135,7 @@ def sample(
             ending.callback(made.close)
         session = Session(made)
         setting = restore(result, session)
-        watch = Watch("sampling", int(n), callback)
+        watch = WorkCounter("sampling", int(n), callback)
         watch.attach(session)
         run = _Run(setting, int(n), seed, starts, max_evaluations, watch)
         surrogate: Surrogate | None = None
@@ -159,12 +159,12 @@ def sample(
 class _Run:
     """Sampling, round by round."""
 
-    setting: Setting
+    setting: RestoredFit
     n: int
     seed: int
     starts: int | None
     max_evaluations: int
-    watch: Watch
+    watch: WorkCounter
     chains: NDArray[np.float64] | None = None
     humps: int = 1
     evaluations: int = 0
@@ -184,7 +184,7 @@ class _Run:
         if best is None:
             raise SolverError("the model cannot be solved at the estimate")
         starts = (0 if self._is_large else STARTS) if self.starts is None else self.starts
-        tops = find_humps(likelihood, best, starts, self.seed, self.watch)
+        tops = find_minima(likelihood, best, starts, self.seed, self.watch)
         self.humps = len(tops)
         mixture = Mixture.of(likelihood, tops)
         states = self._begin(likelihood, mixture, tops)

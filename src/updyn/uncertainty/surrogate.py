@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point
-from updyn.uncertainty.setting import Setting
+from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import reduction_of
 from updyn.updating.problem.problem import Problem
 
@@ -100,12 +100,14 @@ class Surrogate:
             return np.inf
 
 
-def reduced_about(setting: Setting, accuracy: float, seed: int) -> tuple[Surrogate | None, Setting]:
+def reduced_about(
+    setting: RestoredFit, accuracy: float, seed: int
+) -> tuple[Surrogate | None, RestoredFit]:
     """Return the setting, a model too large for dense matrices reduced about its estimate.
 
     Parameters
     ----------
-    setting : Setting
+    setting : RestoredFit
         An update that has ended.
     accuracy : float
         Of the reduced model.

@@ -41,6 +41,7 @@ from updyn.io.abaqus.matrices import (
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import System, system
 from updyn.io.damping import refuse_damping
+from updyn.io.items import nearest
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, short_number
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.model import Group, Matrix, Model
@@ -164,7 +165,7 @@ _USAGE = ("HEADING", "PREPRINT", "NODE", "NSET", "MATRIX INPUT", "MATRIX ASSEMBL
 _TOLERANCE = 1e-10
 
 
-# -- *MATRIX GENERATE --------------------------------------------------------------------------------------
+# -- *MATRIX GENERATE ---------------------------------------------------------------------------
 def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     """Return the groups whose matrices the steps of a deck wrote.
 
@@ -294,7 +295,7 @@ def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
         )
 
 
-# -- *MATRIX INPUT and *MATRIX ASSEMBLE --------------------------------------------------------------------
+# -- *MATRIX INPUT and *MATRIX ASSEMBLE ---------------------------------------------------------
 def assembled_parts(facts: DeckFacts) -> list[Part]:
     """Return the groups that a deck puts together of matrices; each ``*MATRIX ASSEMBLE`` is one.
 
@@ -356,12 +357,7 @@ def _input(card: Card, folder: Path) -> Entries:
     else:
         file = folder / given
         if not file.is_file():
-            near = (
-                sorted(p.name for p in file.parent.iterdir() if p.is_file())
-                if file.parent.is_dir()
-                else []
-            )
-            raise card.error(f"*MATRIX INPUT: no such file {given!r}; {suggest(file.name, near)}")
+            raise card.error(f"*MATRIX INPUT: no such file {given!r}; {nearest(file)}")
         entries = read_entries(file)
     scale = card.get("SCALE FACTOR")
     if scale is None:

@@ -152,7 +152,7 @@ def _system(
     return None if found is None else read_system(found, unit)
 
 
-# -- adding up ---------------------------------------------------------------------------------------------
+# -- adding up ----------------------------------------------------------------------------------
 def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     """Return the degrees of freedom of all elements, sorted by node and direction."""
     path = file.binary.path
@@ -254,7 +254,7 @@ def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group | None:
     )
 
 
-# -- supports, and the check -------------------------------------------------------------------------------
+# -- supports, and the check --------------------------------------------------------------------
 def _kept(
     dofs: DofSet,
     parts: Mapping[str, Mapping[str, Matrix]],

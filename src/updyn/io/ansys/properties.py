@@ -122,7 +122,7 @@ def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
             )
 
 
-# -- materials ---------------------------------------------------------------------------------------------
+# -- materials ----------------------------------------------------------------------------------
 def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
     has = deck.materials[number]
     stiffness, mass, viscous = (change.get(q, 1.0) for q in ("stiffness", "mass", "viscous"))
@@ -202,7 +202,7 @@ def _damping_label(deck: Deck) -> tuple[str, float]:
     return ("DMPR", 0.5) if old else ("DMPS", 1.0)
 
 
-# -- real constants ----------------------------------------------------------------------------------------
+# -- real constants -----------------------------------------------------------------------------
 def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
     old = deck.reals[number]
     routine = _routine(deck, number, old)

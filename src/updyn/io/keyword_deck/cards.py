@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from updyn.errors import FormatError, suggest
+from updyn.io.items import nearest
 
 __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 
@@ -192,13 +193,7 @@ def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
     if not inner.is_file():
-        near = (
-            sorted(p.name for p in inner.parent.iterdir() if p.is_file())
-            if inner.parent.is_dir()
-            else []
-        )
-        close = suggest(inner.name, near) if near else "its folder does not exist or is empty"
-        raise FormatError(f"*{name}: no such file {given!r}; {close}", path, at)
+        raise FormatError(f"*{name}: no such file {given!r}; {nearest(inner)}", path, at)
     return inner
 
 
@@ -245,7 +240,7 @@ def _parameters(text: str) -> dict[str, str]:
     return out
 
 
-# -- numbers -----------------------------------------------------------------------------------------------
+# -- numbers ------------------------------------------------------------------------------------
 def number(text: str, card: Card, row: Row) -> float:
     """Read a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 

@@ -234,7 +234,7 @@ def edges(deck: Deck) -> NDArray[np.int64]:
     return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
 
 
-# -- cards -------------------------------------------------------------------------------------------------
+# -- cards --------------------------------------------------------------------------------------
 def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the numbers and the positions of a ``*NODE`` card, in the deck's unit of length.
 
@@ -342,7 +342,7 @@ def _add(
         sets.setdefault(name.upper(), []).append(members)
 
 
-# -- checks ------------------------------------------------------------------------------------------------
+# -- checks -------------------------------------------------------------------------------------
 def _check_nodes(deck: Deck) -> None:
     if (twice := _twice(deck.nodes)) is not None:
         raise FormatError(f"*NODE: node {twice} stands twice", deck.path)

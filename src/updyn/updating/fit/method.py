@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, Residual, is_solved, with_prior
+from updyn.updating.problem.residuals import LogError, Residual, is_cached, with_prior
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -111,24 +112,92 @@ class Fit:
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
-class Method(Protocol):
-    """What every method offers; its fields are its options."""
+class Method(ABC):
+    """Base of the methods. A method is a frozen dataclass: its fields are its options.
 
-    @property
-    def max_iterations(self) -> int:
-        """Largest number of steps."""
+    What a method states of itself is read by the run, the comparison and the report; there are no
+    lists of names elsewhere.
 
-    @property
-    def tolerance(self) -> float:
-        """Relative step at which it has converged."""
+    Attributes
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    name : str
+        How it is called, as registered.
+    label : str
+        What its steps minimise, in words for the report; may be empty.
+    reference : str
+        Where it was published.
+    needs : str
+        What of model or data it needs beyond what every method does; may be empty.
+    needs_exact : str
+        Why it cannot be used in a reduced model; empty: it can.
+    cannot : tuple of str
+        Quantities that it cannot update.
+    instead : str
+        What to do about an unknown of such a quantity, for the message.
+    calibrates : bool
+        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
+    can_regularise : bool
+        Whether it minimises one sum of squares within bounds, to which a pull can be added.
+    is_likelihood : bool
+        Whether what it minimises is the negative logarithm of a likelihood.
+    states_noise : bool
+        Whether its noise record says all that is needed to make data anew.
+    """
+
+    __slots__ = ()
+
+    max_iterations: int
+    tolerance: float
+
+    name: ClassVar[str]
+    label: ClassVar[str] = ""
+    reference: ClassVar[str] = ""
+    needs: ClassVar[str] = ""
+    needs_exact: ClassVar[str] = ""
+    cannot: ClassVar[tuple[str, ...]] = ()
+    instead: ClassVar[str] = ""
+    calibrates: ClassVar[bool] = False
+    can_regularise: ClassVar[bool] = False
+    is_likelihood: ClassVar[bool] = False
+    states_noise: ClassVar[bool] = False
 
     def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return where to begin, shape (n,)."""
+        """Return where to begin, shape (n,): by default the start of the unknowns.
 
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        monitor : Monitor
+            Records the steps.
+        """
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    @abstractmethod
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; a noise model for each part of the problem."""
+        """Fit the unknowns from x.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        noises : sequence of NoiseModel
+            How uncertain the data of each part are.
+        monitor : Monitor
+            Records the steps.
+        x : ndarray of float, shape (n,)
+            Where to begin.
+
+        Returns
+        -------
+        Fit
+        """
 
 
 def descend(
@@ -289,7 +358,7 @@ def stopped_at(problem: Problem, x: _Vector) -> Fit:
         The best point so far.
     """
     residual = LogError()
-    local = residual.local(problem, x) if is_solved(residual, problem, x) else None
+    local = residual.local(problem, x) if is_cached(residual, problem, x) else None
     if local is None or local.cost == 0.0:
         return Fit.blind(x, "stopped")
     sigma = spread_of(local, problem.n_values, problem.n)

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduced import NOT_CONDENSED, Certificate, Reduction
+from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, scattered
 from updyn.updating.problem.noise import NoiseModel
@@ -38,34 +39,6 @@ _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
-#: Why some methods need the exact model.
-_NEED_EXACT = {
-    "equation-error": NOT_CONDENSED,
-    "rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
-    ),
-    "complex-rfm": (
-        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
-        " 'sparse'"
-    ),
-    "frf-sensitivity": (
-        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
-        " use tier 'sparse', or method 'output-error'"
-    ),
-    "force-residual": (
-        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
-        " 'sparse'"
-    ),
-    "constitutive": (
-        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
-        " 'sparse'"
-    ),
-    "modal": (
-        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
-        " tier 'sparse'"
-    ),
-    "reduced-frf": "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'",
-}
 #: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
 #: half their value), and make so many steps while it has not yet arrived.
 _LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
@@ -99,7 +72,7 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    refused = _NEED_EXACT.get(method or "")
+    refused = "" if method is None else METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
         raise OptionError(refused, key=("tier",))
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method, Pull, in_units
+from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.noise import NoiseModel
@@ -29,7 +30,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "CHOICES",
-    "METHODS",
     "Regularised",
     "Spectrum",
     "check_regularise",
@@ -257,8 +257,6 @@ _STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
     "discrepancy": discrepancy,
 }
 CHOICES = (*_STRENGTHS, "tsvd")
-#: Methods that minimise one sum of squares within bounds, to which a pull can be added.
-METHODS = ("maximum-likelihood", "log", "output-error", "equation-error")
 #: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
 #: e.
 WEAKEST = 1.0
@@ -313,9 +311,10 @@ def check_regularise(
             " where its basis was made; use tier 'sparse', or 'gcv'",
             key=("regularise",),
         )
-    if method not in METHODS:
+    if not METHODS.find(method).can_regularise:
+        able = ", ".join(methods_with("can_regularise"))
         raise OptionError(
-            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}",
+            f"regularise: method {method!r} cannot be regularised; use one of {able}",
             key=("regularise",),
         )
 
@@ -348,7 +347,7 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
 
 
 @dataclass(frozen=True, slots=True)
-class Regularised:
+class Regularised(Method):
     """A method that is regularised.
 
     Parameters
@@ -633,7 +632,7 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Held:
+class _Held(NoiseModel):
     """A noise model that is not looked at again."""
 
     noise: NoiseModel
@@ -643,14 +642,15 @@ class _Held:
         return self.noise.kind
 
     @property
+    def source(self) -> str:
+        return self.noise.source
+
+    @property
     def scale_known(self) -> bool:
         return self.noise.scale_known
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         return self.noise.variance(H, frf)
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> NoiseModel:
-        return self
 
     def figures(self) -> dict[str, Any]:
         return self.noise.figures()

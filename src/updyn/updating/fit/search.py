@@ -31,7 +31,7 @@ from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, is_solved, with_prior
+from updyn.updating.problem.residuals import LogError, is_cached, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
@@ -153,7 +153,7 @@ class Search:
             yield from points
             return
         points = list(points)
-        known = [not gradual and is_solved(LogError(), problem, x) for x, gradual in points]
+        known = [not gradual and is_cached(LogError(), problem, x) for x, gradual in points]
         items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
         with closing(session.map(attempt, problem, items, spread=True)) as results:
             for start, k in zip(points, known, strict=True):

@@ -317,7 +317,7 @@ def examine(
             misfit = part.frf.values - H
             whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
         base = noise.base if isinstance(noise, Robust) else noise
-        absolute = base.scale_known and not base.kind.startswith(("estimated", "assumed"))
+        absolute = base.scale_known and base.source in ("data", "stated")
         found.append(
             assess(
                 whitened[-1],
@@ -327,7 +327,7 @@ def examine(
                 part.frf.references.labels,
                 n_unknowns=share,
                 absolute=absolute,
-                averages=part.frf.averages if base.kind != "stated" else None,
+                averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
             )

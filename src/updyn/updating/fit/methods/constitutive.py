@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ from updyn.errors import DataError, OptionError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -43,7 +43,7 @@ _NOTE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ConstitutiveMethod:
+class ConstitutiveMethod(Method):
     """Least error in the constitutive relations with a weighted measurement term (method ``"constitutive"``).
 
     Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
@@ -74,10 +74,14 @@ class ConstitutiveMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = (
         "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
     )
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.weight <= 1.0:
@@ -85,10 +89,6 @@ class ConstitutiveMethod:
                 f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1",
                 key=("weight",),
             )
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -109,7 +109,7 @@ class ConstitutiveMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConstitutiveError:
+class ConstitutiveError(LineResidual):
     """r = L^-1 (h - h_X), L L^H = S + slack: half its square is the error E for one line and reference.
 
     Parameters
@@ -143,16 +143,12 @@ class ConstitutiveError:
     name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Level, slack and compliance."""
         given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
         return np.concatenate([[self.level], *given])
 
-    def of(self, part: int) -> ConstitutiveError:
-        """Return itself: it is of one test."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> ConstitutiveError:
+    def on(self, part: Part, lines: slice) -> Self:
         """Return it with the slack of a block of lines."""
         return self if self.slack is None else replace(self, slack=self.slack[lines])
 

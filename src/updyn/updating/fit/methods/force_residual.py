@@ -14,7 +14,7 @@ from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
     Amounts,
@@ -28,7 +28,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["ForceResidual", "ForceResidualMethod"]
@@ -46,7 +46,7 @@ _ADVICE = "Use solver='trust-region'."
 
 
 @dataclass(frozen=True, slots=True)
-class ForceResidualMethod:
+class ForceResidualMethod(Method):
     """Least ||Z(p) h - f|| over the unknowns and over the motion h where there is no sensor (``"force-residual"``).
 
     In turn: the measured motion is expanded to all DOFs such that the present model leaves the
@@ -74,8 +74,12 @@ class ForceResidualMethod:
     solver: str = "alternating"
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("alternating", "trust-region")
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = "Farhat & Hemez 1993; Hemez, as in Bao, Wang & Cheng 2010"
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
@@ -84,16 +88,12 @@ class ForceResidualMethod:
                 key=("solver",),
             )
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "alternating"
-        check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
+        check_unknowns(problem, self, priors=not plain)
         for part in problem.parts:
             _check(part)
         residual = EachOf(
@@ -122,7 +122,7 @@ class ForceResidualMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ForceResidual:
+class ForceResidual(LineResidual):
     """r = Z h - e_j with h expanded at the same point, and its derivatives with h held.
 
     Parameters
@@ -132,6 +132,8 @@ class ForceResidual:
         moments.
     level : float
         What the residual is divided by.
+    name : str
+        How the report calls it.
 
     Notes
     -----
@@ -142,21 +144,17 @@ class ForceResidual:
 
     compliance: _Vector
     level: float
-    name: ClassVar[str] = _NAME
+    name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Compliance and level."""
         return np.append(self.compliance, self.level)
 
     @property
     def eliminated(self) -> ConstitutiveError:
         """The same sum of squares with the expanded motion eliminated: its derivatives are those of the whole."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
-
-    def on(self, part: Part, lines: slice) -> ForceResidual:
-        """Return itself."""
-        return self
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""

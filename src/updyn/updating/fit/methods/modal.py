@@ -16,7 +16,7 @@ from updyn.errors import DataError, OptionError, ParameterError, SolverError, su
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.sensitivity import RealModes, separated, slopes
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local, joined, reduce
@@ -45,7 +45,7 @@ _CURE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ModalMethod:
+class ModalMethod(Method):
     """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
 
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
@@ -88,8 +88,13 @@ class ModalMethod:
     mac: float = 0.8
     modes: ModeSet | Mapping[str, ModeSet] | None = None
 
+    name: ClassVar[str] = "modal"
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
     needs: ClassVar[str] = "modes that can be told apart"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    )
     cannot: ClassVar[tuple[str, ...]] = (
         *(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")),
         *CHANNELS,
@@ -114,10 +119,6 @@ class ModalMethod:
                     key=("modes",),
                 )
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
@@ -136,7 +137,7 @@ class ModalMethod:
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
-        with monitor.stage("modal"):
+        with monitor.stage(self.name):
             try:
                 measured = [Target.of(part, self._measured(part)) for part in problem.parts]
                 outcome, residual, kept = self._in_rounds(problem, measured, x, monitor)

@@ -15,7 +15,7 @@ from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
-from updyn.updating.fit.method import Fit
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
@@ -49,7 +49,7 @@ _ADVICE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ReducedFrfMethod:
+class ReducedFrfMethod(Method):
     """e_j - Z_r h_X = dZ_r h_X with unit matrices reduced independently of each other (method ``"reduced-frf"``).
 
     The method that Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with and
@@ -84,19 +84,19 @@ class ReducedFrfMethod:
     frequency: float = 0.0
     separate: bool = True
 
+    name: ClassVar[str] = _NAME
+    label: ClassVar[str] = "force equation of the reduced model"
     reference: ClassVar[str] = "Xu Zhangming, as in Bao, Wang & Cheng 2010"
     needs: ClassVar[str] = "the drive point of every reference"
-    cannot: ClassVar[tuple[str, ...]] = ()
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'"
+    )
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        check_unknowns(problem, _NAME, self.cannot, "")
+        check_unknowns(problem, self)
         residual = _ReducedEquationError(frequency=self.frequency)
         for part in problem.parts:
             residual.check(part)
@@ -129,8 +129,8 @@ class _ReducedEquationError(EquationError):
     frequency: float = 0.0
 
     @property
-    def mark(self) -> str:  # type: ignore[override]
-        """What tells it from others of its name."""
+    def cache_key(self) -> str:
+        """The frequency of the transformation."""
         return f"frequency={self.frequency!r}"
 
 

@@ -13,6 +13,7 @@ from updyn.updating.problem.noise.known import (
     ASSUMED,
     SMALLEST,
     Assumed,
+    NoiseModel,
     Stated,
     level_by_unit,
     two_part,
@@ -30,7 +31,7 @@ _SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Estimated:
+class Estimated(NoiseModel):
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with both numbers estimated from the residual.
 
     They maximise the likelihood of the residual under complex Gaussian noise; the residual is first
@@ -50,7 +51,12 @@ class Estimated:
     floor: float = np.nan
     tails: float = np.inf
     kind: ClassVar[str] = "estimated from the residual"
-    scale_known: ClassVar[bool] = True  # once it has been estimated
+    source: ClassVar[str] = "estimated"
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
+        """Return the model that has not seen a residual yet."""
+        return cls(tails=tails)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -117,7 +123,7 @@ _ENOUGH = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EstimatedByChannel:
+class EstimatedByChannel(NoiseModel):
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two numbers for each response, from its own residual.
 
     Parameters
@@ -139,7 +145,12 @@ class EstimatedByChannel:
     names: tuple[str, ...] = ()
     held: bool = False
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
-    scale_known: ClassVar[bool] = True  # once it has been estimated
+    source: ClassVar[str] = "estimated"
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
+        """Return the model that has not seen a residual yet."""
+        return cls(tails=tails)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.errors import OptionError
 from updyn.frf import FRF
 
 __all__ = [
@@ -34,25 +36,59 @@ SMALLEST = 1e-12
 ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
-class NoiseModel(Protocol):
-    """What a noise model offers."""
+class NoiseModel(ABC):
+    """Base of the noise models: how uncertain each measured value is.
+
+    Attributes
+    ----------
+    needs : str
+        Field of the FRF without which the model cannot be used, such as ``"coherence"``; may be
+        empty.
+    """
+
+    __slots__ = ()
+
+    needs: ClassVar[str] = ""
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> NoiseModel:
+        """Return the model for the data of a fit.
+
+        Parameters
+        ----------
+        frf : FRF
+            The data.
+        tails : float
+            Degrees of freedom of Student's distribution, where it is estimated; inf: Gaussian.
+        """
+        return cls()
 
     @property
+    @abstractmethod
     def kind(self) -> str:
-        """How the noise is known."""
+        """How the noise is known, for the record."""
+
+    @property
+    def source(self) -> str:
+        """Where it is known from: ``"data"``, ``"stated"``, ``"estimated"`` or ``"assumed"``."""
+        return "data"
 
     @property
     def scale_known(self) -> bool:
         """Whether the variance is known absolutely, or only up to one factor."""
+        return True
 
+    @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 of each value for a model's H, shape (n_f, n_i, n_j), in the unit of the data squared."""
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
-        """Return the noise model after a look at the residual; the same where nothing is estimated."""
+        """Return the noise model after a look at the residual; itself where nothing is estimated."""
+        return self
 
     def figures(self) -> dict[str, Any]:
-        """Return what is stated or was estimated, for the record."""
+        """Return what is stated or was estimated, for the record; nothing where it is in the data."""
+        return {}
 
 
 def level_by_unit(frf: FRF) -> _Real:
@@ -72,7 +108,7 @@ def two_part(relative: float | _Real, floor: float | _Real, H: _Complex, level: 
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class Stated(NoiseModel):
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2, as the user states it.
 
     Parameters
@@ -86,15 +122,11 @@ class Stated:
     relative: float
     floor: float
     kind: ClassVar[str] = "stated"
-    scale_known: ClassVar[bool] = True
+    source: ClassVar[str] = "stated"
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return two_part(self.relative, self.floor, H, level_by_unit(frf))
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Stated:
-        """Return itself."""
-        return self
 
     def figures(self) -> dict[str, Any]:
         """Return relative and floor."""
@@ -108,28 +140,21 @@ class Assumed(Stated):
     As many unknowns as measured numbers fit any noise, and leave no residual to estimate it from.
     """
 
+    source: ClassVar[str] = "assumed"
     kind: ClassVar[str] = "assumed: as many unknowns as measured numbers, the residual cannot tell"
 
 
 @dataclass(frozen=True, slots=True)
-class Variance:
+class Variance(NoiseModel):
     """The variance that came with the data."""
 
     kind: ClassVar[str] = "variance"
-    scale_known: ClassVar[bool] = True
+    needs: ClassVar[str] = "variance"
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         assert frf.variance is not None
         return np.maximum(frf.variance, (1e-9 * level_by_unit(frf)) ** 2)
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Variance:
-        """Return itself."""
-        return self
-
-    def figures(self) -> dict[str, Any]:
-        """Return nothing: the numbers are in the data."""
-        return {}
 
 
 #: Averages that are taken for the smoothing, where their number is not known.
@@ -137,7 +162,7 @@ _USUAL = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coherence:
+class Coherence(NoiseModel):
     """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), made steady along the lines (`smooth.steady`).
 
     H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2)
@@ -163,10 +188,23 @@ class Coherence:
     freq: NDArray[np.float64] | None = None
     learnt: Steady | None = None
     kind: ClassVar[str] = "coherence"
+    needs: ClassVar[str] = "coherence"
 
     @classmethod
-    def of(cls, frf: FRF) -> Coherence:
-        """Return the model that has learnt from all lines of `frf`, for these or fewer of them."""
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
+        """Return the model that has learnt from all lines of `frf`, for these or fewer of them.
+
+        Raises
+        ------
+        OptionError
+            If the data are of a single average.
+        """
+        if frf.averages == 1:
+            raise OptionError(
+                "noise 'coherence': that of a single average is 1 whatever the noise; it says"
+                " nothing",
+                key=("noise",),
+            )
         return cls(frf.averages is not None, frf.freq, _learn(frf))
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
@@ -180,14 +218,6 @@ class Coherence:
             if at[-1] < len(self.freq) and (self.freq[at] == frf.freq).all():
                 return self.learnt.at(np.abs(H), at)
         return _learn(frf).at(np.abs(H))
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Coherence:
-        """Return itself."""
-        return self
-
-    def figures(self) -> dict[str, Any]:
-        """Return nothing: the numbers are in the data."""
-        return {}
 
 
 def _learn(frf: FRF) -> Steady:

@@ -11,26 +11,27 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
-from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["LIKELIHOOD", "WITH_NOISE", "Setting", "chosen", "parts_of", "restore"]
+__all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of", "restore"]
 
 _Vector = NDArray[np.float64]
 
-#: What minimises a likelihood; and what says of the noise all that is needed to make data anew.
-LIKELIHOOD = ("maximum-likelihood",)
-WITH_NOISE = ("maximum-likelihood", "log", "output-error")
+#: What methods state (`updyn.updating.fit.method.Method`): that they minimise a likelihood; that
+#: their noise record is enough to make data anew.
+LIKELIHOOD = "is_likelihood"
+WITH_NOISE = "states_noise"
 #: How an update has to have ended.
 _ENDED = ("converged", "not-identifiable", "stalled")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Setting:
+class RestoredFit:
     """An update that has ended, ready to be looked at again.
 
     Attributes
@@ -63,7 +64,7 @@ class Setting:
         """The unknowns."""
         return self.first.parameters.names
 
-    def with_problem(self, problem: Problem) -> Setting:
+    def with_problem(self, problem: Problem) -> RestoredFit:
         """Return the setting with a problem that is solved otherwise."""
         return replace(self, problem=problem)
 
@@ -109,8 +110,8 @@ class Setting:
 def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
-    methods: Sequence[str] = LIKELIHOOD,
-) -> Setting:
+    stated: str = LIKELIHOOD,
+) -> RestoredFit:
     """Bring an update back to its problem.
 
     Parameters
@@ -119,25 +120,25 @@ def restore(
         A fit that has ended.
     session : Session, optional
         Where lines are solved.
-    methods : sequence of str
-        Those that will do.
+    stated : str
+        What the method has to state: `LIKELIHOOD` or `WITH_NOISE`.
 
     Returns
     -------
-    Setting
+    RestoredFit
 
     Raises
     ------
     OptionError
-        If it is no result, its method is none of these, it is regularised, or the fit did not end
+        If it is no result, its method does not state that, it is regularised, or the fit did not end
         at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
     results = parts_of(result)
     first = results[0]
-    if first.method not in methods:
-        said = " or ".join(repr(m) for m in methods)
+    if not getattr(METHODS.find(first.method), stated):
+        said = " or ".join(repr(name) for name in methods_with(stated))
         raise OptionError(
             f"method {first.method!r} does not minimise a likelihood; update with {said}"
         )
@@ -159,7 +160,7 @@ def restore(
     x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
     shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
     noises = tuple(_noise(r, p, x, n) for r, p, n in zip(results, whole.parts, shares, strict=True))
-    return Setting(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
+    return RestoredFit(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
 
 
 def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
@@ -175,8 +176,8 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     return tuple(result.results.values())
 
 
-def chosen(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
-    """Return the positions of chosen unknowns; of all where none is named.
+def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
+    """Return the positions of positions_of unknowns; of all where none is named.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`plant_job`: the plant of a finished run, or of a model as it stands, and the files that come of it."""
+"""`plant_job`: make and write the plant of a finished run, or of a model as it stands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from updyn.control.job.checks import part_of_plant
 from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
-from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_plant_out", "default_plant_out", "plant_job"]
 
-#: Tables that say nothing about the update.
+#: Tables that do not change the update.
 _LATER = ("title", "plant", "servo", "uncertainty", "output")
 
 
@@ -51,7 +51,7 @@ def default_plant_out(job: Job) -> Path:
     Returns
     -------
     Path
-        That of the job's run; of a job that a run has left behind, the folder in which it lies.
+        That of the job's run; of a job file that a run has written, its own folder.
     """
     return job.path.parent if _left_behind(job) else default_out(job)
 
@@ -96,7 +96,7 @@ def plant_job(
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     say: Callable[[str], object] | None = None,
-) -> Planted:
+) -> PlantResult:
     """Make the plant of a job and write its files.
 
     It is that of the updated model where the job has been run: by default the result is sought in
@@ -116,11 +116,11 @@ def plant_job(
     engine : None, int, dask.distributed Client or Engine
         Where a family of plants is made, as for `updyn.update`.
     say : callable, optional
-        Called with what is being done.
+        Called with the name of each stage.
 
     Returns
     -------
-    Planted
+    PlantResult
         In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, each
         replaced as a whole. Where no plant holds the tolerance, no file of a plant is there
         afterwards, not even of an earlier one; record and page say what was reached.
@@ -145,19 +145,19 @@ def plant_job(
     else:
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
-        planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
+        plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
     with create_folder(out), temporary_folder(out) as temporary:
-        write_plant_files(planted, job, temporary)
-        write_plant_page(planted, temporary / PLANT_PAGE)
+        write_plant_files(plant_result, job, temporary)
+        write_plant_page(plant_result, temporary / PLANT_PAGE)
         move_outputs(plant_outputs(table), temporary, out)
-    return planted
+    return plant_result
 
 
-# -- the finished run ----------------------------------------------------------------------------------------
+# -- the finished run -----------------------------------------------------------------------------
 def _finished(
     ready: Prepared, out: Path, run: str | Path | None
 ) -> tuple[UpdateResult, Draws | None, Path] | None:
-    """Return the result of the job's run, draws of its unknowns where there are any, and the folder.
+    """Return the result of the finished run, draws of its unknowns, and its folder.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _finished(
 
 
 def _folders(job: Job, out: Path) -> Iterator[Path]:
-    """Yield where a finished run is sought: the folder to write to, the job's own, and that in which the job lies."""
+    """Yield the folders that may hold a finished run of the job."""
     yield out
     yield default_out(job)
     if _left_behind(job):
@@ -225,7 +225,7 @@ def _check_same(job: Job, folder: Path) -> None:
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
-    """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
+    """Return the draws of a bootstrap or a sampling; None without usable ones."""
     from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 
