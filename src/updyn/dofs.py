@@ -100,6 +100,9 @@ class Dof:
     def __neg__(self) -> Dof:
         return Dof(self.node, self.direction, -self.sign)
 
+    def __abs__(self) -> Dof:
+        return self if self.sign > 0 else -self
+
 
 @dataclass(frozen=True, slots=True)
 class Match:

@@ -10,7 +10,7 @@ import contextlib
 import io
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof
-from updyn.elements.checks import check_keys
+from updyn.elements.checks import check_keys, field_names
 from updyn.elements.constraints import Equation
 from updyn.elements.structure import (
     Beam,
@@ -200,12 +200,13 @@ def _parts(
         raise FormatError(
             f"group {name!r} has {len(cells)} cells of kind {kind!r}; {suggest(kind, known)}", path
         )
-    own = [f for f in fields(part) if f.name not in ("name", "connectivity", "node")]
+    names, required = field_names(part)
+    left_out = ("name", "connectivity", "node")
     check_keys(
         f"{what}, a {part.__name__}",
         given,
-        [f.name for f in own if f.default is f.default_factory],
-        [f.name for f in own],
+        [name for name in required if name not in left_out],
+        [name for name in names if name not in left_out],
     )
     if kind in _POINTS:
         return [PointMass(name, int(node), **given) for node in cells.ravel()]
