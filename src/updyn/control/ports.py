@@ -1,4 +1,4 @@
-"""`Port`: an input or output of a plant, as the servo designer counts it: DOFs, weights, sign, gear ratio, unit."""
+"""`Port`: an input or output of a plant: DOFs, weights, sign, gear ratio, unit."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def radius_of(family: PlantFamily, lines: _Real, kind: str) -> _Real:
 
 
 def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str) -> None:
-    """Refuse a radius without bound: zeros of the nominal plant on the imaginary axis that others do not have.
+    """Refuse an unbounded radius: imaginary zeros of the nominal plant that members lack.
 
     Raises
     ------
@@ -264,7 +264,7 @@ class UncertaintyWeight:
         return self.weights[self.outputs.index(output)][self.inputs.index(input)]
 
     def summary(self) -> str:
-        """Return the weights as text: order, how closely they lie above, and what to know of each channel."""
+        """Return order, closeness and notes of each channel's weight as text."""
         lines = [
             f"Uncertainty, {self.kind}: {len(self.freq)} lines from {self.freq[0]:.3g} to"
             f" {self.freq[-1]:.3g} Hz"
@@ -408,7 +408,7 @@ def _fit(
     )
 
 
-# -- what is asked -----------------------------------------------------------------------------------------
+# -- what is asked --------------------------------------------------------------------------------
 def _check(
     family: PlantFamily,
     order: int | None,
@@ -444,7 +444,7 @@ def _given(freq: ArrayLike) -> _Real:
     return np.array(lines)
 
 
-# -- numbers and words of a channel ------------------------------------------------------------------------
+# -- numbers and words of a channel ---------------------------------------------------------------
 def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
     # Between the lines of the fit it may have come to lie below; the gain makes up for it.
@@ -473,7 +473,7 @@ def _ends(lines: _Real, radius: _Real, floor: float) -> str:
 
 
 def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
-    """Say where the radius passes 1, and what has made it large: a zero of the nominal plant, or a pole that moves."""
+    """Return a note where the radius passes 1, with its cause: a zero, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
         return ""

@@ -1,4 +1,4 @@
-"""`Weight`: a stable, minimum-phase transfer function as zeros, poles and gain, and in state space."""
+"""`Weight`: a stable minimum-phase transfer function; its fit as a bound of a magnitude."""
 
 from __future__ import annotations
 
@@ -273,7 +273,7 @@ def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
 
 
 def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Return the best bound of an order: one of even order with a single zero and pole added, or with pairs."""
+    """Return the best bound of an order, from one of lower order with a pole and zero added."""
     p, places = base.p, np.log(np.geomspace(omega[0], omega[-1], _PLACES))
     # A pole upon a zero changes nothing: begun there, more sections are never worse.
     middle = places[_PLACES // 2]
@@ -304,7 +304,7 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
 def _touched_and_free(
     bound: Bound, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[list[float], list[float]]:
-    """Return log frequencies at which a bound rests on what it bounds, and middles of the widest gaps beneath it.
+    """Return log frequencies where a bound is tight, and the middles of the widest gaps.
 
     A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it
     down there.
@@ -336,7 +336,7 @@ def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
 def _polished(
     bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[Bound, _Lines]:
-    """Take up the lines at which the fit on few of them lies below, and fit again; return these lines too."""
+    """Add the lines at which the fit lies below the radius, and fit again; return them too."""
     best, p = _raised(bound, omega, y, weight), bound.p
     for _ in range(_EXCHANGES):
         excess = _model(p, bound.order, omega)[0] - y
@@ -357,7 +357,7 @@ def _polished(
 def _descend(
     p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int
 ) -> tuple[_Real, float]:
-    """Bring the excess down by linear programs in a box that shrinks where one has promised too much."""
+    """Reduce the excess by linear programs in a trust region."""
     lower, upper = _bounds(order, omega)
     p, f, J, cost = _lifted(np.clip(p, lower, upper), order, omega, y, weight)
     n, box = len(p), 1.0

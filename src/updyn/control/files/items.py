@@ -1,25 +1,26 @@
-"""What a file holds of a plant, item by item, whatever the format: names, checks, and the flat form of some formats.
+"""The items of a plant in a file: their names, their checks, and their form in flat formats.
 
 Items (`plant_items`), as ``.json`` has them::
 
-    format, schema                       "updyn plant", 1
-    A, B, C, D                           (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
-    dt, delay                            sampling interval in s, None where continuous; intervals of delay within A
-    inputs                               one {name, unit, weights, rotation} each; weights by DOF label
-    outputs                              the same with quantity
-    band                                 Hz
+    format, schema            "updyn plant", 1
+    A, B, C, D                (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
+    dt, delay                 sampling interval in s, None if continuous; intervals of delay in A
+    inputs                    {name, unit, weights, rotation} of each; weights by DOF label
+    outputs                   the same with quantity
+    band                      Hz
     tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
 
-Formats that hold arrays and texts only (``.mat``, ``.npz``) have in the place of ``inputs``, and so of ``outputs``
+Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outputs`` alike, by
 (`flat_items`)::
 
-    inputs, input_units                  names and units
-    input_rotation                       1 where it is a moment and an angle, else 0
-    input_weight                         all weights, port by port
-    input_weight_port, input_weight_dof  number of the port (from 1) and DOF label of each weight
-    quantities                           of the outputs
-    dt                                   0 where continuous, as MATLAB has it
-    facts                                JSON text, see `updyn.store.values`
+    inputs, input_units       names and units
+    input_rotation            1 for a moment and an angle, else 0
+    input_weight              all weights, port by port
+    input_weight_port         number of the port of each weight, from 1
+    input_weight_dof          DOF label of each weight
+    quantities                of the outputs
+    dt                        0 if continuous, as MATLAB has it
+    facts                     JSON text, see `updyn.store.values`
 """
 
 from __future__ import annotations
@@ -146,7 +147,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         )
 
 
-# -- arrays and texts only ---------------------------------------------------------------------------------
+# -- arrays and texts only ------------------------------------------------------------------------
 def flat_items(plant: Plant) -> dict[str, Any]:
     """Return what a file of arrays, texts and lists of texts holds of a plant."""
     items = plant_items(plant)
@@ -175,7 +176,7 @@ def flat_items(plant: Plant) -> dict[str, Any]:
 
 
 def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Return the items of a plant from `flat_items` as a file gave them back: numbers in arrays, texts in lists.
+    """Return the items of a plant from those of a flat file: numbers in arrays, texts in lists.
 
     Raises
     ------
@@ -245,7 +246,7 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
     return out
 
 
-# -- one item ----------------------------------------------------------------------------------------------
+# -- one item -------------------------------------------------------------------------------------
 def _port_items(port: Port, unit: str) -> dict[str, Any]:
     return {
         "name": port.name,

@@ -58,7 +58,7 @@ def _quantities(given: Any) -> Any:
 
 
 def _ports(what: str) -> Callable[[Any], Any]:
-    """Return what turns labels and tables into tables of ports, and one of them into an array of one."""
+    """Return a validator that turns labels and tables, or one of them, into tables of ports."""
 
     def several(given: Any) -> Any:
         items = [given] if isinstance(given, str | Mapping) else given
@@ -94,7 +94,7 @@ def _files(given: Any) -> Any:
 
 
 class PortTable(Table):
-    """An input or output of the plant: one DOF, geared where there is a ratio; or weights by DOF, with a name."""
+    """An input or output of the plant: a DOF, perhaps with a gear ratio; or weights by DOF."""
 
     name: str | None = None
     dof: str | None = None
@@ -145,7 +145,7 @@ class SamplingTable(Table):
 
 
 class PlantTable(Table):
-    """``[plant]``: inputs, outputs and band of the plant, how exact it has to be, and where it is written to."""
+    """``[plant]``: inputs, outputs, band, tolerance and files of the plant."""
 
     inputs: Annotated[tuple[PortTable, ...], BeforeValidator(_ports("inputs")), Strict(False)] = (
         Field(min_length=1)
@@ -235,7 +235,7 @@ class NotchTable(Table):
 
 
 class ControllerTable(Table):
-    """``[servo.controller]``: gains as they are set, or sized by rule from the inertia of the plant."""
+    """``[servo.controller]``: gains as stated, or sized by rule from the plant's inertia."""
 
     kp: float | None = None
     ti: float | None = None

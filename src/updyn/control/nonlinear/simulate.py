@@ -1,4 +1,4 @@
-"""A loop with backlash or friction as pieces, each linear, with the borders at which one gives way to the next.
+"""`simulate`: a loop with backlash or friction, piecewise linear and exact in each piece.
 
 The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
 1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
@@ -154,7 +154,7 @@ class BackwardsAndForwards(Rules):
         return "gap" if abs(way) <= self.law.half else "contact +" if way > 0 else "contact -"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
-        """Return the flank that is met, or the gap, in which the shaft begins with its last twist."""
+        """Return the flank that is met, or the gap with the shaft's last twist."""
         if piece == "gap":
             return ("contact +", "contact -")[border], X
         if self.damped:
@@ -267,7 +267,7 @@ class _Exact:
         )
 
     def crossing(self, X: _Real) -> tuple[float, _Real, int]:
-        """Return the share of the step at which the first border is crossed, the state just after, and the border."""
+        """Return share of the step before the first border, state just after it, and border."""
         share = 0.0
         for i, half in enumerate(self.halves, 1):
             tried = half @ X
@@ -434,7 +434,7 @@ def _trend(t: _Real, y: _Real, whole: float) -> Settled:
 
 
 def _rises(t: _Real, y: _Real) -> _Real:
-    """Return when a series passes 0 upwards, passages that do not reach a tenth of its size left out."""
+    """Return the upward zero crossings of a series that reach a tenth of its size."""
     size = 0.1 * float(np.abs(y).max())
     out, armed = [], False
     for i in range(1, len(y)):
@@ -449,7 +449,7 @@ def _rises(t: _Real, y: _Real) -> _Real:
 
 
 def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float:
-    """Return the amplitude of the first harmonic between two times, whole periods apart, by the trapezium rule."""
+    """Return the amplitude of the first harmonic over whole periods, by the trapezoidal rule."""
     inside = (t > a) & (t < b)
     times = np.concatenate([[a], t[inside], [b]])
     values = np.interp(times, t, y)

@@ -1,4 +1,4 @@
-"""`Controller`: the cascade of a drive: P position loop over a PI velocity loop, with filters and dead time.
+"""`Controller`: a P position loop over a PI velocity loop, with filters and dead time.
 
 Negative feedback throughout; a positive torque turns the motor the positive way:
 
@@ -257,7 +257,7 @@ class Controller:
         kv_ratio: float | None = 4.0,
         **others: Any,
     ) -> Controller:
-        """Return a controller sized by rule, from the rigid-body inertia J of a plant: where a design begins.
+        """Return a controller sized by rule from the rigid-body inertia J of a plant.
 
             w = 2 pi crossover,   kp = J w,   ti = ti_ratio / w,   kv = w / kv_ratio
 
@@ -312,8 +312,8 @@ class Controller:
         inertia = inertia_of(nominal, torque, velocity)
         if inertia is None:
             raise ModelError(
-                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, of whose inertia"
-                " the gain is to be sized; give kp, ti and kv by hand"
+                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, whose inertia"
+                " would size the gain; give kp, ti and kv by hand"
             )
         if inertia < 0:
             raise ModelError(

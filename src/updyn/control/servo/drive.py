@@ -92,7 +92,7 @@ class Bandwidth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveFigures:
-    """The figures of a drive: motor, train, load; of a linear DOF read kg for kg m2 and N/m for N m/rad.
+    """The figures of a drive: motor, train, load. Of linear DOFs in kg and N/m.
 
     Frequencies are those without damping; damping ratios stand beside them. What a figure needs and
     the model does not have (a rigid-body motion, a stated ratio) leaves it None, and `notes` say
@@ -240,7 +240,7 @@ _ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of i
 
 @dataclass(frozen=True, slots=True)
 class _Rigid:
-    """Rigid-body motion at the motor: inertia there, speed over the load's, and why one of them is not known."""
+    """Inertia at the motor, gear ratio, and a note where one of them is not known."""
 
     inertia: float | None
     ratio: float | None
@@ -256,7 +256,7 @@ def drive_figures(
     band: Sequence[float] | None = None,
     separation: float = 1e-3,
 ) -> DriveFigures:
-    """Return what a drive is for its servo: frequencies, inertias, gear ratio, stiffness, bandwidth.
+    """Return frequencies, inertias, gear ratio, stiffness and attainable bandwidth of a drive.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def drive_figures(
     )
 
 
-# -- what was given ----------------------------------------------------------------------------------------
+# -- what was given -------------------------------------------------------------------------------
 def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
     one, two = Dof.parse(motor), Dof.parse(load)
     if (one.node, one.direction) == (two.node, two.direction):
@@ -407,9 +407,9 @@ def _held(model: Model, at: Sequence[int]) -> Model:
     return Model(groups, model.dofs[left], model.geometry, model.title)
 
 
-# -- frequencies -------------------------------------------------------------------------------------------
+# -- frequencies ----------------------------------------------------------------------------------
 def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
-    """Return all modes up to a frequency and the next one, and not fewer than wanted; ten of an open band."""
+    """Return the modes up to a frequency and the next one; at least those wanted."""
     there = mass_rank(model.mass)
     if there == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
@@ -428,7 +428,7 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
 
 
 def _by_table(model: Model, found: Modes, top: float) -> Modes:
-    """Return modes with the loss factors of their tables, which need not reach beyond the band; nan above it."""
+    """Return modes with their loss factors; nan beyond the frequencies of the tables."""
     inside = int((found.frequency <= top).sum())
     loss = np.full(len(found), np.nan)
     if inside:
@@ -515,7 +515,7 @@ def _first(
 
 
 def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> float:
-    """Return how far the zeros of the computed response lie from the locked-rotor frequencies, at most."""
+    """Return the largest distance of a zero of the response from a locked-rotor frequency."""
     if not pairs:
         return 0.0
     still = model.with_damping({name: {"loss_factor": 0.0} for name in model.groups})
@@ -533,7 +533,7 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
     return float(np.abs(_ASIDE * (below + above) / (below - above)).max())
 
 
-# -- rigid-body motion and stiffness -----------------------------------------------------------------------
+# -- rigid-body motion and stiffness --------------------------------------------------------------
 def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) -> _Rigid:
     shapes = free.shapes[:, :rigid]
     here = shapes[at] * sign[:, None]

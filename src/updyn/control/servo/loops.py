@@ -1,4 +1,4 @@
-"""`Cascade`: the loop functions of a controller on one plant, exact in frequency, and its closed loop in states."""
+"""`Cascade`: loop functions of a controller on one plant, and the closed loop in states."""
 
 from __future__ import annotations
 
@@ -141,10 +141,10 @@ class Cascade:
         """Whether there is a position loop."""
         return self.controller.kv is not None
 
-    # -- in frequency ------------------------------------------------------------------------------------------
+    # -- in frequency -----------------------------------------------------------------------------
     @_quiet
     def motion(self, s: ArrayLike) -> _Complex:
-        """Return velocity, position and pointing over torque and disturbance, shape (n, 3, 1 or 2)."""
+        """Return velocity, position and pointing over torque and disturbance, (n, 3, 1 or 2)."""
         s = np.asarray(s, dtype=np.complex128)
         return np.asarray(self._transfer.at(s) * s[:, None, None] ** self._powers[:, None])
 
@@ -167,7 +167,7 @@ class Cascade:
 
     @_quiet
     def reference(self, s: ArrayLike) -> _Complex:
-        """Return the closed loop from the reference to position (velocity, without a position loop), shape (n,)."""
+        """Return position (without its loop velocity) over reference, closed, shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)
         G, K = self.motion(s), self.controller.torque(s)
         if not self.has_position:
@@ -188,7 +188,7 @@ class Cascade:
 
     @property
     def poles(self) -> _Complex:
-        """Poles of the open loops in rad/s, the dead time left out, the integration of a velocity counted."""
+        """Poles of the open loops in rad/s without the dead time, with a velocity's integration."""
         added = [0.0] if self.has_position and self._powers[1] == -1 else []
         return np.concatenate(
             [self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)]
@@ -201,7 +201,7 @@ class Cascade:
 
     @property
     def zeros(self) -> _Complex:
-        """Zeros of the velocity and the position over torque and of the controller, in rad/s, those at 0 left out."""
+        """Zeros of velocity and position over torque and of the controller, in rad/s, without 0."""
         system = self._system
         found = [
             channel_zeros(
@@ -211,11 +211,14 @@ class Cascade:
         ]
         return np.concatenate([*found, self.controller.zeros])
 
-    # -- in states ---------------------------------------------------------------------------------------------
+    # -- in states --------------------------------------------------------------------------------
     def closed(
         self, pade: int = 0, *, position: bool | None = None, pointing: bool = False
     ) -> StateSpace:
-        """Return the closed loop: reference, its rate, velocity reference, disturbance -> position, torque, pointing.
+        """Return the closed loop in states.
+
+        Inputs: reference, its rate, velocity reference, disturbance. Outputs: position, torque,
+        pointing.
 
         Without a position loop the velocity stands in the place of the position, and the velocity
         reference alone acts.
@@ -239,7 +242,9 @@ class Cascade:
         return self._differentiated(out, outer) if self._steep else out
 
     def opened(self) -> StateSpace | None:
-        """Return the loop cut at its dead time: late torque, inputs of `closed` -> torque wanted, position, pointing.
+        """Return the loop cut at its dead time.
+
+        Inputs: late torque, then those of `closed`. Outputs: torque wanted, position, pointing.
 
         None where a velocity is read that is derived from a displacement with direct feed-through:
         cut there, it has the derivative of the late torque in it.
@@ -264,7 +269,7 @@ class Cascade:
         return StateSpace(A, np.hstack([B, -A @ B]), C, np.hstack([np.zeros((1, 1)), -C @ B]))
 
     def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
-        """Return wires, entries and taps of plant (n_u inputs) and controller (n_c); taps with the pointing."""
+        """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
         kv = self._kv if outer else 0.0
         # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position,
         # pointing, torque
@@ -296,7 +301,11 @@ class Cascade:
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:
-        """Return torque and disturbance to velocity (displacement if it jumps with the torque), position, pointing."""
+        """Return the plant in states: torque, disturbance -> velocity, position, pointing.
+
+        A velocity that would be derived from a displacement with direct feed-through is left as
+        the displacement.
+        """
         A, B, C, D = (getattr(self._system, n) for n in "ABCD")
         powers = self._powers
         C, D = C.copy(), D.copy()

@@ -1,4 +1,4 @@
-"""Whether a closed loop is stable: by its eigenvalues, or with dead time by counting how often L turns about -1."""
+"""Stability of a closed loop: by eigenvalues, or by the Nyquist criterion with dead time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def count_drifting(poles: _Complex, scale: float) -> int:
 
 
 def count_growing(poles: _Complex, scale: float) -> int:
-    """Return how many poles of a closed loop grow; those at 0 do not count.  Parameters as of `count_drifting`."""
+    """Return the number of unstable closed-loop poles without those at 0; as `count_drifting`."""
     moving = poles[np.abs(poles) >= _AT_REST * scale]
     return int((moving.real > _GROWS * np.abs(moving)).sum())
 
@@ -232,7 +232,7 @@ def _reference(features: _Complex) -> float:
 def _lines(
     loop: Loop, whole: Loop, features: _Complex, delay: float, beside: _Complex | None = None
 ) -> tuple[_Real, _Complex]:
-    """Return lines from below to above some features, dense around them and others, and the loop function there."""
+    """Return lines that are dense around poles and zeros, and the loop function there."""
     size = np.abs(features)
     size = size[size > _SMALLEST * size.max(initial=0.0)]
     if not len(size):
@@ -311,7 +311,7 @@ def _margins(
 
 
 def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:
-    """Return the smallest |1 + L| and where, in rad/s; with dead time beyond the lines, too, while |L| allows it."""
+    """Return the smallest |1 + L| and where, in rad/s; with dead time beyond the lines, too."""
 
     def distance(x: _Real) -> _Real:
         return np.asarray(np.abs(1.0 + loop(1j * x)))

@@ -1,4 +1,4 @@
-"""The closed loop over time, exact by the matrix exponential: steps, and a disturbance given as a series."""
+"""Responses of the closed loop over time, by the matrix exponential: steps, wind, series."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _BAND = 0.02
 def march(
     system: StateSpace, u: _Real, dt: float, start: _Real | None = None
 ) -> tuple[_Real, _Real]:
-    """Return the states and outputs of a system under inputs that are straight between samples, exact at the samples.
+    """Return states and outputs of a system under inputs that are linear between samples.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def march(
 
 
 def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
-    """Return what states, a constant input and an input that grows from 0 to 1 become in an interval.
+    """Return the matrices of one interval: of states, a constant input and a ramp from 0 to 1.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
 def march_late(
     opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs and their derivatives of a loop whose first output comes back late as its first input.
+    """Return time, outputs and derivatives of a loop whose first output is fed back late.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
 def schedule(
     system: StateSpace, output: int, input: int, duration: float | None = None
 ) -> list[tuple[int, float]]:
-    """Return in which intervals the answer to a step has to be recorded: numbers of them and lengths in s, in order.
+    """Return the numbers and lengths in s of the intervals that resolve a step response.
 
     They are as fine as the fastest mode asks for that still shows, and last until the slowest has
     settled.
@@ -228,7 +228,7 @@ def schedule(
 
 
 def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
-    """Return the poles, in rad/s, and how much each has of the answer of an output to a step of an input."""
+    """Return the poles in rad/s, and the share of each in a step response."""
     even, scale = balanced(system.A)
     poles, V = np.linalg.eig(even)
     b, c = system.B[:, input] / scale, system.C[output] * scale
@@ -345,7 +345,7 @@ _FINER, _LONGEST_STEP, _COARSEST, _KEPT = 4.0, 60_000, 16, 5000
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """Responses over time, and what is to be said about them; as in `updyn.control.servo.record.Servo`."""
+    """Responses over time and notes on them; as in `updyn.control.servo.record.Servo`."""
 
     step: StepResponse | None = None
     disturbance_step: StepResponse | None = None
@@ -438,9 +438,22 @@ def _reference_step(
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
     time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
-        "reference", float(size), name, unit, name, unit, time, value, torque, final, figures.rise_time,
-        figures.overshoot, figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="reference",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=name,
+        output_unit=unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=figures.rise_time,
+        overshoot=figures.overshoot,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _record(
@@ -452,7 +465,7 @@ def _record(
     rate: int | None,
     duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs of `Cascade.closed` and derivatives after a step; the dead time exact where it can be."""
+    """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
     parts = schedule(system, output, at, None if duration is None else float(duration))
     delay = cascade.controller.dead_time
     opened = cascade.opened() if delay else None
@@ -471,7 +484,7 @@ def _record(
 
 
 def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return a record of at most about `_KEPT` samples, the first ones and every so many of the others."""
+    """Return a record thinned to about `_KEPT` samples, the first ones kept."""
     every = max(1, round(len(time) / _KEPT))
     keep = np.unique(
         np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)])
@@ -488,9 +501,22 @@ def _disturbance_step(
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
     time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
-        "disturbance", float(size), name, unit, output, output_unit, time, value, torque, final, None, None,
-        figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="disturbance",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=output,
+        output_unit=output_unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=None,
+        overshoot=None,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _wind(
@@ -501,9 +527,13 @@ def _wind(
         expected, needed = _expected(cascade, judged, wind)
         time, torque = wind.series(max(needed, wind.duration / _LONGEST))
         facts = {
-            "mean_speed": wind.mean_speed, "coefficient": wind.coefficient, "turbulence": wind.intensity,
-            "roughness": wind.drag, "seed": wind.seed, "mean_torque": wind.mean_torque,
-        }  # fmt: skip
+            "mean_speed": wind.mean_speed,
+            "coefficient": wind.coefficient,
+            "turbulence": wind.intensity,
+            "roughness": wind.drag,
+            "seed": wind.seed,
+            "mean_torque": wind.mean_torque,
+        }
     else:
         time, torque = _series(wind)
     rest = at_rest(system, _POINTING, _DISTURBANCE)
@@ -522,7 +552,7 @@ def _wind(
 
 
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
-    """Return the root mean square of the error by the spectrum, and the interval that a series needs, in s."""
+    """Return the rms error by the spectrum, and the interval of a time series in s."""
     low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / 1200.0)
     edges = np.unique(
         np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
