@@ -1,4 +1,4 @@
-"""What an update gives back: `UpdateResult` and its parts. Pure data, with advice; computes no physics."""
+"""Results of updates: `UpdateResult` for a test, `JointResult` for several. Pure data."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class UpdateResult:
         )
 
     def summary(self) -> str:
-        """Return the outcome as text: verdict, unknowns with their standard deviations, what is not determined."""
+        """Return the outcome as text: verdict, unknowns and identifiability."""
         width = max(28, *(len(p.name) + 2 for p in self.parameters))
         lines = [
             (
@@ -158,7 +158,8 @@ class UpdateResult:
                 note = f"in {p.value_unit}" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
             lines.append(
-                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip()
+                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}"
+                f"  {note}".rstrip()
             )
         ident = self.identifiability
         advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
@@ -278,7 +279,7 @@ def _combination(direction: Mapping[str, float]) -> str:
 
 
 def _left_over(found: Adequacy | None, message: str) -> list[str]:
-    """Return what is said of the residual beyond the message: places, and what would explain them."""
+    """Return the lines on the residual that the message does not hold."""
     if found is None:
         return []
     lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
@@ -326,7 +327,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
 
 
 def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
-    """Return the estimated factor of each channel of a result's data, shape (n_i, n_j); None where there is none.
+    """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None.
 
     Parameters
     ----------

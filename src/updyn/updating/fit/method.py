@@ -1,4 +1,4 @@
-"""What a method gives back, and the whitening that all methods share."""
+"""Base class of the methods, their outcome, and the descents that they share."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Fit:
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
-        """Return a fit of which no Jacobian is known: nothing is said of what the data determine."""
+        """Return a fit without a Jacobian, which says nothing about identifiability."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
@@ -343,12 +343,12 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
 
 
 def in_units(local: Local, sigma: float) -> Local:
-    """Return a reduced problem in units of the standard deviation `sigma` of its residuals; as it is for 0."""
+    """Return a reduced problem divided by the standard deviation of its residuals, unless 0."""
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
 def stopped_at(problem: Problem, x: _Vector) -> Fit:
-    """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
+    """Return the fit that was stopped at x, with the Jacobian of the log error where it is cached.
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def known_length(
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
-    """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
+    """Return the record of the correlation length of the residual at x; empty after a stop.
 
     Parameters
     ----------
@@ -401,7 +401,7 @@ def known_length(
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
-    """Return over how many lines the residual is correlated: 1 + 2 times the sum of its autocorrelation.
+    """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
     Parameters
     ----------

@@ -211,7 +211,7 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Search in the basis of the start and fit; where that does not settle, search through a wider one, and again.
+        """Search and fit in the basis of the start; where that fails, in a wider basis.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Reducing:
         return self.inside(problem), fit
 
     def _may_search(self, strategy: Method) -> bool:
-        """Whether a method looks for a basin, was given steps enough, and a wider basis is not too large for it."""
+        """Whether the method searches, has enough steps, and a wider basis is not too large."""
         starts = getattr(
             getattr(strategy, "method", strategy), "starts", 0
         )  # of a regularised one: what it wraps
@@ -280,7 +280,7 @@ class Reducing:
         *,
         far: bool,
     ) -> tuple[Problem, Fit]:
-        """Fit within a box about the point of the basis; make a new one where that ends, until it is proved there."""
+        """Fit within a box about the point of the basis, renewed until it is certified."""
         near, left = False, strategy.max_iterations
         fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
         try:
@@ -316,7 +316,7 @@ class Reducing:
         return problem, self._noted(fit)
 
     def _better(self, problem: Problem, x: _Vector) -> _Vector:
-        """Make the reduced model where a search ended, far off, unless the start is as good after all."""
+        """Return where a search ended, or the start where its log error is smaller."""
         before = _log_cost(problem, self._home)
         self._make(x)
         if _log_cost(self.inside(problem), x) <= before:
@@ -343,7 +343,7 @@ class Reducing:
 
     @property
     def record(self) -> dict[str, float | int | str]:
-        """What the result states; of several tests, the sums of what was needed and the largest error."""
+        """Record for the result; of several tests, sums and the largest error."""
         found = [part.certificate for part in self._parts if part.certificate is not None]
         if not found:
             return {"accuracy": self.accuracy}
@@ -374,7 +374,7 @@ class Reducing:
         self._use(x)
 
     def _mend(self, x: _Vector) -> bool:
-        """Add what the bases lack at x, and return whether that was anything; if not, they are proved there."""
+        """Add what the bases lack at x, and return whether that was anything; else certify them."""
         before = [part.reduction.basis.size for part in self._parts]
         for part in self._parts:
             part.certify(x, enrich=True)

@@ -1,4 +1,4 @@
-"""Tests of a residual against noise: exact tails of serial correlation, bands of lines, many tests at once."""
+"""Adequacy of a model: tests of the residual against noise, by channel and band of lines."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): what stays alike over a few
-#: lines counts.
+#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): serial correlation over
+#: a few lines counts.
 _LAGS = np.array([0.75, 0.5, 0.25])
 #: Fewer values than this say nothing about correlation.
 _FEWEST = 5
@@ -43,7 +43,7 @@ _LEAST, _MOST = 8, 24
 
 
 def clipped(values: _Complex) -> _Complex:
-    """Return values cut back to three times their typical size, so that one outlier does not stand for correlation.
+    """Return values clipped to three times their typical size, so that outliers do not correlate.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def clipped(values: _Complex) -> _Complex:
 
 
 def serial_p(values: _Complex) -> _Real:
-    """Return how likely independent noise is as alike from line to line as these values, or more.
+    """Return p-values of serial correlation from line to line against independent noise.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _consecutive(mask: NDArray[np.bool_]) -> bool:
 
 
 def _diagonals(at: NDArray[np.intp]) -> _Real:
-    """Return T by its diagonals below, shape (4, m): row d has T[i + d, i] at i; 0 where there is none."""
+    """Return the lower diagonals of T, shape (4, m): row d has T[i + d, i] at i, padded with 0."""
     weights = np.concatenate([[0.0], _LAGS, [0.0]])
     out = np.zeros((len(_LAGS) + 1, len(at)))
     for d in range(1, min(len(_LAGS) + 1, len(at))):
@@ -180,10 +180,10 @@ def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
 
 
 def adjusted(p: _Real) -> _Real:
-    """Return p-values adjusted for their number, so that those below q hold at most a share q of false alarms.
+    """Return p-values adjusted for their number by Benjamini & Hochberg.
 
-    Where there is nothing to find, any alarm is false, and one is raised in at most a share q of
-    cases (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
+    Those below q hold at most a share q of false alarms. Of pure noise, at most a share q of cases
+    raises an alarm (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
 
     Parameters
     ----------
@@ -430,7 +430,7 @@ def assess(
     the size alike over more); where it was taken from this residual, by the ratio to all other
     values. The unknowns make the residual smaller than the noise, which is counted for all values
     together, not place by place: the tests err on the side of silence. Likeness:
-    `updyn.updating.judge.adequacy.serial_p`. Channels over all bands, bands over all channels and all
+    `serial_p`. Channels over all bands, bands over all channels and all
     data together are tested as well, with the p-values of likeness joined by Stouffer's sum of
     normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
     share of `level`.
@@ -527,7 +527,7 @@ def _mean_level(H: _Complex) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """What a sum of squares is compared with: the sum over all values, their number (two each), unknowns, noise."""
+    """Reference of a sum of squares: total, number of real values, unknowns, noise."""
 
     square: float
     count: float
@@ -561,7 +561,7 @@ class _Size:
 def _tested(
     square: _Real, count: _Real, white: _Real, size: _Size
 ) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
-    """Return adjusted p-values of size and likeness by channel and band, and the least of each further family."""
+    """Return adjusted p-values by channel and band, and the least of each further family."""
     shape = square.shape
     square, count, white = (a.reshape(-1, shape[2]) for a in (square, count, white))
     cells, n_bands = white.shape
@@ -593,7 +593,7 @@ def _combined(p: _Real, axis: int | None) -> _Real:
 
 
 def _length(values: _Complex) -> _Real:
-    """Return over how many lines each column is alike: 1 + 2 times the sum of its leading autocorrelations."""
+    """Return the correlation length of each column in lines, 1 + 2 sum of autocorrelations."""
     n = len(values)
     power = np.nansum(np.abs(values) ** 2, axis=0)
     out, going = np.ones(values.shape[1]), power > 0

@@ -1,4 +1,4 @@
-"""What would make open unknowns visible: another line, another sensor, or a value from elsewhere."""
+"""Experiment advice: further lines, sensors or known values that determine the null space."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, fl
 
 
 def _accuracy(seen: float) -> str:
-    """Say how well a candidate has to be measured, so that each open combination is known to 10 %."""
+    """Return how well a candidate has to be measured to know each combination to 10 %."""
     return f", to 10 % if it is measured to {10.0 * seen:.1g} %" if seen < 1.0 else ""
 
 
@@ -109,7 +109,7 @@ def _list(names: list[str]) -> str:
 def _sees(
     dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDArray[np.float64]
 ) -> float:
-    """Return the least relative change of H along the open directions; dH is (n, ...) by the unknowns."""
+    """Return the least relative change of H along the null space; dH is (n, ...) by unknown."""
     along = np.tensordot(directions, dH, axes=(0, 0)).reshape(directions.shape[1], -1)
     level = np.maximum(np.abs(H).ravel(), 1e-6 * np.abs(H).max(initial=0.0))
     relative = along / np.maximum(level, np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""What the data can determine: rank, open combinations in group names, standard deviations, and what would cure it."""
+"""Identifiability: rank, null space in group names, determined combinations, covariance."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
 
 
 def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
-    """Turn a basis into one with as many zeros as its dimension allows: each direction led by another unknown."""
+    """Return a basis of the same space with many zeros, each direction led by another unknown."""
     k = basis.shape[1]
     if k == 0:
         return []
@@ -100,7 +100,7 @@ def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]
 def _determined(
     blind: _Matrix, involved: NDArray[np.bool_], names: list[str]
 ) -> list[dict[str, float]]:
-    """Return what stays fixed along all open directions: each further unknown, less its share of the leading ones."""
+    """Return the combinations of the involved unknowns that are constant along the null space."""
     k = blind.shape[1]
     if k == 0:
         return []

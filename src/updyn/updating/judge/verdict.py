@@ -1,4 +1,4 @@
-"""Status, cause and remedy of a fit, in words."""
+"""Verdict on a fit: its status, message and remedy."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def verdict(
 
 
 def _free(found: list[Adequacy]) -> str:
-    """Return what to do about an error that would explain what is left; empty where none is known."""
+    """Return the remedy for an error that would explain the residual; empty where none is known."""
     suspects = next((a.explained_by for a in found if a.explained_by), ())
     return f"Free {suspects[0].name} if it can be wrong, and run again." if suspects else ""
 

@@ -171,7 +171,7 @@ class MaximumLikelihood(Method):
 def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
-    """Return the noise models after a look at the residual, and the weights that follow from them at x."""
+    """Return the noise models refitted to the residual at x, and the residual that they weight."""
     looked, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)
