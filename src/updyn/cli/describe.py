@@ -166,7 +166,7 @@ def describe_identifiability(found: Identifiability) -> str:
         f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
     for what, directions in (
-        ("open combination", found.null_directions),
+        ("undetermined combination", found.null_directions),
         ("of these, determined", found.determined_directions),
     ):
         lines += [f"  {what} {number}: {_weights(d)}" for number, d in enumerate(directions, 1)]

@@ -138,7 +138,7 @@ class Identifiability:
         together by these weights changes nothing that was measured. Largest weight 1; weights below
         1e-3 left out.
     determined_directions : list of dict of str to float
-        Among the unknowns that take part in an open combination, the combinations that the data do
+        Among the unknowns that take part in an undetermined combination, the combinations that the data do
         determine.
     collinearity : float
         Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
