@@ -1,4 +1,4 @@
-"""The section on uncertainty: intervals by profile, bootstrap or sampling beside those of Laplace."""
+"""The section on uncertainty: intervals by profile, bootstrap or sampling beside Laplace's."""
 
 from __future__ import annotations
 
@@ -137,13 +137,14 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
     chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
     if not chosen:
         return None
-    spans = np.array([ends[p.name] for p in chosen])
-    value = np.array([result.values[p.name] for p in chosen])
-    std = np.array([result.std[p.name] for p in chosen])
-    factor = np.array([p.is_factor for p in chosen])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(spans / value[:, None]) * (value / std)[:, None]
-    at = np.where(factor[:, None], logs, (spans - value[:, None]) / std[:, None])
+    at = np.empty((len(chosen), 2))
+    for i, p in enumerate(chosen):
+        value, std = result.values[p.name], result.std[p.name]
+        span = np.array(ends[p.name])
+        at[i] = (span - value) / std
+        if p.is_factor:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at[i] = np.log(span / value) * (value / std)
     low, high = np.clip(at, -_SHOWN, _SHOWN).T
     rows = np.arange(len(chosen), dtype=np.float64)
     z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * level_of(found)))

@@ -34,6 +34,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.updating.fit.methods import METHODS
+from updyn.updating.fit.monitor import Iteration
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -203,15 +204,22 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     if not chosen:
         return None
     relative = chosen[0].is_factor
-    start = np.array([p.start for p in chosen])
-    unit = start if relative else np.ones(len(chosen))
-    values = np.array([result.values[p.name] for p in chosen]) / unit
-    spans = [interval(p, result.values[p.name], result.std[p.name]) for p in chosen]
-    low, high = np.array([(np.nan, np.nan) if s is None else s for s in spans]).T / unit
-    limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
     rows = np.arange(len(chosen))
-    known = np.array([s is not None for s in spans])
-    bound = np.array([p.name in result.at_bound for p in chosen])
+    start, values, low, high = np.full((4, len(chosen)), np.nan)
+    limits = np.empty((len(chosen), 2))
+    bound = np.empty(len(chosen), dtype=np.bool_)
+    for i, p in enumerate(chosen):
+        start[i] = p.start
+        values[i] = result.values[p.name]
+        limits[i] = p.lower, p.upper
+        bound[i] = p.name in result.at_bound
+        span = interval(p, result.values[p.name], result.std[p.name])
+        if span is not None:
+            low[i], high[i] = span
+    known = ~np.isnan(low)
+    unit = start.copy() if relative else np.ones(len(chosen))
+    values, low, high = values / unit, low / unit, high / unit
+    limits /= unit[:, None]
     names = _names(chosen)
     view = _view(np.concatenate([values, low, high, start / unit]), log=relative)
     traces = [_start_trace(start / unit), _bound_trace(limits, view, rows)]
@@ -563,45 +571,44 @@ def cost_path(result: UpdateResult) -> Figure | None:
     steps = [step for step in result.history if np.isfinite(step.cost)]
     if not steps:
         return None
-    positive = [step.cost for step in steps if step.cost > 0]
-    foot = min(positive, default=1.0) / 10.0
+    stages: dict[str, list[Iteration]] = {}
+    refused = []
+    for step in steps:
+        taken = stages.setdefault(step.stage, [])
+        if step.accepted:
+            taken.append(step)
+        else:
+            refused.append(step)
+    costs = np.array([step.cost for step in steps])
+    positive = costs[costs > 0]
+    foot = float(positive.min()) / 10.0 if positive.size else 0.1
     traces = []
-    for i, stage in enumerate(dict.fromkeys(step.stage for step in steps)):
-        taken = [step for step in steps if step.stage == stage and step.accepted]
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines+markers",
-                "name": label(stage),
-                "x": [step.number for step in taken],
-                "y": numbers([max(step.cost, foot) for step in taken]),
-                "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
-                "marker": {
-                    "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
-                    "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
-                },
-                "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
-                "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
-            }
-        )
-    refused = [step for step in steps if not step.accepted]
+    for i, (stage, taken) in enumerate(stages.items()):
+        style = {
+            "name": label(stage),
+            "mode": "lines+markers",
+            "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
+            "marker": {
+                "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
+                "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
+            },
+            "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
+            "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
+        }
+        traces.append(_cost_trace(taken, foot) | style)
     if refused:
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "step refused",
-                "x": [step.number for step in refused],
-                "y": numbers([max(step.cost, foot) for step in refused]),
-                "marker": {
-                    "symbol": "x-thin-open",
-                    "color": "@muted",
-                    "size": 9,
-                    "line": {"width": 2},
-                },
-                "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
-            }
-        )
+        style = {
+            "name": "step refused",
+            "mode": "markers",
+            "marker": {
+                "symbol": "x-thin-open",
+                "color": "@muted",
+                "size": 9,
+                "line": {"width": 2},
+            },
+            "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
+        }
+        traces.append(_cost_trace(refused, foot) | style)
     return {
         "data": traces,
         "height": 320,
@@ -615,6 +622,15 @@ def cost_path(result: UpdateResult) -> Figure | None:
             },
             "showlegend": True,
         },
+    }
+
+
+def _cost_trace(steps: Sequence[Iteration], foot: float) -> dict[str, Any]:
+    """Return number and cost of some steps, costs below the foot of the axis at the foot."""
+    return {
+        "type": "scatter",
+        "x": [step.number for step in steps],
+        "y": numbers([max(step.cost, foot) for step in steps]),
     }
 
 
