@@ -79,24 +79,27 @@ class Uncertainty(Section):
             "percent": percent,
             "head": head,
             "kinds": ("", *[""] * (len(head) - 2), "note-cell"),
-            "rows": [_row(content.result, found, name) for name in ends_of(found)],
+            "rows": _rows(content.result, found),
         }
 
 
 UNCERTAINTY = Uncertainty()
 
 
-def _row(result: UpdateResult, found: Draws | Profiles, name: str) -> list[str]:
-    """Return the cells of an unknown."""
-    low, high = ends_of(found)[name]
-    values = [result.values[name], result.std[name], low, high]
-    note = ""
-    if isinstance(found, Profiles):
-        note = found[name].note
-    elif "r_hat" in found.diagnostics:
-        k = found.names.index(name)
-        values += [float(found.diagnostics[key][k]) for key in ("r_hat", "ess_bulk")]
-    return [name, *map(number, values), note]
+def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
+    """Return the cells of each unknown."""
+    out = []
+    for name, (low, high) in ends_of(found).items():
+        values = [result.values[name], result.std[name], low, high]
+        note = ""
+        if isinstance(found, Profiles):
+            note = found[name].note
+        elif "r_hat" in found.diagnostics:
+            k = found.names.index(name)
+            values.append(float(found.diagnostics["r_hat"][k]))
+            values.append(float(found.diagnostics["ess_bulk"][k]))
+        out.append([name, *map(number, values), note])
+    return out
 
 
 def level_of(found: Draws | Profiles) -> float:
@@ -237,7 +240,7 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     with np.errstate(divide="ignore", invalid="ignore"):
         width = np.median(np.log(band.upper / band.lower), axis=0)
     widest = int(np.argmax(np.where(np.isfinite(width), width, -1.0)))
-    i, j = (int(k) for k in np.unravel_index(widest, width.shape))
+    i, j = map(int, np.unravel_index(widest, width.shape))
     if not np.isfinite(width[i, j]):
         return None
     return _drawn(band, result, i, j), f"{frf.responses[i]} / {frf.references[j]}"

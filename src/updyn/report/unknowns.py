@@ -80,10 +80,17 @@ def _by_figure(
     result: UpdateResult, factors: str, end: str, calibrations: str
 ) -> dict[str, list[Parameter]]:
     """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
-    out = {factors: [p for p in result.parameters if p.is_factor and not p.is_channel]}
+    out: dict[str, list[Parameter]] = {factors: []}
     for kind in VALUES:
-        out[figure_name(kind) + end] = [p for p in result.parameters if p.value_of == kind]
-    out[calibrations] = [p for p in result.parameters if p.is_channel]
+        out[figure_name(kind) + end] = []
+    out[calibrations] = []
+    for p in result.parameters:
+        if p.is_channel:
+            out[calibrations].append(p)
+        elif p.value_of is None:
+            out[factors].append(p)
+        else:
+            out[figure_name(p.value_of) + end].append(p)
     return out
 
 
@@ -290,7 +297,7 @@ def _estimate_trace(
         "name": name,
         "x": numbers(values[at]),
         "y": at.tolist(),
-        "text": [names[i] for i in at],
+        "text": np.take(names, at).tolist(),
         "marker": {
             "symbol": symbol,
             "color": "@after",
@@ -347,8 +354,11 @@ def _log_ticks(view: tuple[float, float]) -> list[float]:
         steps = (1, 2, 5)
     ticks = []
     for power in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
-        ticks += [float(f"{step * 10.0**power:.6g}") for step in steps]
-    return [t for t in ticks if low <= t <= high]
+        for step in steps:
+            tick = float(f"{step * 10.0**power:.6g}")
+            if low <= tick <= high:
+                ticks.append(tick)
+    return ticks
 
 
 def _even_ticks(low: float, high: float) -> list[float]:
@@ -357,7 +367,7 @@ def _even_ticks(low: float, high: float) -> list[float]:
     unit = 10.0 ** np.floor(np.log10(rough))
     step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
     first, last = np.ceil(low / step), np.floor(high / step)
-    return [float(round(v, 10)) for v in np.arange(first, last + 1) * step]
+    return np.round(np.arange(first, last + 1) * step, 10).tolist()  # type: ignore[no-any-return]
 
 
 # -- identifiability -----------------------------------------------------------------------------
@@ -402,10 +412,11 @@ def singular_values(result: UpdateResult) -> Figure | None:
         foot = max(float(values[values > 0].min()) / 10.0, 1e-18)
     determined = np.arange(values.size) < ident.rank
     lost = "undetermined: lost in the noise, or exactly"
-    traces = [
-        _singular_trace("determined", values, determined, foot, "@after", "circle"),
-        _singular_trace(lost, values, ~determined, foot, "@before", "x"),
-    ]
+    traces = []
+    if determined.any():
+        traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
+    if not determined.all():
+        traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
     axis: dict[str, Any] = {
         "title": {"text": "combination number, best determined first"},
         "zeroline": False,
@@ -413,7 +424,7 @@ def singular_values(result: UpdateResult) -> Figure | None:
     if values.size <= 20:
         axis |= {"tickmode": "linear", "tick0": 1, "dtick": 1}
     return {
-        "data": [trace for trace in traces if trace["x"]],
+        "data": traces,
         "height": 320,
         "layout": {
             "xaxis": axis,
@@ -536,8 +547,15 @@ class Convergence(_OfUnknowns):
     def context(self, content: Content) -> dict[str, Any]:
         """Return the stages, the costs of the last one, and the titles of the figures."""
         history = content.result.history
-        stages = list(dict.fromkeys(step.stage for step in history))
-        costs = [step.cost for step in history if step.accepted and step.stage == stages[-1]]
+        stages: dict[str, list[float]] = {}
+        refused = 0
+        for step in history:
+            costs = stages.setdefault(step.stage, [])
+            if step.accepted:
+                costs.append(step.cost)
+            else:
+                refused += 1
+        last = list(stages.values())[-1:]
         titles = [
             ("factor-paths", "Paths of the factors"),
             ("calibration-paths", "Paths of the calibration factors"),
@@ -546,10 +564,10 @@ class Convergence(_OfUnknowns):
             titles.append((f"{figure_name(kind)}-paths", f"Paths: {quantity_words(kind)}"))
         return {
             "taken": content.result.iterations,
-            "refused": sum(not step.accepted for step in history),
-            "stages": stages,
-            "explained": _explained(stages),
-            "last": (costs[0], costs[-1]) if costs else None,
+            "refused": refused,
+            "stages": list(stages),
+            "explained": _explained(list(stages)),
+            "last_costs": last[0] if last else [],
             "titles": titles,
         }
 
@@ -665,9 +683,9 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     paths = {}
     for p in chosen:
         path = np.array([step.values.get(p.name, np.nan) for step in steps])
-        paths[p.name] = path / (p.start if p.is_factor else 1.0)
+        paths[p.name] = path / p.start if p.is_factor else path
     moved = sorted(paths, key=lambda name: -_excursion(paths[name]))
-    named = [p.name for p in chosen if p.name in moved[:_LEGEND_ENTRIES]]
+    named = sorted(moved[:_LEGEND_ENTRIES], key=list(paths).index)
     traces = []
     for p in sorted(chosen, key=lambda p: p.name in named):  # named ones above the grey ones
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")
