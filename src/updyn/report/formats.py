@@ -202,9 +202,9 @@ def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
 def chi_hint(noise: Mapping[str, Any]) -> str:
     """Return what a reduced chi-square of 1 means."""
     return (
-        "by construction: noise taken from what is left"
+        "by construction: noise estimated from the residual"
         if noise_is_fitted(noise)
-        else "1: what is left is noise"
+        else "1: the residual is noise"
     )
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "log_frequency",
     "log_range",
     "log_step",
+    "names_font",
     "numbers",
     "phases",
     "rows_height",
@@ -111,6 +112,11 @@ def rows_height(n: int, extra: int) -> int:
     return int(extra + n * (34 if n <= 12 else 22 if n <= 40 else 14))
 
 
+def names_font(names: Sequence[str]) -> dict[str, Any]:
+    """Return the font of names along an axis, smaller where there are many."""
+    return {"size": 12 if len(names) <= 40 else 9}
+
+
 def categories(names: Sequence[str], title: str) -> dict[str, Any]:
     """Return an axis with one named place for each of `names`, counted from 0."""
     return {
@@ -119,7 +125,7 @@ def categories(names: Sequence[str], title: str) -> dict[str, Any]:
         "ticktext": labels(names),
         "showgrid": False,
         "zeroline": False,
-        "tickfont": {"size": 12 if len(names) <= 40 else 9},
+        "tickfont": names_font(names),
     }
 
 

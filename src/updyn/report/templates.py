@@ -29,6 +29,7 @@ __all__ = ["asset", "embedded_json", "render_template", "write_page"]
 #: Functions of `updyn.report.formats` that templates use as filters.
 _FILTERS = (
     "agreement_name",
+    "combination",
     "counted",
     "decibels",
     "extent",
@@ -37,6 +38,7 @@ _FILTERS = (
     "plain",
     "quantity_words",
     "unknown",
+    "weighted_sum",
 )
 
 

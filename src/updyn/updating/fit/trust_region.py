@@ -254,7 +254,8 @@ def _box_step(
 
     Unknowns are put on the bound that they meet first and let go when the gradient pulls them off
     it (Stark & Parker, Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so
-    that the loop may end at any.
+    that the loop may end at any. `scipy.optimize.lsq_linear` gives the same where R has full
+    rank; where it has not, it takes another of the minimisers, and not the least scaled motion.
     """
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)

@@ -194,12 +194,9 @@ def adjusted(p: _Real) -> _Real:
     -------
     ndarray of float, same shape
     """
-    flat = p.ravel()
-    order = np.argsort(flat)
-    scaled = flat[order] * flat.size / np.arange(1, flat.size + 1)
-    out = np.empty_like(flat)
-    out[order] = np.minimum(np.minimum.accumulate(scaled[::-1])[::-1], 1.0)
-    return out.reshape(p.shape)
+    from scipy.stats import false_discovery_control
+
+    return np.asarray(false_discovery_control(p.ravel()).reshape(p.shape))
 
 
 def bands(level: _Real) -> list[slice]:
@@ -578,21 +575,21 @@ def _tested(
     for axis in axes:
         sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
         pair = np.minimum(
-            share * adjusted(np.stack([sums, np.atleast_1d(_joined(white, axis))])), 1.0
+            share * adjusted(np.stack([sums, np.atleast_1d(_combined(white, axis))])), 1.0
         )
         families += [(float(pair[0].min()), False), (float(pair[1].min()), True)]
     return large.reshape(shape), alike.reshape(shape), families
 
 
-def _joined(p: _Real, axis: int | None) -> _Real:
-    """Join independent p-values by the sum of their normal scores; those of 1 were not tested."""
-    from scipy.special import ndtr, ndtri
+def _combined(p: _Real, axis: int | None) -> _Real:
+    """Combine independent p-values by Stouffer's method; those of 1 were not tested."""
+    from scipy.stats import combine_pvalues
 
     tested = p < 1.0
-    score = np.where(tested, -ndtri(np.where(tested, p, 0.5)), 0.0)
-    number = tested.sum(axis=axis)
-    out = ndtr(-score.sum(axis=axis) / np.sqrt(np.maximum(number, 1)))
-    return np.asarray(np.where(number > 0, out, 1.0))
+    weights = tested.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # where none was tested
+        found = combine_pvalues(np.where(tested, p, 0.5), "stouffer", weights, axis=axis).pvalue
+    return np.where(tested.any(axis=axis), found, 1.0)
 
 
 def _length(values: _Complex) -> _Real:
