@@ -230,4 +230,4 @@ def test_the_page_shows_this_antenna(inputs, model) -> None:
 
 
 def test_it_is_listed() -> None:
-    assert find_demo("antenna").module == "updyn.demos.antenna"
+    assert find_demo("antenna").module == "updyn.control.demo"
