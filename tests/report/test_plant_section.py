@@ -11,7 +11,7 @@ from test_browser import attributes, dump
 from test_comparison_page import values
 
 import updyn
-from updyn.control.job.plant_result import lines_of, planted_of
+from updyn.control.job.plant_result import lines_of, make_plant
 from updyn.control.job.record import control_record
 from updyn.control.report.page import write_plant_page
 from updyn.control.report.plant import share
@@ -87,12 +87,12 @@ def made(tmp_path_factory):
     ready = prepare(load_job(folder / "job.toml"))
     unknowns = ready.parameters
     result = updyn.update(ready.model, ready.frf, unknowns, noise={"relative": 0.1}, starts=0)
-    return result, planted_of(ready, result, "The updated model.")
+    return result, make_plant(ready, result, "The updated model.")
 
 
-def drawn(planted):
+def drawn(plant_result):
     """Sections by anchor, and their figures."""
-    content, texts, figures = Content(further={"plant": planted}), {}, {}
+    content, texts, figures = Content(further={"plant": plant_result}), {}, {}
     for section in sections_of(content):
         own = section.figures(content)
         texts[section.anchor] = section.render(content, own)
@@ -118,15 +118,15 @@ def exact(found, freq):
 
 # -- the plant -------------------------------------------------------------------------------------------------
 def test_the_bode_diagram_is_that_of_model_and_plant(made, parts):
-    result, planted = made
+    result, plant_result = made
     _, figures = parts
     for i, j in np.ndindex(2, 2):
         figure = figures[f"plant-{i}-{j}"]
         freq, size = trace(figure, "updated model")
-        H = exact(result, planted.freq)[:, i, j]
-        np.testing.assert_allclose(freq, planted.freq, rtol=1e-6)
+        H = exact(result, plant_result.freq)[:, i, j]
+        np.testing.assert_allclose(freq, plant_result.freq, rtol=1e-6)
         np.testing.assert_allclose(size, np.abs(H), rtol=1e-6)
-        G = planted.plant.response(planted.freq).values[:, i, j]
+        G = plant_result.plant.response(plant_result.freq).values[:, i, j]
         np.testing.assert_allclose(trace(figure, "plant")[1], np.abs(G), rtol=1e-6)
         turn = trace(figure, "plant", 1)[1]
         np.testing.assert_allclose(np.exp(1j * np.radians(turn)), G / np.abs(G), atol=1e-5)
@@ -134,21 +134,21 @@ def test_the_bode_diagram_is_that_of_model_and_plant(made, parts):
         np.testing.assert_allclose(
             off, np.maximum(np.abs(G - H) / np.abs(H).max(), 1e-7), rtol=1e-3, atol=2e-8
         )
-        assert off.max() <= 1.05 * planted.plant.error
+        assert off.max() <= 1.05 * plant_result.plant.error
         np.testing.assert_allclose(trace(figure, "tolerance")[1], 0.02)
         low, high = (values(t["y"]) for t in figure["data"][:2])
         assert figure["data"][1]["name"] == "family of 4"
-        members = np.abs(planted.family.response(planted.freq))[:, :, i, j]
+        members = np.abs(plant_result.family.response(plant_result.freq))[:, :, i, j]
         np.testing.assert_allclose(high, np.maximum(members.max(axis=0), np.abs(G)), rtol=1e-6)
         np.testing.assert_allclose(low, np.minimum(members.min(axis=0), np.abs(G)), rtol=1e-6)
 
 
 def test_lines_show_every_resonance(made):
-    planted = made[1]
-    freq = lines_of(planted.plant)
+    plant_result = made[1]
+    freq = lines_of(plant_result.plant)
     assert (freq[0], freq[-1]) == (1.0, 90.0)
     assert (np.diff(freq) > 0).all()
-    for pole in planted.plant.poles[planted.plant.poles.imag > 1.0]:
+    for pole in plant_result.plant.poles[plant_result.plant.poles.imag > 1.0]:
         f, half = abs(pole) / (2 * np.pi), -pole.real / (2 * np.pi)
         assert ((freq > f - half) & (freq < f + half)).sum() >= 5
 
@@ -174,16 +174,16 @@ def test_ticks_are_written_out(ends, ticks):
 
 
 def test_tables_of_the_plant(made, parts):
-    planted = made[1]
+    plant_result = made[1]
     text = parts[0]["plant"]
     assert "single-frequency" in text
-    found = {c.name: c for c in planted.conversions}
+    found = {c.name: c for c in plant_result.conversions}
     row = re.search(r'<tr[^>]*><th scope="row">single-frequency</th>(.*?)</tr>', text)
     assert row is not None
     assert f"<td>{share(found['single-frequency'].error)}</td>" in row[1]
     assert found["single-frequency"].error > 0.1
     assert 'class="open"' in row[0]  # far from the tolerance
-    poles = planted.plant.poles[planted.plant.poles.imag > 1.0]
+    poles = plant_result.plant.poles[plant_result.plant.poles.imag > 1.0]
     for pole in poles:
         assert f"{abs(pole) / (2 * np.pi):.5g}" in text
         assert f"{-pole.real / abs(pole):.3g}" in text
@@ -197,11 +197,11 @@ def controller():
 
 
 def test_the_loop_is_controller_times_plant(made, parts):
-    planted = made[1]
-    assert planted.servo.controller == controller()
+    plant_result = made[1]
+    assert plant_result.servo.controller == controller()
     freq, db = trace(parts[1]["bode-velocity"], "L, nominal")
     s = 2j * np.pi * freq
-    L = controller().torque(s) * planted.plant.at(s)[:, 0, 0]
+    L = controller().torque(s) * plant_result.plant.at(s)[:, 0, 0]
     np.testing.assert_allclose(10 ** (db / 20), np.abs(L), rtol=2e-4, atol=1e-6)
     seen = np.abs(L) > 1e-3  # frequencies are drawn in single precision, and the notch is a zero
     turn = trace(parts[1]["bode-velocity"], "phase")[1]
@@ -266,28 +266,28 @@ def test_no_peak_is_lost_where_points_are_left_out():
 def test_an_unstable_loop_says_so(made):
     from dataclasses import replace
 
-    planted = made[1]
+    plant_result = made[1]
     wild = updyn.servo(
-        planted.family,
+        plant_result.family,
         replace(controller(), kp=5000.0),
         torque="M<i>",
         velocity="speed",
         position="dish",
     )
-    texts, figures = drawn(replace(planted, servo=wild))
+    texts, figures = drawn(replace(plant_result, servo=wild))
     text = texts["servo"]
     assert "The loop is UNSTABLE on the nominal plant" in text
     assert "Unstable: velocity loop: plants 0, 1, 2, 3" in text
     assert "step" not in figures
-    assert control_record(replace(planted, servo=wild))["servo"]["stable"] is False
+    assert control_record(replace(plant_result, servo=wild))["servo"]["stable"] is False
 
 
 def test_backlash_is_that_of_the_library(made, parts):
-    _, planted = made
-    (found,) = planted.nonlinear
-    gap = updyn.opened(planted.model, "rim", "2:RZ")
+    _, plant_result = made
+    (found,) = plant_result.nonlinear
+    gap = updyn.opened(plant_result.model, "rim", "2:RZ")
     assert found.law == gap.backlash(0.004, frequency=20.0)
-    ports = planted.plant.input_ports[:1], planted.plant.output_ports
+    ports = plant_result.plant.input_ports[:1], plant_result.plant.output_ports
     plant = updyn.plant(
         gap.model,
         [*ports[0], gap.port],
@@ -308,16 +308,16 @@ def test_backlash_is_that_of_the_library(made, parts):
     np.testing.assert_allclose(twist, inside, atol=2e-4 * np.abs(inside).max())
     text = parts[0]["servo"]
     assert "Backlash in &#x27;rim&#x27;, 0.004 rad at 2:RZ" in text
-    record = control_record(planted)["nonlinear"][0]
+    record = control_record(plant_result)["nonlinear"][0]
     assert record["law"]["gap"] == 0.004
     assert len(record["cycles"]) == len(cycles)
 
 
 # -- record and page -------------------------------------------------------------------------------------------
 def test_the_record_is_strict_and_holds_what_a_designer_needs(made):
-    planted = made[1]
-    found = json.loads(json.dumps(control_record(planted), allow_nan=False))
-    assert found["plant"]["order"] == planted.plant.n_states
+    plant_result = made[1]
+    found = json.loads(json.dumps(control_record(plant_result), allow_nan=False))
+    assert found["plant"]["order"] == plant_result.plant.n_states
     assert found["plant"]["rigid"] == 1
     assert found["plant"]["inputs"][0] == {"name": "M<i>", "unit": "N m", "weights": {"1:RZ": 1.0}}
     assert found["plant"]["outputs"][0]["quantity"] == "mobility"
@@ -327,12 +327,12 @@ def test_the_record_is_strict_and_holds_what_a_designer_needs(made):
         np.array([complex(z["re"], z["im"]) for z in weight[k]]) for k in ("zeros", "poles")
     )
     W = weight["gain"] * np.prod(s - zeros) / np.prod(s - poles)
-    G = planted.family.response([20.0])[:, 0, 0, 0]
-    G0 = planted.plant.response([20.0]).values[0, 0, 0]
+    G = plant_result.family.response([20.0])[:, 0, 0, 0]
+    G0 = plant_result.plant.response([20.0]).values[0, 0, 0]
     assert abs(W) >= np.abs(G / G0 - 1).max()
     loop = found["servo"]["velocity_loop"]
     assert loop["margins"]["phase_margin"] == pytest.approx(
-        planted.servo.velocity_loop.margins.phase_margin
+        plant_result.servo.velocity_loop.margins.phase_margin
     )
     assert loop["worst"]["phase_margin"]["smallest"] <= loop["margins"]["phase_margin"] + 1e-9
     # Three inertias in a row: all together, and with the first one held.
@@ -356,8 +356,8 @@ def test_names_are_escaped(made, tmp_path):
 
 
 def test_the_report_has_the_sections(made, tmp_path):
-    result, planted = made
-    text = updyn.write_report(result, tmp_path / "report.html", plant=planted).read_text(
+    result, plant_result = made
+    text = updyn.write_report(result, tmp_path / "report.html", plant=plant_result).read_text(
         encoding="utf-8"
     )
     order = [

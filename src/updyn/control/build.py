@@ -1,4 +1,4 @@
-"""`plant`: the state-space model of a structure, by the smallest order that answers as the structure does."""
+"""`plant`: a state-space model of a structure, of the smallest order that holds a tolerance."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _checked(made: Plant, target: Target) -> Plant:
 
 
 def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
-    """Return the first route that holds the tolerance in every respect, or else in those that a plant states."""
+    """Return the first route that holds the tolerance, in the plant's stated errors at least."""
     reached: dict[str, float] = {}
     refused: dict[str, ModelError] = {}
     for lenient in (False, True):
@@ -362,7 +362,7 @@ def _task(
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:
-    """Return the poles of the damped structure, or those of its modes one by one where two have become one."""
+    """Return the poles of the damped structure; of a defective one those of its single modes."""
     try:
         return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp), 1.0).poles
     except ModelError:

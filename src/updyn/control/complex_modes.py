@@ -1,25 +1,28 @@
-"""Complex modes of the damped structure, those that feed energy in turned over: real, causal and stable.
+"""Complex modes of the damped structure as a real, causal and stable system.
 
 With structural damping the model has the receptance (M = I in modal coordinates)
 
-    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j),   u_j^T (2 s_j I + C) u_j = 1
+    H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j)
 
-(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil), with 2r poles that come in no
-conjugate pairs: r of them above the real axis, stable, which make the resonances, and r below it, of which the
-structural damping makes unstable ones. At positive frequencies those below are far away. They are replaced by the
-conjugates of those above:
+    with  u_j^T (2 s_j I + C) u_j = 1
+
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil). Its 2r poles are not
+conjugate pairs: r of them lie above the real axis, are stable and make the resonances; of the r
+below it some are unstable because of the structural damping. At positive frequencies the poles
+below are far away. They are replaced by the conjugates of those above:
 
     G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
 
-Of one mode with the loss factor eta this changes about 3 eta^2 / 8 of its peak at resonance, and at most eta^2 at rest,
-where nothing causal has losses; the poles and residues that make the resonances it does not change at all. That is
-closer than any real damping matrix where damping is strong and local. It is stable, and passive
-only as far as the structure it stands for is close to causal. Real poles, of rigid-body motion and of overdamped motion
-with a viscous damper, are those of the structure without D.
+For one mode with loss factor eta the change is about 3 eta^2 / 8 of its peak at resonance, and at
+most eta^2 at 0 Hz, where no causal system has losses; poles and residues of the resonances do not
+change. Where damping is strong and local this is closer than any real damping matrix. G is stable;
+it is passive only as far as the damping of the structure is nearly causal. Real poles, of
+rigid-body motion and of overdamped motion with a viscous damper, are those of the structure
+without D.
 
-The residues of 2r poles of a causal structure would sum to nothing, so that no velocity jumps with a force. Those of G
-do not quite: a velocity has a small feed-through in the band. Above the band a real pole takes it away, so that the
-plant rolls off as the structure does.
+The residues of all poles of a causal structure sum to 0, so that a force step makes no jump of a
+velocity. Those of G nearly do: a velocity gets a small feed-through in the band. A real pole above
+the band removes it, so that the plant rolls off as the structure does.
 """
 
 from __future__ import annotations
@@ -118,7 +121,7 @@ class ComplexModes:
         return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
 
     def slow_response(self, s: _Complex) -> _Complex:
-        """Return what the motion with real poles gives, without feed-through, shape (n_f, n_y, n_u)."""
+        """Return the response of the part with real poles, shape (n_f, n_y, n_u)."""
         A, B, _ = self.slow
         if not len(A):
             return np.zeros((len(s), len(self.powers), len(self.at_inputs)), dtype=np.complex128)
@@ -264,7 +267,7 @@ def _followed(
 
 
 def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
-    """Return the part of the structure without D that has real poles: A, B (of modal forces), C (modal motion)."""
+    """Return A, B (of modal forces) and C (modal motion) of the real poles, without D."""
     r, still = len(space), _undamped_rigid(space)
     A = np.zeros((0, 0))
     B, C = np.zeros((0, r)), np.zeros((r, 0))
@@ -293,7 +296,7 @@ def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
 
 
 def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
-    """Split off the part with real poles: an ordered Schur form, decoupled by a Sylvester equation."""
+    """Split off the part with real poles: ordered Schur form, then a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
     floor = (

@@ -69,7 +69,7 @@ FIGURES = (
 
 
 def write_inputs(folder: Path) -> Path:
-    """Write model, two measurements and a job with ``[plant]`` and ``[servo]``; return the path of the job file.
+    """Write model, measurements and a job with ``[plant]`` and ``[servo]``; return the job's path.
 
     Parameters
     ----------
@@ -118,9 +118,16 @@ def azimuth_plant(model: Model) -> Plant:
 def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
     """Return what a controller makes of a plant of `azimuth_plant`; without responses over time."""
     return servo(
-        made, controller, torque="torque", velocity="speed", position="azimuth", disturbance="wind", pointing="dish",
-        step=None, disturbance_step=None,
-    )  # fmt: skip
+        made,
+        controller,
+        torque="torque",
+        velocity="speed",
+        position="azimuth",
+        disturbance="wind",
+        pointing="dish",
+        step=None,
+        disturbance_step=None,
+    )
 
 
 def margins_table(models: Mapping[str, Model]) -> str:
@@ -151,9 +158,13 @@ def _cell(margins: Margins, attribute: str) -> str:
 def job_tables() -> str:
     """Return the tables of a job that ask for this plant and this controller."""
     (notch,) = CONTROLLER.notches
+    inputs = (
+        f'{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}',
+        f'{{ name = "wind", dof = "{HUB}" }}',
+    )
     return f"""\
 [plant]  # the azimuth axis; torque and speed of the motor are counted at the load
-inputs = [{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}, {{ name = "wind", dof = "{HUB}" }}]
+inputs = [{", ".join(inputs)}]
 quantity = ["{'", "'.join(QUANTITIES)}"]
 band = [{BAND[0]:g}, {BAND[1]:g}]
 test = "rotors free"

@@ -164,7 +164,7 @@ class PlantFamily:
         return size.min(axis=0), size.max(axis=0)
 
     def summary(self) -> str:
-        """Return the family as text: what it was drawn from, its errors, and how far its resonances move."""
+        """Return source, errors and range of the natural frequencies as text."""
         said = [
             f"Family: {len(self)} members of {len(self.names)} unknowns,"
             f" {self.facts.get('source', 'given')}"
@@ -208,7 +208,9 @@ class PlantFamily:
         return self.each(lambda plant: plant.channel(output, input))
 
     def each(self, change: Callable[[Plant], Plant]) -> PlantFamily:
-        """Return the family with something done to every plant, as ``family.each(lambda p: sampled(p, 1e-3))``.
+        """Return the family with a function applied to every plant.
+
+        Such as ``family.each(lambda p: sampled(p, 1e-3))``.
 
         Parameters
         ----------

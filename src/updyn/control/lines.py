@@ -1,4 +1,4 @@
-"""Lines of plants: where their responses bend, from their poles and zeros; and responses on many lines at once."""
+"""Frequency lines that resolve a plant's poles and zeros, and responses on many lines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PER_DECADE = 60
 
 
 def sweep(plant: Plant, freq: _Real) -> _Complex:
-    """Return the response of a plant on many lines: one Schur form, and a substitution for all lines together.
+    """Return the response of a plant on many lines, by one Schur form for all.
 
     Parameters
     ----------

@@ -180,7 +180,7 @@ class Plant:
 
     @property
     def poles(self) -> _Complex:
-        """Eigenvalues of A, shape (n,), in rad/s (without unit where sampled); 0 (1) for rigid-body motion."""
+        """Eigenvalues of A, shape (n,), in rad/s (z if sampled); 0 (1) of rigid-body motion."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
     def response(self, freq: ArrayLike) -> PlantResponse:

@@ -1,4 +1,4 @@
-"""A plant as an object of python-control or of scipy.signal, where a controller is designed with these."""
+"""Conversion of a plant to objects of python-control and scipy.signal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["to_control", "to_frd", "to_scipy"]
 
 
 def to_control(plant: Plant) -> control.StateSpace:
-    """Return a plant as a ``StateSpace`` of python-control, with the names of its inputs and outputs.
+    """Return a plant as a ``StateSpace`` of python-control, with names of inputs and outputs.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def to_control(plant: Plant) -> control.StateSpace:
 
 
 def to_frd(plant: Plant, freq: ArrayLike) -> control.FrequencyResponseData:
-    """Return the frequency response of a plant as ``FrequencyResponseData`` (``FRD``) of python-control.
+    """Return the frequency response of a plant as ``FrequencyResponseData`` of python-control.
 
     Parameters
     ----------

@@ -80,13 +80,15 @@ class SecondOrder:
         size = rates(self.powers, s)[:, :, 0]
         out = np.empty((len(space), len(space.outputs), len(space.inputs)))
         for i, power in enumerate(self.powers):
-            left = own - 1.0 / square if power == 0 else own
+            left = own
+            if power == 0:
+                left = own - 1.0 / square
             largest = np.abs(left * size[:, [i]]).max(axis=0)
             out[:, i] = largest[:, None] * np.abs(space.outputs[i][:, None] * space.inputs.T)
         return out
 
     def potential(self, freq: _Real) -> _Real:
-        """Return how large each channel might be by what its two ports have each: |H_ij|^2 <= H_ii H_jj, by mode.
+        """Return a bound of each channel by those of its ports: |H_ij|^2 <= H_ii H_jj, by mode.
 
         Parameters
         ----------
@@ -210,7 +212,7 @@ class Relaxation:
 
 
 def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
-    """Fit terms to the loss factor of a group, relative to what it is without a table, over a band in Hz.
+    """Fit relaxation terms to the loss factor of a group over a band.
 
     Parameters
     ----------
@@ -236,11 +238,10 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
     wanted = part.relative(freq)
     best, least = None, np.inf
     for beyond in (1.0, 1.5, 2.0, 3.0, 5.0):
-        b = (
-            np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
-            if n > 1
-            else np.sqrt(omega[[0]] * omega[[-1]])
-        )
+        if n > 1:
+            b = np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
+        else:
+            b = np.sqrt(omega[[0]] * omega[[-1]])
         shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
         a, left = nnls(shares, wanted)
         if left < least:
@@ -283,7 +284,7 @@ class Biot:
         return self.ranking.costs(freq)
 
     def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
-        """Return the static stiffness of the kept modes: without what relaxes at their own frequencies."""
+        """Return the static stiffness of the kept modes, without that of the relaxing terms."""
         space = self.base.space
         omega = space.omega[kept]
         K = np.diag(omega**2)
@@ -329,7 +330,7 @@ class Biot:
         return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D; after the states of the modes those of the internal variables, z' = -b z + L^T q'."""
+        """Return A, B, C, D; the internal variables, z' = -b z + L^T q', are the last states."""
         A0, B0, C0, D = self.base.matrices(kept)
         n = int(kept.sum())
         omega = self.base.space.omega[kept]
@@ -374,7 +375,7 @@ def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: 
 def _with_same_rates(
     space: ModalSpace, band: tuple[float, float], n: int
 ) -> tuple[Relaxation, ...]:
-    """Fit the groups; where tables make their rates differ, all take those of the first and fit again."""
+    """Fit terms with the rates of the first group to the loss factors of all."""
     found = [relaxation(part, band, n) for part in space.lossy]
     if not found or all(np.array_equal(f.b, found[0].b) for f in found):
         return tuple(found)

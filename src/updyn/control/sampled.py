@@ -1,4 +1,4 @@
-"""A plant as a digital controller sees it: sampled, its input held between the samples, late by a stated time."""
+"""`sampled`: a plant discretised for a digital controller, with a delay of its input."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _replaced(plant: Plant, matrices: _Matrices, **more: Any) -> Plant:
     return replace(plant, A=A, B=B, C=C, D=D, **more)
 
 
-# -- what is asked for -------------------------------------------------------------------------------------
+# -- what is asked for ----------------------------------------------------------------------------
 def _interval(plant: Plant, dt: float) -> float:
     if plant.dt is not None:
         raise OptionError(
@@ -143,7 +143,7 @@ def _interval(plant: Plant, dt: float) -> float:
 
 
 def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[int, float]:
-    """Return how many whole intervals a delay has, and which part of the next, from 0 to below 1."""
+    """Return the whole intervals of a delay, and the part of the next, from 0 to below 1."""
     if not is_number(delay) or not np.isfinite(delay) or delay < 0:
         raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
     count = float(delay) / dt
@@ -162,7 +162,7 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
     return whole, part
 
 
-# -- zero-order hold ---------------------------------------------------------------------------------------
+# -- zero-order hold ------------------------------------------------------------------------------
 def _held(plant: Plant, dt: float, part: float) -> _Matrices:
     """Return the matrices of a held input that acts a part of an interval late."""
     transition, forced = _over(plant.A, plant.B, (1.0 - part) * dt)
@@ -192,7 +192,7 @@ def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
     return scale[:, None] * both[:n, :n] / scale, scale[:, None] * both[:n, n:] * unit
 
 
-# -- bilinear substitution ---------------------------------------------------------------------------------
+# -- bilinear substitution ------------------------------------------------------------------------
 def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
     """Return the matrices of G(2 (z - 1) / (step (z + 1)))."""
     step = dt
@@ -221,9 +221,9 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
     return A, B, C, plant.D + 0.5 * plant.C @ B
 
 
-# -- delay -------------------------------------------------------------------------------------------------
+# -- delay ----------------------------------------------------------------------------------------
 def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
-    """Return the matrices with the input `whole` intervals late: x, then u[k-1], ..., u[k-whole] are the states."""
+    """Return the matrices with the input `whole` intervals late, in x, u[k-1], ..., u[k-whole]."""
     if not whole:
         return A, B, C, D
     (n, m), held = B.shape, whole * B.shape[1]
@@ -238,9 +238,9 @@ def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
     return late_A, late_B, late_C, np.zeros_like(D)
 
 
-# -- what it costs -----------------------------------------------------------------------------------------
+# -- what it costs --------------------------------------------------------------------------------
 def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
-    """Measure how far the sampled response is from that of the continuous plant, as shares of the channels' peaks.
+    """Return the error of the sampled response in shares of the channels' peaks.
 
     `prompt` lacks the whole intervals of the delay: powers of z, whose states would cost a solution
     at each line.
@@ -266,7 +266,7 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
 
 
 def _lines(plant: Plant) -> _Real:
-    """Return lines that cover the band, among them each damped pole in it and its half-power points; none is 0."""
+    """Return lines over the band with each damped pole and its half-power points; none is 0."""
     low, high = plant.band
     start = max(low, 1e-3 * high)
     poles = plant.poles[(plant.poles.imag > 0) & (plant.poles.real < 0)]
@@ -280,6 +280,6 @@ def _lines(plant: Plant) -> _Real:
 
 
 def _share(found: _Complex, exact: _Complex) -> float:
-    """Return the largest difference of a channel, as a share of its peak; channels that are 0 throughout are whole."""
+    """Return the largest difference of a channel as a share of its peak; 1 of one that is 0."""
     off, peak = np.abs(found - exact).max(axis=0), np.abs(exact).max(axis=0)
     return float(np.max(off / np.where(peak > 0, peak, 1.0), initial=0.0))

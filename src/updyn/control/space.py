@@ -1,4 +1,4 @@
-"""`Conversion`: a way to turn structural damping into poles, as candidates that a plant may keep or leave out."""
+"""`ModalSpace`: a model in its modes; `Conversion`: its structural damping as poles."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Conversion(Protocol):
         """Which candidates are never left out: rigid-body motion."""
 
     def costs(self, freq: _Real) -> _Real:
-        """Return what leaving each candidate out changes, by channel, shape (n, n_y, n_u): largest over some lines."""
+        """Return the largest change of each channel without each candidate, (n, n_y, n_u)."""
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some candidates kept, shape (n_f, n_y, n_u)."""
@@ -71,7 +71,7 @@ def imaginary(freq: _Real) -> _Complex:
 
 
 def rates(powers: NDArray[np.intp], s: _Complex) -> _Complex:
-    """Return s to the power of each output, shape (n_f, n_y, 1): displacement, velocity, acceleration."""
+    """Return s to the power (0, 1, 2) of each output, shape (n_f, n_y, 1)."""
     return np.asarray((s[:, None] ** powers)[:, :, None])
 
 
@@ -106,7 +106,7 @@ class Lossy:
     table: LossTable | None
 
     def relative(self, freq: _Real) -> _Real:
-        """Return the factor at some lines in Hz, shape (n_f,); outside a table that at its nearest end."""
+        """Return the factor at lines in Hz, shape (n_f,); beyond a table that of its end."""
         if self.table is None:
             return np.ones(len(freq))
         return self.table.at(np.clip(freq, self.table.freq[0], self.table.freq[-1]), self.name)
@@ -156,14 +156,14 @@ class ModalSpace:
         return self.weighted(lambda part: float(part.relative(np.array([freq]))[0]))
 
     def weighted(self, weight: Callable[[Lossy], Any]) -> _Real:
-        """Return the sum of weight times matrix over the groups, shape (r, r), without negative eigenvalues."""
+        """Return the weighted sum of the groups' matrices without negative eigenvalues, (r, r)."""
         total = np.zeros((len(self), len(self)))
         for part in self.lossy:
             total += weight(part) * part.matrix
         return nonnegative(total)
 
     def loss_factors(self) -> _Real:
-        """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid-body modes."""
+        """Return the loss factor of each mode by strain energy, shape (r,); 0 of rigid bodies."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
             own = sum(
@@ -174,7 +174,7 @@ class ModalSpace:
 
 
 def nonnegative(A: _Real) -> _Real:
-    """Return the nearest positive semidefinite matrix (Higham 1988): rounded tables make damping slightly negative."""
+    """Return the nearest positive semidefinite matrix (Higham 1988), free of rounding."""
     A = 0.5 * (A + A.T)
     values, vectors = np.linalg.eigh(A)
     if not len(values) or values[0] >= 0.0:
@@ -240,15 +240,14 @@ def modal_space(
     ):
         if loss:
             own = shapes.T @ (factor * loss * matrix) @ shapes
-            own[:rigid] = own[:, :rigid] = (
-                0.0  # a rigid-body motion strains nothing; what stands there is rounding
-            )
+            # A rigid-body motion strains nothing: only rounding stands there.
+            own[:rigid] = 0.0
+            own[:, :rigid] = 0.0
             lossy.append(Lossy(term.group, own, term.table))
     viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
-    return ModalSpace(
-        omega, rigid, weights_out @ at(at_outputs) @ shapes, weights_in @ at(at_inputs) @ shapes, viscous,
-        tuple(lossy), source, solver,
-    )  # fmt: skip
+    shapes_out = weights_out @ at(at_outputs) @ shapes
+    shapes_in = weights_in @ at(at_inputs) @ shapes
+    return ModalSpace(omega, rigid, shapes_out, shapes_in, viscous, tuple(lossy), source, solver)
 
 
 def _projected(
@@ -259,7 +258,7 @@ def _projected(
     backend: str | None,
     accuracy: float,
 ) -> tuple[list[_Real], Callable[[NDArray[np.intp]], _Real], str, ReducedSolver | None]:
-    """Return the terms' matrices on a basis, the basis at some DOFs, what it is, and what answers in it."""
+    """Return the matrices on a basis, the basis at some DOFs, its name, and its solver."""
     if system.n <= _WHOLE:
         matrices = []
         for term in system.terms:

@@ -1,4 +1,4 @@
-"""`Target`: what a plant has to answer like, the model with its structural damping, and how far off an answer is."""
+"""`Target`: the response that a plant approximates; `fewest`: the modes that it keeps."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Target:
         return float((np.abs(G - self.values) / self.level).max())
 
     def worst(self, G: _Complex) -> float:
-        """Return the largest error as a share of the `broad` peak of its channel, or of a response above it.
+        """Return the largest error as a share of the channel's `broad` peak or a larger response.
 
         One very sharp resonance does not excuse what is wrong elsewhere.
 
@@ -172,7 +172,7 @@ class Target:
         )
 
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
-        """Return the largest error of the height of a resonance, as a share of it; 0 where there is none.
+        """Return the largest relative error of the height of a resonance; 0 without one.
 
         Resonances from a tenth of the highest of their channel count. Heights are compared between
         the minima beside a resonance, so that a slight shift does not.
@@ -211,7 +211,7 @@ class Target:
 
 
 def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
-    """Return lines that show every resonance of a band: even and geometric spacing, and close around each pole.
+    """Return lines that resolve every resonance of a band.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class Kept:
 def fewest(
     conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False
 ) -> Kept:
-    """Find the fewest candidates that answer within a tolerance. What lies below the band is always kept.
+    """Find the fewest candidates that hold a tolerance; those below the band are always kept.
 
     Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a
     share of the peak of its channel (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,

@@ -115,7 +115,7 @@ def radius_of(family: PlantFamily, lines: _Real, kind: str) -> _Real:
 
 
 def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str) -> None:
-    """Refuse a radius without bound: zeros of the nominal plant on the imaginary axis that others do not have.
+    """Refuse an unbounded radius: imaginary zeros of the nominal plant that members lack.
 
     Raises
     ------
@@ -148,10 +148,13 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
 def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
     """Return the floor of each channel; 0 where the members are the nominal plant."""
     peak = radius.max(axis=0)
-    plain = (
-        np.full(peak.shape, family.nominal.tolerance) if kind == "multiplicative" else 1e-3 * peak
-    )
-    return np.where(peak > 0.0, plain if floor is None else floor, 0.0)
+    if floor is not None:
+        lowest = np.full(peak.shape, floor)
+    elif kind == "multiplicative":
+        lowest = np.full(peak.shape, family.nominal.tolerance)
+    else:
+        lowest = 1e-3 * peak
+    return np.where(peak > 0.0, lowest, 0.0)
 
 
 def closest(
@@ -264,7 +267,7 @@ class UncertaintyWeight:
         return self.weights[self.outputs.index(output)][self.inputs.index(input)]
 
     def summary(self) -> str:
-        """Return the weights as text: order, how closely they lie above, and what to know of each channel."""
+        """Return order, closeness and notes of each channel's weight as text."""
         lines = [
             f"Uncertainty, {self.kind}: {len(self.freq)} lines from {self.freq[0]:.3g} to"
             f" {self.freq[-1]:.3g} Hz"
@@ -347,7 +350,9 @@ def uncertainty_weight(
     _check(family, order, kind, tolerance, largest_order, floor)
     roots = [p.poles for p in (family.nominal, *family.members)]
     refuse_undamped(roots)
-    given = None if freq is None else _given(freq)
+    given = None
+    if freq is not None:
+        given = _given(freq)
     lines = family_lines(family, roots) if given is None else given
     channels = channels_of(family)
     radius = radius_of(family, lines, kind)
@@ -408,7 +413,7 @@ def _fit(
     )
 
 
-# -- what is asked -----------------------------------------------------------------------------------------
+# -- what is asked --------------------------------------------------------------------------------
 def _check(
     family: PlantFamily,
     order: int | None,
@@ -444,7 +449,7 @@ def _given(freq: ArrayLike) -> _Real:
     return np.array(lines)
 
 
-# -- numbers and words of a channel ------------------------------------------------------------------------
+# -- numbers and words of a channel ---------------------------------------------------------------
 def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
     # Between the lines of the fit it may have come to lie below; the gain makes up for it.
@@ -473,7 +478,7 @@ def _ends(lines: _Real, radius: _Real, floor: float) -> str:
 
 
 def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
-    """Say where the radius passes 1, and what has made it large: a zero of the nominal plant, or a pole that moves."""
+    """Return a note where the radius passes 1, with its cause: a zero, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
         return ""

@@ -1,4 +1,4 @@
-"""`Weight`: a stable, minimum-phase transfer function as zeros, poles and gain, and in state space."""
+"""`Weight`: a stable minimum-phase transfer function; its fit as a bound of a magnitude."""
 
 from __future__ import annotations
 
@@ -248,8 +248,10 @@ def fit_above(
         if order is None and best.mean <= 1.0 + tolerance:
             break
         whole, few = _polished(_grown(even, tried, *few), few, omega, y, weight)
-        even = whole if tried % 2 == 0 else even
-        best = whole if order is not None or whole.mean < best.mean else best
+        if tried % 2 == 0:
+            even = whole
+        if order is not None or whole.mean < best.mean:
+            best = whole
     return best
 
 
@@ -273,7 +275,7 @@ def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
 
 
 def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Return the best bound of an order: one of even order with a single zero and pole added, or with pairs."""
+    """Return the best bound of an order, from one of lower order with a pole and zero added."""
     p, places = base.p, np.log(np.geomspace(omega[0], omega[-1], _PLACES))
     # A pole upon a zero changes nothing: begun there, more sections are never worse.
     middle = places[_PLACES // 2]
@@ -304,7 +306,7 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
 def _touched_and_free(
     bound: Bound, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[list[float], list[float]]:
-    """Return log frequencies at which a bound rests on what it bounds, and middles of the widest gaps beneath it.
+    """Return log frequencies where a bound is tight, and the middles of the widest gaps.
 
     A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it
     down there.
@@ -336,7 +338,7 @@ def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
 def _polished(
     bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[Bound, _Lines]:
-    """Take up the lines at which the fit on few of them lies below, and fit again; return these lines too."""
+    """Add the lines at which the fit lies below the radius, and fit again; return them too."""
     best, p = _raised(bound, omega, y, weight), bound.p
     for _ in range(_EXCHANGES):
         excess = _model(p, bound.order, omega)[0] - y
@@ -350,14 +352,15 @@ def _polished(
         few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
         p, _ = _descend(p, bound.order, *few, _STEPS)
         now = _raised(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
-        best = now if now.mean < best.mean else best
+        if now.mean < best.mean:
+            best = now
     return best, few
 
 
 def _descend(
     p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int
 ) -> tuple[_Real, float]:
-    """Bring the excess down by linear programs in a box that shrinks where one has promised too much."""
+    """Reduce the excess by linear programs in a trust region."""
     lower, upper = _bounds(order, omega)
     p, f, J, cost = _lifted(np.clip(p, lower, upper), order, omega, y, weight)
     n, box = len(p), 1.0
@@ -378,7 +381,8 @@ def _descend(
         if now < cost:
             gained = cost - now
             p, f, J, cost = q, g, K, now
-            box = min(2.0 * box, 3.0) if gained > 0.5 * promised else box
+            if gained > 0.5 * promised:
+                box = min(2.0 * box, 3.0)
             if gained < 1e-4 * max(cost, 1e-3):
                 break
         else:
@@ -436,7 +440,7 @@ def _model(p: _Real, order: int, omega: _Real) -> tuple[_Real, _Real]:
             slopes.append(-sign * x / (1.0 + x))
             at += 1
     for w, z in p[at:].reshape(-1, 2):
-        sign = 1.0 if len(slopes) % 4 == (3 if order % 2 else 1) else -1.0
+        sign = 1.0 if len(slopes) % 4 == 1 + 2 * (order % 2) else -1.0
         x, zz = (omega / np.exp(w)) ** 2, np.exp(2.0 * z)
         q = (1.0 - x) ** 2 + 4.0 * zz * x
         f = f + sign * 0.5 * np.log(q)

@@ -1,4 +1,4 @@
-"""The run of an update: tests and unknowns in, one result for each test out."""
+"""The run of an update, from tests and unknowns to one result for each test."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _ASIDE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How an update is run, whatever the tests and the unknowns; each field is that of `updyn.update`.
+    """How an update is run; the fields are the arguments of `updyn.update` of the same name.
 
     Attributes
     ----------

@@ -1,17 +1,20 @@
-"""A plant as a C99 header for the code of a controller: matrices, names, and the function that steps or derives.
+"""A plant as a C99 header for the code of a controller: matrices, names and functions.
 
-Every name begins with the stem of the file, so that a program can include several plants. Of ``mount.h``::
+Every name begins with the stem of the file, so that a program can include several plants. Names in
+``mount.h``::
 
-    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS      sizes
-    MOUNT_DT, MOUNT_DELAY                                sampling interval in s (0.0: continuous), intervals of delay
-    MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR         Hz, and the error in between
-    mount_A, mount_B, mount_C, mount_D                   double, row after row, in SI units
+    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS   sizes
+    MOUNT_DT, MOUNT_DELAY                             sampling interval in s (0.0: continuous),
+                                                      intervals of delay
+    MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR      band in Hz, and the error in it
+    mount_A, mount_B, mount_C, mount_D                double, row after row, in SI units
     mount_input_names, mount_input_units, mount_output_names, mount_output_units
-    mount_output(x, u, y)                                y = C x + D u
-    mount_derivative(x, u, dx)                           of a continuous plant: dx = A x + B u
-    mount_step(x, u, y)                                  of a sampled one: y = C x + D u, then x = A x + B u
+    mount_output(x, u, y)                             y = C x + D u
+    mount_derivative(x, u, dx)                        continuous plant: dx = A x + B u
+    mount_step(x, u, y)                               sampled plant: y = C x + D u,
+                                                      then x = A x + B u
 
-Numbers have the digits that give them back exactly. Nothing is allocated and nothing else is included.
+Numbers have all digits needed to read them back exactly. The header allocates and includes nothing.
 """
 
 from __future__ import annotations
@@ -193,7 +196,7 @@ def _comment(text: str) -> str:
 
 
 def _string(text: str) -> str:
-    """Return a C string; what is not plain is written octal, byte by byte of UTF-8: no trigraph, quote or newline."""
+    """Return a C string; other than plain letters are written octal, byte by byte of UTF-8."""
     return (
         '"'
         + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text)

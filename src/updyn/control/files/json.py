@@ -1,4 +1,4 @@
-"""A plant as JSON, for any program: every number with the digits that give it back exactly, a matrix row a line."""
+"""A plant as JSON: numbers with all their digits, one line for each row of a matrix."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """A plant as MATLAB variables without structs, so that ``load`` and ``ss`` are all that it takes.
 
-The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant, as ``ss`` has it;
-names and units are cell arrays of char. All variables: `updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
+The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant,
+as for ``ss``; names and units are cell arrays of char. All variables:
+`updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A plant as a NumPy ``.npz`` archive: `updyn.control.files.items` as arrays. Nothing pickled is ever read."""
+"""A plant as a NumPy ``.npz`` archive of the items of `updyn.control.files.items`; no pickle."""
 
 from __future__ import annotations
 

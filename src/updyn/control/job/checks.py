@@ -1,4 +1,4 @@
-"""What can be known about ``[plant]`` and ``[servo]`` before anything runs: by text, model and data."""
+"""Checks of ``[plant]`` and ``[servo]`` before a run: by the text, the model and the data."""
 
 from __future__ import annotations
 
@@ -24,8 +24,18 @@ __all__ = [
 ]
 
 
+#: Keys of ``[servo]`` that name a port of the plant, and its side.
+_PORTS = {
+    "torque": "input",
+    "disturbance": "input",
+    "velocity": "output",
+    "position": "output",
+    "pointing": "output",
+}
+
+
 def check_control_tables(job: Job) -> None:
-    """Check what the text of a job tells.
+    """Check ``[plant]`` by the text of the job.
 
     Parameters
     ----------
@@ -47,11 +57,7 @@ def check_control_tables(job: Job) -> None:
                 text = f"plant: two {key} are called {name!r}; give one of them another name"
                 raise JobError(
                     text,
-                    key=(
-                        "plant",
-                        key,
-                        number,
-                    ),
+                    key=("plant", key, number),
                 )
     if len(table.quantities) != len(table.outputs):
         text = (
@@ -60,10 +66,7 @@ def check_control_tables(job: Job) -> None:
         )
         raise JobError(
             f"{text}{len(table.outputs)}",
-            key=(
-                "plant",
-                "quantity",
-            ),
+            key=("plant", "quantity"),
         )
     if table.band is not None and not 0 <= table.band[0] < table.band[1]:
         text = (
@@ -71,33 +74,24 @@ def check_control_tables(job: Job) -> None:
         )
         raise JobError(
             text,
-            key=(
-                "plant",
-                "band",
-            ),
+            key=("plant", "band"),
         )
     if table.test is not None:
         names = [part.test.name for part in job.parts]
         if len(names) == 1 and table.test != names[0]:
             raise JobError(
                 "plant.test chooses one of several tests; this job has one",
-                key=(
-                    "plant",
-                    "test",
-                ),
+                key=("plant", "test"),
             )
         if table.test not in names:
             raise JobError(
                 f"plant.test = {table.test!r}: {suggest(table.test, names)}",
-                key=(
-                    "plant",
-                    "test",
-                ),
+                key=("plant", "test"),
             )
 
 
 def part_of_plant(job: Job) -> int:
-    """Return the number of the test in whose configuration the plant is made; the first where none is named."""
+    """Return the position of the test whose configuration the plant has; by default the first."""
     table = job.table(PlantTable)
     if table is None or table.test is None:
         return 0
@@ -123,7 +117,7 @@ def band_of_plant(job: Job, frf: FRF) -> tuple[float, float]:
 
 
 def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
-    """Return a sentence where a band goes beyond lines that were measured, else an empty text.
+    """Return a note where a band goes beyond the data, else an empty text.
 
     Parameters
     ----------
@@ -142,7 +136,7 @@ def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
 
 
 def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> None:
-    """Check what the model and the data of a job tell about its ``[plant]`` and ``[servo]``.
+    """Check ``[plant]`` and ``[servo]`` by the model and the data.
 
     Parameters
     ----------
@@ -159,25 +153,14 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
     table = job.table(PlantTable)
     if table is None:
         return
-
     servo = job.table(ServoTable)
-
     number = part_of_plant(job)
     for key in ("inputs", "outputs"):
         for at, port in enumerate(getattr(table, f"{key[:-1]}_ports")):
             with key_path("plant", key, at):
                 port_matrix((port,), models[number], key[:-1])
-    for key in ("motor", "load"):
-        label = None if servo is None else getattr(servo, key)
-        if label is not None:
-            with key_path("servo", key):
-                models[number].dofs.match([label], key)
-    for at, each in enumerate(() if servo is None else servo.nonlinear):
-        with key_path("servo", "nonlinear", at, "at"):
-            models[number].dofs.match([each.at], "DOF")
-        if each.mesh is not None:
-            with key_path("servo", "nonlinear", at, "mesh"):
-                models[number].group(each.mesh)
+    if servo is not None:
+        _check_servo_on(servo, models[number])
     high = band_of_plant(job, data[number])[1]
     if table.sampling is not None and high > 0.5 / table.sampling.dt:
         half = 0.5 / table.sampling.dt
@@ -187,17 +170,30 @@ def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> Non
         )
         raise JobError(
             text,
-            key=(
-                "plant",
-                "sampling",
-            ),
+            key=("plant", "sampling"),
         )
 
 
-# -- [servo] ---------------------------------------------------------------------------------------------------
+def _check_servo_on(servo: ServoTable, model: Model) -> None:
+    """Check that the DOFs and groups of ``[servo]`` are in the model."""
+    for key in ("motor", "load"):
+        label = getattr(servo, key)
+        if label is not None:
+            with key_path("servo", key):
+                model.dofs.match([label], key)
+    for at, each in enumerate(servo.nonlinear):
+        with key_path("servo", "nonlinear", at, "at"):
+            model.dofs.match([each.at], "DOF")
+        if each.mesh is not None:
+            with key_path("servo", "nonlinear", at, "mesh"):
+                model.group(each.mesh)
+
+
+# -- [servo] --------------------------------------------------------------------------------------
 def check_servo_table(job: Job) -> None:
-    """Check ``[servo]`` as far as its text and the names of the plant's ports go."""
-    servo, plant = job.table(ServoTable), job.table(PlantTable)
+    """Check ``[servo]`` by the text of the job and the names of the plant's ports."""
+    servo = job.table(ServoTable)
+    plant = job.table(PlantTable)
     if servo is None:
         return
     if plant is None:
@@ -206,8 +202,7 @@ def check_servo_table(job: Job) -> None:
         "input": [p.name for p in plant.input_ports],
         "output": [p.name for p in plant.output_ports],
     }
-    for key, what in (("torque", "input"), ("disturbance", "input"), ("velocity", "output"), ("position", "output"),
-                      ("pointing", "output")):  # fmt: skip
+    for key, what in _PORTS.items():
         name = getattr(servo, key)
         if name is not None and name not in ports[what]:
             text = (
@@ -216,10 +211,7 @@ def check_servo_table(job: Job) -> None:
             )
             raise JobError(
                 text,
-                key=(
-                    "servo",
-                    key,
-                ),
+                key=("servo", key),
             )
     if (servo.motor is None) != (servo.load is None):
         raise JobError(
@@ -229,37 +221,25 @@ def check_servo_table(job: Job) -> None:
     if servo.ratio is not None and servo.motor is None:
         raise JobError(
             "servo.ratio is checked with motor and load; they are missing",
-            key=(
-                "servo",
-                "ratio",
-            ),
+            key=("servo", "ratio"),
         )
     if servo.wind is not None and servo.disturbance is None:
         raise JobError(
             "servo.wind without disturbance; name the input at which it acts",
-            key=(
-                "servo",
-                "wind",
-            ),
+            key=("servo", "wind"),
         )
     if servo.wind is not None:
         with key_path("servo", "wind"):
             servo.wind.wind()
     if servo.controller is None:
         keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
-        loose = next((k for k in keys if getattr(servo, k)), None)
-        if loose is not None or servo.motor is None:
+        useless = [k for k in keys if getattr(servo, k)][:1]
+        if useless or servo.motor is None:
             text = (
                 "servo: expected [servo.controller] with kp or crossover, or motor and load for the"
                 " drive's figures"
             )
-            raise JobError(
-                text,
-                key=(
-                    "servo",
-                    *([] if loose is None else [loose]),
-                ),
-            )
+            raise JobError(text, key=("servo", *useless))
         return
     if servo.velocity is None:
         raise JobError(

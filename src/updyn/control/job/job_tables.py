@@ -1,4 +1,4 @@
-"""``[plant]`` and ``[servo]`` of a job as tables of it: their work after the update, and the files that come of it."""
+"""The job tables ``[plant]`` and ``[servo]``, and the files of a plant."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.control.files.plant_file import write_plant
 from updyn.control.job.checks import check_control, check_control_tables, check_servo_table
-from updyn.control.job.messages import describe_planted, describe_wish
-from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.messages import describe_plant_result, describe_request
+from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.record import write_control_record
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.errors import UpdynWarning
@@ -30,7 +30,7 @@ CONTROL = "control.json"
 
 
 def plant_outputs(table: PlantTable) -> tuple[str, ...]:
-    """Return what `updyn plant` writes; a run writes it too, but for the page, which is a part of its report.
+    """Return the names of the files that ``updyn plant`` writes; a run writes all but the page.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class _PlantJobTable(JobTable):
         )
 
     def announce(self, prepared: Prepared) -> str:
-        return describe_wish(prepared)
+        return describe_request(prepared)
 
     def run(
         self,
@@ -68,7 +68,7 @@ class _PlantJobTable(JobTable):
         found: Mapping[str, Any],
         callback: Callable[[Progress], bool | None] | None,
         engine: Any,
-    ) -> Planted | None:
+    ) -> PlantResult | None:
         """Return the plant; None where the update was stopped or has failed.
 
         Warns
@@ -84,7 +84,7 @@ class _PlantJobTable(JobTable):
         if not isinstance(draws, Draws) or len(draws) < 2:
             draws = None
         with prepared.job.located():
-            planted = planted_of(
+            plant_result = make_plant(
                 prepared,
                 result,
                 f"The updated model ({result.status}).",
@@ -93,16 +93,16 @@ class _PlantJobTable(JobTable):
                 say=_shown(callback),
                 strict=False,
             )
-        if not planted.met:
-            text = f"{prepared.job.path}: no plant is written: {planted.message}"
+        if not plant_result.met:
+            text = f"{prepared.job.path}: no plant is written: {plant_result.message}"
             warnings.warn(text, UpdynWarning, stacklevel=4)
-        return planted
+        return plant_result
 
-    def write(self, found: Planted, job: Job, folder: Path) -> None:
+    def write(self, found: PlantResult, job: Job, folder: Path) -> None:
         write_plant_files(found, job, folder)
 
-    def summary(self, found: Planted) -> str:
-        return describe_planted(found)
+    def summary(self, found: PlantResult) -> str:
+        return describe_plant_result(found)
 
 
 class _ServoJobTable(JobTable):
@@ -122,7 +122,7 @@ SERVO = _ServoJobTable()
 
 
 def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str], object] | None:
-    """Return what shows a stage as progress of the run is shown."""
+    """Return a function that shows the name of a stage as progress of the run."""
     if callback is None:
         return None
     from updyn.updating.fit.monitor import Progress as Step
@@ -130,25 +130,25 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str]
     return lambda stage: callback(Step(stage, 0, float("nan"), 0, 0))
 
 
-def write_plant_files(planted: Planted, job: Job, folder: Path) -> None:
+def write_plant_files(plant_result: PlantResult, job: Job, folder: Path) -> None:
     """Write the files that ``[plant]`` names, and the record.
 
     Parameters
     ----------
-    planted : Planted
-        What was made.
+    plant_result : PlantResult
+        The plant result.
     job : Job
         Its job.
     folder : Path
-        Where to.
+        Where to write.
     """
     table = job.table(PlantTable)
     assert table is not None
     for made, names in (
-        (planted.plant, table.files),
-        (planted.sampled, table.sampled_files),
+        (plant_result.plant, table.files),
+        (plant_result.sampled, table.sampled_files),
     ):
         if made is not None:
             for name in names:
                 write_plant(made, folder / name)
-    write_control_record(planted, folder / CONTROL)
+    write_control_record(plant_result, folder / CONTROL)

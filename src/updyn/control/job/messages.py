@@ -1,19 +1,22 @@
-"""The plant of a job as text: what is asked for, and what was made."""
+"""The plant of a job as text: what the job asks for, and the result."""
 
 from __future__ import annotations
 
+import math
+
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.job.prepare import Prepared
 from updyn.text_table import text_table
 
-__all__ = ["describe_planted", "describe_wish"]
+__all__ = ["describe_plant_result", "describe_request"]
 
 
-def describe_planted(made: Planted) -> str:
-    """Return a plant's figures as text: order, errors, route, and the conversions of the damping side by side."""
-    found, (low, high) = made.plant, made.band
+def describe_plant_result(made: PlantResult) -> str:
+    """Return order, errors, route and conversions of the damping as text."""
+    found = made.plant
+    low, high = made.band
     lines = [f"{made.title}: plant from {low:g} to {high:g} Hz", made.source]
     if found is None:
         lines.append(made.message)
@@ -39,56 +42,50 @@ def describe_planted(made: Planted) -> str:
         if made.family is not None:
             lines.append(made.family.summary())
             lines += [weight.summary() for weight in made.weights.values()]
-    rows = [
-        [
-            c.name,
-            _percent(c.error),
-            _percent(c.peak_error),
-            "used" if found and c.name == found.route else "",
-            c.note,
-        ]
-        for c in made.conversions
-    ]
-    head = [
-        "damping converted by",
-        "error / peak",
-        "height of resonances",
-        "",
-        "note" if any(r[4] for r in rows) else "",
-    ]
-    lines += ["", text_table(head, rows)]
+    lines += ["", _conversions(made)]
     lines += [f"note: {note}" for note in made.notes]
-    lines += [
-        f"\n{found.summary()}"
-        for found in (made.servo, *made.nonlinear, made.drive)
-        if found is not None
-    ]
+    for part in (made.servo, *made.nonlinear, made.drive):
+        if part is not None:
+            lines.append(f"\n{part.summary()}")
     return "\n".join(lines)
 
 
-def describe_wish(ready: Prepared) -> str:
-    """Return what a job asks for with ``[plant]`` and ``[servo]``, as text; empty where it asks for nothing."""
-    table, servo = ready.job.table(PlantTable), ready.job.table(ServoTable)
+def _conversions(made: PlantResult) -> str:
+    """Return the table of the conversions of the damping."""
+    route = "" if made.plant is None else made.plant.route
+    rows = []
+    for c in made.conversions:
+        used = "used" if c.name == route else ""
+        rows.append([c.name, _percent(c.error), _percent(c.peak_error), used, c.note])
+    note = "note" if any(c.note for c in made.conversions) else ""
+    head = ["damping converted by", "error / peak", "height of resonances", "", note]
+    return text_table(head, rows)
+
+
+def describe_request(ready: Prepared) -> str:
+    """Return ``[plant]`` and ``[servo]`` of a job as text; empty without them."""
+    table = ready.job.table(PlantTable)
+    servo = ready.job.table(ServoTable)
     if table is None:
         return ""
     test = ready.tests[part_of_plant(ready.job)]
     band = band_of_plant(ready.job, test.frf)
-    names = (
-        ", ".join(p.name for p in table.input_ports),
-        ", ".join(p.name for p in table.output_ports),
-    )
+    inputs = ", ".join(p.name for p in table.input_ports)
+    outputs = ", ".join(p.name for p in table.output_ports)
     lines = [
         f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}:"
-        f" {_counted(len(table.inputs), 'input')} ({names[0]}),"
-        f" {_counted(len(table.outputs), 'output')} ({names[1]})"
+        f" {_counted(len(table.inputs), 'input')} ({inputs}),"
+        f" {_counted(len(table.outputs), 'output')} ({outputs})"
     ]
     if servo is not None and servo.controller is not None:
         positioned = f" and {servo.position}" if servo.position else ""
         lines.append(
             f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}{positioned}"
         )
-    said = beyond_the_data(band, test.frf)
-    return "\n".join([*lines, *([f"note: {said}"] if said else [])])
+    note = beyond_the_data(band, test.frf)
+    if note:
+        lines.append(f"note: {note}")
+    return "\n".join(lines)
 
 
 def _counted(count: int, what: str) -> str:
@@ -96,6 +93,7 @@ def _counted(count: int, what: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return (
-        "-" if share != share else f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
-    )
+    if math.isnan(share):
+        return "-"
+    digits = ".2g" if share < 1 else ".0f"
+    return f"{100 * share:{digits}} %"

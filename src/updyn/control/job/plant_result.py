@@ -1,4 +1,4 @@
-"""`Planted`: what ``[plant]`` of a job gives, and how it is made: of an updated model, or of a model as it stands."""
+"""`PlantResult`: plant, comparison with the model, family and servo of a job; `make_plant`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from updyn.control.build import ConversionError, conversions, plant
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.servo import Nonlinear, drive_of, nonlinear_of, servo_of
-from updyn.control.job.tables import PlantTable, ServoTable
+from updyn.control.job.tables import PlantTable, SamplingTable, ServoTable
 from updyn.control.plant import Plant
 from updyn.control.ports import port_matrix
 from updyn.control.sampled import sampled
@@ -29,41 +29,43 @@ if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["Planted", "planted_of"]
+__all__ = ["PlantResult", "make_plant"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Lines of the comparison with the model: so many spread over the band, and these about each mode,
-#: in its half widths.
+#: Lines of the comparison with the model that are spread over the band.
 _SPREAD = 300
+#: Lines about each mode, in its half widths.
 _AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
-#: Above this size a reduced model, proved to this accuracy, answers for the model.
-_LARGE, _ACCURACY = 20_000, 1e-6
-#: Channels whose weights are sought at most, where no servo says which.
+#: DOFs above which the response of the model is computed by a reduced model.
+_LARGE = 20_000
+#: Certified relative error of that reduced model.
+_ACCURACY = 1e-6
+#: Largest number of channels that get a weight, where no servo says which.
 _WEIGHTS = 9
-#: Modes that get lines of their own at most.
+#: Largest number of modes that get lines about them.
 _MODES = 80
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Planted:
-    """A plant with what it was made of and how far it can be trusted.
+class PlantResult:
+    """The plant of a job with its model and its errors.
 
     Attributes
     ----------
     title : str
         Of the job.
     model : Model
-        The structure that it is of.
+        The model of which the plant is made.
     updated : bool
-        Whether that is the updated model.
+        Whether it is the updated model.
     source : str
         Where the model is from, in a sentence.
     band : (float, float)
         In Hz.
     tolerance : float
-        What was asked for.
+        Requested largest error.
     plant : Plant or None
         None where no order holds the tolerance.
     message : str
@@ -73,16 +75,16 @@ class Planted:
     freq : ndarray of float, shape (n_f,)
         Lines at which plant and model are compared, in Hz.
     exact : ndarray of complex, shape (n_f, n_y, n_u)
-        The model with its structural damping there.
+        Response of the model with its structural damping at these lines.
     answer : ndarray of complex, shape (n_f, n_y, n_u)
-        The plant.
+        Response of the plant at these lines.
     sampled : Plant or None
-        The plant behind a hold.
+        The plant discretised by ``sampling``.
     family : PlantFamily or None
         Plants drawn from the uncertainty of the update.
     weights : mapping of (int, int) to UncertaintyWeight
-        What covers the family, by position of output and input: the channels of the servo's loops,
-        or all.
+        Weights that cover the family, by position of output and input: of the channels of the
+        servo's loops, or of all.
     servo : Servo or None
         The controller of ``[servo]`` on the plant, or on the family.
     drive : DriveFigures or None
@@ -90,7 +92,7 @@ class Planted:
     nonlinear : tuple of Nonlinear
         The loop with backlash or friction.
     notes : tuple of str
-        What a reader should know, in sentences.
+        Remarks in sentences.
     """
 
     title: str
@@ -119,7 +121,7 @@ class Planted:
         return self.plant is not None
 
     def channel_errors(self) -> _Real:
-        """Return the largest error of each channel as a share of its peak, shape (n_y, n_u), at the lines `freq`."""
+        """Return the largest error of each channel at `freq` as a share of its peak, (n_y, n_u)."""
         assert self.exact is not None
         assert self.answer is not None
         level = np.abs(self.exact).max(axis=0)
@@ -128,7 +130,7 @@ class Planted:
         )
 
 
-def planted_of(
+def make_plant(
     ready: Prepared,
     result: UpdateResult | JointResult | None,
     source: str,
@@ -137,15 +139,15 @@ def planted_of(
     engine: Any = None,
     say: Callable[[str], object] | None = None,
     strict: bool = True,
-) -> Planted:
-    """Make what ``[plant]`` and ``[servo]`` of a job ask for.
+) -> PlantResult:
+    """Make the plant, family and servo of a job.
 
     Parameters
     ----------
     ready : Prepared
         The job, with such a table.
     result : UpdateResult or JointResult or None
-        The update; None: of the model as it stands.
+        The update; None: the plant is made of the model as it stands.
     source : str
         Where the model is from, in a sentence.
     draws : Draws, optional
@@ -153,14 +155,14 @@ def planted_of(
     engine : object
         Where the family is made, as for `updyn.update`.
     say : callable, optional
-        Called with what is being done.
+        Called with the name of each stage.
     strict : bool
         Whether a servo that cannot be had is an error; else a note says why, and the plant is there
         all the same.
 
     Returns
     -------
-    Planted
+    PlantResult
         Without a plant where no order holds the tolerance.
 
     Raises
@@ -177,9 +179,8 @@ def planted_of(
     one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
     band = band_of_plant(job, test.frf)
-    told = say if say is not None else lambda _: None
-    notes = [] if one is None else _of_the_update(one)
-    notes += [beyond_the_data(band, test.frf), _of_the_test(ready, number)]
+    told = say if say is not None else lambda stage: None
+    notes = [_unconverged_note(one), beyond_the_data(band, test.frf), _test_note(ready, number)]
     given: dict[str, Any] = {
         "inputs": table.input_ports,
         "outputs": table.output_ports,
@@ -188,21 +189,21 @@ def planted_of(
         "backend": job.method.backend,
     }
     told("plant: conversions of the damping")
-    side_by_side = _side_by_side(job, model, given)
-    base = Planted(
+    side_by_side = _side_by_side(model, given)
+    base = PlantResult(
         job.title or job.path.stem, model, one is not None, source, band, table.tolerance
     )
     told("plant: order")
-    made, message = _made(job, model, given)
+    made, message = _plant(table, model, given)
     extra: dict[str, Any] = {"conversions": side_by_side, "message": message}
     if made is not None:
         told("plant: against the model")
         extra |= {"plant": made, **_compared(made, model, job)}
         if table.sampling is not None:
-            extra["sampled"] = _sampled(job, made)
+            extra["sampled"] = _sampled(table.sampling, made)
         if table.family:
             told("plant: family")
-            extra["family"], said = _family(job, one, given, draws, engine)
+            extra["family"], said = _family(table, one, given, draws, engine)
             notes.append(said)
             if extra["family"] is not None:
                 told("plant: weights of the family")
@@ -213,7 +214,7 @@ def planted_of(
         found, said = _servo(job, model, band, extra.get("family") or made, strict)
         extra |= found
         notes.append(said)
-    return replace(base, notes=tuple(n for n in notes if n), **extra)
+    return replace(base, notes=tuple(filter(None, notes)), **extra)
 
 
 def _servo(
@@ -223,7 +224,7 @@ def _servo(
     plant: Plant | PlantFamily | None,
     strict: bool,
 ) -> tuple[dict[str, Any], str]:
-    """Return drive and servo, and why one of them is not there."""
+    """Return drive and servo, and a note where one of them cannot be computed."""
     out: dict[str, Any] = {}
     try:
         with job.located():
@@ -240,38 +241,39 @@ def _servo(
     return out, ""
 
 
-# -- what a reader should know -------------------------------------------------------------------------------
-def _of_the_update(result: UpdateResult) -> list[str]:
-    if result.status == "converged":
-        return []
-    return [
+# -- notes ----------------------------------------------------------------------------------------
+def _unconverged_note(result: UpdateResult | None) -> str:
+    if result is None or result.status == "converged":
+        return ""
+    return (
         f"The update has ended as {result.status!r}: {result.message} The plant is of the model"
         " that it left."
-    ]
+    )
 
 
-def _of_the_test(ready: Prepared, number: int) -> str:
-    """Say what of the test's configuration is in the plant: what was added or held for the test alone."""
+def _test_note(ready: Prepared, number: int) -> str:
+    """Return a note on what was added to the structure or held for the test."""
     table = ready.tests[number].job.test
-    held = [*(["held DOFs"] if table.grounded else []), *(["added masses"] if table.masses else [])]
-    held += ["masses of sensors"] if table.sensor_masses else []
-    if not held:
+    changes = {
+        "held DOFs": table.grounded,
+        "added masses": table.masses,
+        "masses of sensors": table.sensor_masses,
+    }
+    made = [name for name, value in changes.items() if value]
+    if not made:
         return ""
     which = f"test {table.name!r}" if len(ready.tests) > 1 else "the test"
-    return f"The plant is of the structure as it stood in {which}, with its {' and '.join(held)}."
+    return f"The plant is of the structure as it stood in {which}, with its {' and '.join(made)}."
 
 
-# -- parts -----------------------------------------------------------------------------------------------------
-def _side_by_side(job: Job, model: Model, given: dict[str, Any]) -> tuple[ConversionError, ...]:
-
+# -- parts ----------------------------------------------------------------------------------------
+def _side_by_side(model: Model, given: dict[str, Any]) -> tuple[ConversionError, ...]:
     with key_path("plant"):
         return conversions(model, **given)
 
 
-def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, str]:
-    """Return the plant; where no order holds the tolerance, why there is none."""
-    table = job.table(PlantTable)
-    assert table is not None
+def _plant(table: PlantTable, model: Model, given: dict[str, Any]) -> tuple[Plant | None, str]:
+    """Return the plant, or None and the reason where no order holds the tolerance."""
     try:
         with key_path("plant"):
             return plant(model, tolerance=table.tolerance, route=table.route, **given), ""
@@ -280,6 +282,7 @@ def _made(job: Job, model: Model, given: dict[str, Any]) -> tuple[Plant | None, 
 
 
 def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
+    """Return lines, response of the model and response of the plant."""
     from updyn.dynamics.response import response
     from updyn.frf import QUANTITIES
 
@@ -295,7 +298,7 @@ def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
 
 
 def lines_of(plant: Plant) -> _Real:
-    """Return lines in Hz that show each mode of a plant: spread over the band, and close about each pole.
+    """Return lines that resolve each mode of a plant.
 
     Parameters
     ----------
@@ -305,7 +308,7 @@ def lines_of(plant: Plant) -> _Real:
     Returns
     -------
     ndarray of float, shape (n_f,)
-        Ascending, both ends of the band included.
+        In Hz, ascending, both ends of the band included.
     """
     low, high = plant.band
     low = max(low, 1e-4 * high)
@@ -315,45 +318,39 @@ def lines_of(plant: Plant) -> _Real:
     damping = np.maximum(-poles.real[inside] / np.abs(poles[inside]), 1e-6)
     around = own[inside, None] * (1.0 + damping[:, None] * _AROUND)
     spread = np.geomspace(low, high, _SPREAD)
-    lines = np.unique(
-        np.clip(
-            np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()]), low, high
-        )
-    )
-    return np.asarray(lines[np.concatenate([[True], np.diff(lines) > 1e-10 * high])])
+    every = np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()])
+    lines = np.unique(np.clip(every, low, high))
+    apart = np.diff(lines, prepend=-np.inf) > 1e-10 * high
+    return np.asarray(lines[apart])
 
 
-def _sampled(job: Job, made: Plant) -> Plant:
-
-    table = job.table(PlantTable)
-    assert table is not None
-    wish = table.sampling
-    assert wish is not None
+def _sampled(table: SamplingTable, made: Plant) -> Plant:
     with key_path("plant", "sampling"):
-        return sampled(made, wish.dt, method=wish.method, delay=wish.delay)
+        return sampled(made, table.dt, method=table.method, delay=table.delay)
 
 
 def _family(
-    job: Job, result: UpdateResult | None, given: dict[str, Any], draws: Draws | None, engine: Any
+    table: PlantTable,
+    result: UpdateResult | None,
+    given: dict[str, Any],
+    draws: Draws | None,
+    engine: Any,
 ) -> tuple[PlantFamily | None, str]:
-    """Return the family, or why there is none; the plant is not lost for that."""
-    wish = job.table(PlantTable)
-    assert wish is not None
+    """Return the family, or None and a note with the reason."""
     if result is None:
         return (
             None,
-            "There is no family: the model is not updated, so nothing is known of how sure it is.",
+            "There is no family: the model is not updated, so its uncertainty is unknown.",
         )
-
     how: dict[str, Any] = {
-        "n": wish.family,
-        "seed": wish.seed,
+        "n": table.family,
+        "seed": table.seed,
         "draws": draws,
         "engine": engine,
-        "route": wish.route,
+        "route": table.route,
     }
     try:
-        return plant_family(result, tolerance=wish.tolerance, **how, **given), ""
+        return plant_family(result, tolerance=table.tolerance, **how, **given), ""
     except UpdynError as error:
         return None, f"There is no family: {error}"
 
@@ -361,28 +358,24 @@ def _family(
 def _weights(
     job: Job, family: PlantFamily
 ) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
-    """Return a weight for each channel of the servo's loops, or for each channel of the plant; and what is missing."""
-    servo, everything = (
-        job.table(ServoTable),
-        list(np.ndindex(len(family.outputs), len(family.inputs))),
-    )
-    if servo is not None and servo.controller is not None:
-        torque = family.inputs[0] if servo.torque is None else servo.torque
-        read = {servo.velocity, servo.position}
-        chosen = [
-            (i, j)
-            for i, j in everything
-            if family.outputs[i] in read and family.inputs[j] == torque
-        ]
+    """Return a weight of each channel of the servo's loops, else of each channel; and notes."""
+    servo = job.table(ServoTable)
+    everything = list(np.ndindex(len(family.outputs), len(family.inputs)))
+    has_loops = servo is not None and servo.controller is not None
+    if servo is not None and has_loops:
+        column = family.inputs.index(servo.torque or family.inputs[0])
+        read = (servo.velocity, servo.position)
+        chosen = [(i, column) for i, name in enumerate(family.outputs) if name in read]
     else:
         chosen = everything[:_WEIGHTS]
-    out, notes = {}, []
+    out = {}
+    notes = []
     for i, j in chosen:
         try:
             out[i, j] = uncertainty_weight(family.channel(family.outputs[i], family.inputs[j]))
         except UpdynError as error:
             notes.append(f"No weight covers {family.outputs[i]} over {family.inputs[j]}: {error}")
-    if len(chosen) < len(everything) and (servo is None or servo.controller is None):
+    if len(chosen) < len(everything) and not has_loops:
         notes.append(
             f"Weights of the first {len(chosen)} of {len(everything)} channels were sought."
         )

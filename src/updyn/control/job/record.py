@@ -1,4 +1,4 @@
-"""``control.json``: what ``[plant]`` of a job gave, for other programs. Strict JSON; inf and nan are null."""
+"""``control.json``: the plant result for other programs. Strict JSON; inf and nan are null."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from updyn import __version__
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.servo import Nonlinear
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
@@ -26,12 +26,12 @@ __all__ = [
 ]
 
 
-def control_record(planted: Planted) -> dict[str, Any]:
+def control_record(result: PlantResult) -> dict[str, Any]:
     """Return what was made as a dict that `json.dumps` writes without inf or nan.
 
     Parameters
     ----------
-    planted : Planted
+    result : PlantResult
         What the job gave.
 
     Returns
@@ -46,14 +46,14 @@ def control_record(planted: Planted) -> dict[str, Any]:
         not asked for; ``nonlinear``, limit cycles; ``notes``; ``versions``.
     """
     return {
-        "title": planted.title,
-        "updated": planted.updated,
-        "source": planted.source,
-        "band": plain(planted.band),
-        "tolerance": plain(planted.tolerance),
-        "met": planted.met,
-        "message": planted.message,
-        "plant": None if planted.plant is None else _plant(planted, planted.plant),
+        "title": result.title,
+        "updated": result.updated,
+        "source": result.source,
+        "band": plain(result.band),
+        "tolerance": plain(result.tolerance),
+        "met": result.met,
+        "message": result.message,
+        "plant": None if result.plant is None else _plant(result, result.plant),
         "conversions": [
             {
                 "name": c.name,
@@ -61,35 +61,35 @@ def control_record(planted: Planted) -> dict[str, Any]:
                 "peak_error": plain(c.peak_error),
                 "note": c.note,
             }
-            for c in planted.conversions
+            for c in result.conversions
         ],
-        "sampled": None if planted.sampled is None else _sampled(planted.sampled),
-        "family": _family(planted),
-        "servo": None if planted.servo is None else servo_record(planted.servo),
-        "nonlinear": [nonlinear_record(found) for found in planted.nonlinear],
-        "drive": None if planted.drive is None else drive_record(planted.drive),
-        "notes": list(planted.notes),
+        "sampled": None if result.sampled is None else _sampled(result.sampled),
+        "family": _family(result),
+        "servo": None if result.servo is None else servo_record(result.servo),
+        "nonlinear": [nonlinear_record(found) for found in result.nonlinear],
+        "drive": None if result.drive is None else drive_record(result.drive),
+        "notes": list(result.notes),
         "versions": {"updyn": __version__},
     }
 
 
-def write_control_record(planted: Planted, path: str | Path) -> None:
+def write_control_record(result: PlantResult, path: str | Path) -> None:
     """Write `control_record` to a file, replaced as a whole once it is complete.
 
     Parameters
     ----------
-    planted : Planted
+    result : PlantResult
         What the job gave.
     path : path
         File to write, usually ``control.json``.
     """
     from updyn.io.atomic import write_json
 
-    write_json(control_record(planted), path)
+    write_json(control_record(result), path)
 
 
-def _plant(planted: Planted, plant: Plant) -> dict[str, Any]:
-    errors = planted.channel_errors()
+def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
+    errors = result.channel_errors()
     poles = plant.poles[np.lexsort((-plant.poles.imag, np.abs(plant.poles)))]
     size = np.abs(poles)
     damping = np.divide(-poles.real, size, out=np.full(len(poles), np.nan), where=size > 0)
@@ -135,21 +135,21 @@ def _sampled(plant: Plant) -> dict[str, Any]:
     }
 
 
-def _family(planted: Planted) -> dict[str, Any] | None:
-    if planted.family is None:
+def _family(result: PlantResult) -> dict[str, Any] | None:
+    if result.family is None:
         return None
     return {
-        "members": len(planted.family),
-        "error": plain(planted.family.error),
-        "unknowns": list(planted.family.names),
-        "facts": plain(dict(planted.family.facts)),
-        "weights": _weights(planted),
+        "members": len(result.family),
+        "error": plain(result.family.error),
+        "unknowns": list(result.family.names),
+        "facts": plain(dict(result.family.facts)),
+        "weights": _weights(result),
     }
 
 
-def _weights(planted: Planted) -> list[dict[str, Any]]:
+def _weights(result: PlantResult) -> list[dict[str, Any]]:
     out = []
-    for found in planted.weights.values():
+    for found in result.weights.values():
         ((weight,),) = found.weights
         roots = {
             key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
@@ -164,8 +164,20 @@ def _weights(planted: Planted) -> list[dict[str, Any]]:
     return out
 
 
-_STEP = ("of", "size", "input", "input_unit", "output", "output_unit", "final", "rise_time", "overshoot",
-         "settling_time", "peak", "peak_time")  # fmt: skip
+_STEP = (
+    "of",
+    "size",
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "final",
+    "rise_time",
+    "overshoot",
+    "settling_time",
+    "peak",
+    "peak_time",
+)
 _WIND = (
     "input",
     "input_unit",
@@ -252,7 +264,7 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
 
 
 def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
-    """Return a loop with backlash or friction as a dict that `json.dumps` writes without inf or nan.
+    """Return a loop with backlash or friction as a dict for `json.dumps`, without inf or nan.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""``[servo]`` of a job: the controller on its plant, and the figures of the drive."""
+"""``[servo]`` of a job: loop, figures of the drive, backlash and friction."""
 
 from __future__ import annotations
 
@@ -44,14 +44,13 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
     Raises
     ------
     JobError
-        If they cannot be had, with the line.
+        If they cannot be computed, with the line.
     """
-    wish = job.table(ServoTable)
-    if wish is None or wish.motor is None or wish.load is None:
+    table = job.table(ServoTable)
+    if table is None or table.motor is None or table.load is None:
         return None
-
     with key_path("servo"):
-        return drive_figures(model, wish.motor, wish.load, ratio=wish.ratio, band=band)
+        return drive_figures(model, table.motor, table.load, ratio=table.ratio, band=band)
 
 
 def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
@@ -67,38 +66,42 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     Raises
     ------
     JobError
-        If the controller cannot be put on it, with the line.
+        If the controller does not fit the plant, with the line.
     """
-    wish = job.table(ServoTable)
-    if wish is None or wish.controller is None:
+    table = job.table(ServoTable)
+    if table is None or table.controller is None:
         return None
-
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
-    torque = nominal.inputs[0] if wish.torque is None else wish.torque
-    assert wish.velocity is not None
+    torque = nominal.inputs[0] if table.torque is None else table.torque
+    assert table.velocity is not None
     with key_path("servo", "controller"):
-        controller = wish.controller.controller(nominal, torque, wish.velocity, wish.position)
+        controller = table.controller.controller(nominal, torque, table.velocity, table.position)
     with key_path("servo"):
         return servo(
             plant,
             controller,
             torque=torque,
-            velocity=wish.velocity,
-            position=wish.position,
-            disturbance=wish.disturbance,
-            pointing=wish.pointing,
-            step=wish.step,
-            disturbance_step=wish.disturbance_step,
-            wind=None if wish.wind is None else wish.wind.wind(),
-            duration=wish.duration,
+            velocity=table.velocity,
+            position=table.position,
+            disturbance=table.disturbance,
+            pointing=table.pointing,
+            step=table.step,
+            disturbance_step=table.disturbance_step,
+            wind=None if table.wind is None else table.wind.wind(),
+            duration=table.duration,
         )
 
 
-#: Periods of a cycle, and of the bandwidth, that are simulated where the job does not say how long;
-#: how far outside of the cycle it begins; steps in a period of the band's upper end, and in all
-#: where the job does not say how long.
-_PERIODS, _SETTLING, _OUTSIDE = 40, 6, 1.2
-_STEPS, _MOST = 40, 300_000
+#: Periods of a limit cycle that are simulated where the job states no duration.
+_PERIODS = 40
+#: The same without a limit cycle, in periods of the bandwidth.
+_SETTLING = 6
+#: Amplitude at which a simulation begins, over that of the limit cycle.
+_OUTSIDE = 1.2
+#: Steps in a period of the band's upper end.
+_STEPS = 40
+#: Largest number of steps where the job states no duration.
+_MOST = 300_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,17 +111,17 @@ class Nonlinear:
     Attributes
     ----------
     kind : {"backlash", "friction"}
-        What acts.
+        The kind of nonlinearity.
     where : str
-        In words.
+        Its place, in words.
     law : Backlash or CoulombFriction
-        Its numbers.
+        Its parameters.
     cycles : LimitCycles
-        What harmonic balance predicts.
+        Limit cycles by harmonic balance.
     simulation : Simulation or None
-        The loop in time.
+        The simulated loop.
     begun : str
-        From where it was simulated, in a sentence.
+        Initial state of the simulation, in words.
     note : str
         Why there is no simulation; empty where there is one.
     """
@@ -133,34 +136,30 @@ class Nonlinear:
 
     @property
     def disputed(self) -> str:
-        """What to know where prediction and simulation disagree, in a sentence; empty where they do not."""
+        """A sentence where prediction and simulation disagree; empty where they agree."""
         if self.simulation is None:
             return ""
-        predicted, found = (
-            any(c.stable for c in self.cycles),
-            self.simulation.verdict == "limit cycle",
-        )
-        if predicted and self.simulation.verdict in ("decays", "at rest"):
+        predicted = any(c.stable for c in self.cycles)
+        verdict = self.simulation.verdict
+        if predicted and verdict in ("decays", "at rest"):
             return (
                 "The simulation does not confirm the stable limit cycle that is predicted: trust"
                 " the simulation."
             )
-        return (
-            "The simulation ends in a limit cycle that is not predicted."
-            if found and not predicted
-            else ""
-        )
+        if verdict == "limit cycle" and not predicted:
+            return "The simulation ends in a limit cycle that is not predicted."
+        return ""
 
     def summary(self) -> str:
         """Return prediction and simulation as text."""
         parts = [f"{self.kind.capitalize()} {self.where}", self.cycles.summary()]
         if self.simulation is not None:
             parts.append(f"In time, {self.begun}: {self.simulation.summary()}")
-        return "\n".join([*parts, *(text for text in (self.disputed, self.note) if text)])
+        return "\n".join(filter(None, [*parts, self.disputed, self.note]))
 
 
 def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[Nonlinear, ...]:
-    """Return what each ``[[servo.nonlinear]]`` of a job asks for.
+    """Return limit cycles and simulation for each ``[[servo.nonlinear]]`` of a job.
 
     Parameters
     ----------
@@ -176,59 +175,50 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
     Raises
     ------
     JobError
-        If a mesh cannot be opened, a plant with it not be made, or a number not be used, with the
-        line.
+        If a mesh cannot be opened, no plant holds the tolerance with it, or a number is out of its
+        range, with the line.
     """
     servo_table = job.table(ServoTable)
-    tables = () if servo_table is None else servo_table.nonlinear
-    return tuple(
-        _one(job, number, table, model, plant, servo) for number, table in enumerate(tables)
-    )
+    out = []
+    for number, table in enumerate(() if servo_table is None else servo_table.nonlinear):
+        with key_path("servo", "nonlinear", number):
+            out.append(_one(job, table, model, plant, servo))
+    return tuple(out)
 
 
-def _one(
-    job: Job, number: int, table: NonlinearTable, model: Model, plant: Plant, servo: Servo
-) -> Nonlinear:
-
-    place = ("servo", "nonlinear", number)
+def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Servo) -> Nonlinear:
     loop: dict[str, Any] = {
         "torque": servo.torque,
         "velocity": servo.velocity,
         "position": servo.position,
     }
     name = _unused(table.kind, plant)
-    with key_path(*place):
-        if table.kind == "friction":
-            assert table.level is not None
-            law: Nonlinearity = CoulombFriction(table.level, table.breakaway)
-            with_it = _plant(job, model, plant, servo, Port.at(table.at, name), "mobility")
-            cycles = limit_cycles(with_it, servo.controller, law, name, **loop)
-            where = f"at {table.at}"
-        else:
-            assert table.mesh is not None
-            assert table.gap is not None
-            gap = opened(model, table.mesh, table.at, name=name)
-            with_it = _plant(job, gap.model, plant, servo, gap.port, "receptance")
-            frequency = table.frequency or servo.velocity_loop.margins.crossover or plant.band[1]
+    if table.kind == "friction":
+        assert table.level is not None
+        law: Nonlinearity = CoulombFriction(table.level, table.breakaway)
+        extended = _extended(job, model, plant, servo, Port.at(table.at, name), "mobility")
+        cycles = limit_cycles(extended, servo.controller, law, name, **loop)
+        where = f"at {table.at}"
+    else:
+        assert table.mesh is not None
+        assert table.gap is not None
+        gap = opened(model, table.mesh, table.at, name=name)
+        extended = _extended(job, gap.model, plant, servo, gap.port, "receptance")
+        frequency = table.frequency or servo.velocity_loop.margins.crossover or plant.band[1]
+        law = gap.backlash(table.gap, frequency=frequency)
+        cycles = limit_cycles(extended, servo.controller, law, name, **loop)
+        found = _largest(cycles)
+        lossy = bool(gap.group.loss_factor)
+        if table.frequency is None and found is not None and lossy:
+            # The damper equivalent to the loss factor depends on the frequency of the cycle.
+            frequency = found.frequency
             law = gap.backlash(table.gap, frequency=frequency)
-            cycles = limit_cycles(with_it, servo.controller, law, name, **loop)
-            found = _largest(cycles)
-            if table.frequency is None and found is not None and gap.group.loss_factor:
-                # The damper that stands for the loss factor belongs to the frequency of the cycle
-                # itself.
-                frequency = found.frequency
-                law = gap.backlash(table.gap, frequency=frequency)
-                cycles = limit_cycles(with_it, servo.controller, law, name, **loop)
-            lossy = (
-                f"; its loss factor as a damper at {frequency:.4g} Hz"
-                if gap.group.loss_factor
-                else ""
-            )
-            where = (
-                f"in {table.mesh!r}, {table.gap:g} {'rad' if gap.port.rotation else 'm'} at"
-                f" {table.at}{lossy}"
-            )
-    simulation, begun, note = _in_time(table, with_it, servo, law, cycles, name, loop)
+            cycles = limit_cycles(extended, servo.controller, law, name, **loop)
+        unit = "rad" if gap.port.rotation else "m"
+        where = f"in {table.mesh!r}, {table.gap:g} {unit} at {table.at}"
+        if lossy:
+            where += f"; its loss factor as a damper at {frequency:.4g} Hz"
+    simulation, begun, note = _in_time(table, extended, servo, law, cycles, name, loop)
     return Nonlinear(table.kind, where, law, cycles, simulation, begun, note)
 
 
@@ -238,8 +228,10 @@ def _unused(name: str, plant: Plant) -> str:
     return name
 
 
-def _plant(job: Job, model: Model, plant: Plant, servo: Servo, port: Any, quantity: str) -> Plant:
-    """Return the plant of the loop with one more pair of ports."""
+def _extended(
+    job: Job, model: Model, plant: Plant, servo: Servo, port: Port, quantity: str
+) -> Plant:
+    """Return the plant of the loop with an input and output where the nonlinearity acts."""
     read = [name for name in dict.fromkeys((servo.velocity, servo.position)) if name is not None]
     at = [plant.outputs.index(name) for name in read]
     return build(
@@ -254,10 +246,9 @@ def _plant(job: Job, model: Model, plant: Plant, servo: Servo, port: Any, quanti
 
 
 def _largest(cycles: LimitCycles) -> LimitCycle | None:
-    """Return the stable cycle of the largest amplitude, of those that are not in doubt first; None without one."""
-    return max(
-        (c for c in cycles if c.stable), key=lambda c: (not c.doubt, c.amplitude), default=None
-    )
+    """Return the stable cycle of the largest amplitude; one in doubt only if there is no other."""
+    stable = [c for c in cycles if c.stable]
+    return max(stable, key=lambda c: (not c.doubt, c.amplitude), default=None)
 
 
 def _in_time(
@@ -269,35 +260,30 @@ def _in_time(
     name: str,
     loop: dict[str, Any],
 ) -> tuple[Simulation | None, str, str]:
-    """Return the loop in time, from where it began, and why it is not there."""
+    """Return the simulation, its initial state in words, and a note where there is none."""
     found = _largest(cycles)
     if found is None and not cycles.linear_stable:
-        return (
-            None,
-            "",
-            (
-                "It is not simulated: the loop is unstable without it, and no stable limit cycle is"
-                " predicted."
-            ),
+        note = (
+            "It is not simulated: the loop is unstable without it, and no stable limit cycle is"
+            " predicted."
         )
+        return None, "", note
     how: dict[str, Any]
     if found is not None:
         how = {"start": found, "scale": _OUTSIDE}
         begun = f"from {_OUTSIDE:g} times the stable cycle at {found.frequency:.4g} Hz"
         lasting = _PERIODS / found.frequency
     else:
-        how = {"constant": {"reference": servo.step.size if servo.step is not None else 1.0}}
+        size = 1.0 if servo.step is None else servo.step.size
+        how = {"constant": {"reference": size}}
         begun = "after a step of the reference"
         outer = servo.loops[-1].margins.crossover
         lasting = _SETTLING / min(servo.bandwidth or plant.band[1], outer or plant.band[1])
-    # Each step is exact; only a contact that begins and ends within one would be missed.
+    # Each step is exact; only a contact that begins and ends within one step would be missed.
     step = 1.0 / (_STEPS * plant.band[1])
     duration = table.duration or min(lasting, _MOST * step)
     try:
-        return (
-            simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop),
-            begun,
-            "",
-        )
+        done = simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop)
     except UpdynError as error:
         return None, "", f"It is not simulated: {error}"
+    return done, begun, ""

@@ -1,1 +1,1 @@
-"""Loops with one nonlinearity, backlash or Coulomb friction: limit cycles by harmonic balance, and in time."""
+"""Loops with backlash or Coulomb friction: limit cycles by harmonic balance; simulation."""

@@ -1,4 +1,4 @@
-"""`Around`: the linear system that a nonlinearity sees: plant and controller closed, the nonlinearity pulled out."""
+"""`Around`: the closed loop of plant and controller without its nonlinearity."""
 
 from __future__ import annotations
 
@@ -26,15 +26,20 @@ _NOTHING = 1e-9  # flexibility beside that of the mesh
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Around:
-    """x' = A x + B w + E e, z = C x + D w + G e; series = rows of the plant's outputs and the controller's torque.
+    """The closed loop without its nonlinearity.
+
+        x' = A x + B w + E e,   z = C x + D w + G e
+
+    with the torque w of the nonlinearity, the motion z that it reads, and the entries e. `series`
+    are the rows of the plant's outputs and the controller's torque.
 
     Attributes
     ----------
     A : ndarray of float, shape (n, n)
     B, C : ndarray of float, shape (n,)
-        From the nonlinearity's torque, to what it reads.
+        Column of w, row of z.
     D : float
-        Residual flexibility between both.
+        Direct feed-through from w to z: residual flexibility.
     E : ndarray of float, shape (n, n_e)
         From the entries: every input of the plant, and the reference.
     G : ndarray of float, shape (n_e,)
@@ -77,7 +82,7 @@ class Around:
         return out
 
     def under(self, stiffness: float, damping: float) -> _Complex:
-        """Return the poles in rad/s with w = -(stiffness z + damping z'), shape (n,) or (n + 1,)."""
+        """Return the poles in rad/s for w = -(stiffness z + damping z'), shape (n,) or (n + 1,)."""
         if damping == 0.0:
             A = self.A - np.outer(self.B, stiffness * self.C) / (1.0 + stiffness * self.D)
         elif self.D == 0.0:
@@ -185,11 +190,9 @@ def around(
 
 def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
     """Return the residual flexibility across a mesh; what rounding leaves of none is none."""
-    return (
-        0.0
-        if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING
-        else D
-    )
+    if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING:
+        return 0.0
+    return D
 
 
 def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:
@@ -212,11 +215,11 @@ def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) ->
         )
 
 
-# -- the loop ----------------------------------------------------------------------------------------------
+# -- the loop -------------------------------------------------------------------------------------
 def _closed(
     plant: Plant, controller: Any, ends: tuple[str, str], names: Mapping[str, Any], pade: int
 ) -> tuple[StateSpace, tuple[str, ...]]:
-    """Return plant and controller as one system: inputs those of the plant and the reference, outputs likewise."""
+    """Return plant and controller as one system, the reference among its inputs."""
     own = StateSpace(plant.A, plant.B, plant.C, plant.D)
     n_u, n_y = len(plant.inputs), len(plant.outputs)
     if controller is None:
@@ -258,7 +261,7 @@ def _closed(
 def _cascade(
     plant: Plant, own: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
 ) -> tuple[StateSpace, list[int], _Real]:
-    """Return the plant with velocity and position below its outputs, where they stand, and their weights."""
+    """Return the plant with velocity and position as last outputs, their rows and weights."""
     velocity = _measured(plant, names.get("velocity"), "velocity", "mobility", skip)
     C, D = _velocity(plant, velocity)
     own = StateSpace(own.A, own.B, np.vstack([own.C, C]), np.vstack([own.D, D]))

@@ -1,14 +1,14 @@
-"""`limit_cycles`: oscillations that a nonlinearity keeps up in a loop, by harmonic balance.
+"""`limit_cycles`: limit cycles of a loop with one nonlinearity, by harmonic balance.
 
-With the nonlinearity pulled out, z = S(s) w and w = -N(A, omega) z, an oscillation z = A sin(omega
-t) needs
+With the linear part z = S(s) w and the describing function w = -N(A, omega) z, an oscillation
+z = A sin(omega t) exists where
 
     N(A, omega) = -1 / S(i omega).
 
-|N| falls or rises steadily with A, so that each frequency has at most one amplitude at which the moduli agree; what is
-left is one equation, of the phases, along the frequency axis, whose roots are all found by a scan
-and refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design,
-1968, chapter 3).
+|N| is monotonic in A, so that each frequency has at most one amplitude at which the moduli agree.
+The remaining equation, of the phases, is solved along the frequency axis: a scan finds all roots,
+which are then refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear
+System Design, 1968, chapter 3).
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 _SCAN = 3000
 _NEAR = 0.1  # rad: a phase that comes this close to agreement between two points is looked at
+
+
+#: Words for whether a cycle or a loop is stable.
+_STABLE = {True: "stable", False: "unstable"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,7 @@ class LimitCycle:
     doubt: str = ""
 
     def __str__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
+        kind = _STABLE[self.stable]
         doubt = f" (doubtful: {self.doubt})" if self.doubt else ""
         return f"{kind}, amplitude {self.amplitude:.5g} {self.unit}, {self.frequency:.5g} Hz{doubt}"
 
@@ -116,10 +120,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
         str
         """
         where = f"from {self.band[0]:.4g} to {self.band[1]:.4g} Hz"
-        loop = (
-            "The loop without the nonlinearity is"
-            f" {'stable' if self.linear_stable else 'unstable'}."
-        )
+        loop = f"The loop without the nonlinearity is {_STABLE[bool(self.linear_stable)]}."
         if not self:
             return f"Harmonic balance predicts no limit cycle {where}. {loop}"
         lines = [
@@ -204,19 +205,17 @@ def limit_cycles(
 
 def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
     """Return stiffness and damping across, without the nonlinearity."""
-    return (
-        (nonlinearity.stiffness, nonlinearity.damping)
-        if isinstance(nonlinearity, Backlash)
-        else (0.0, 0.0)
-    )
+    if isinstance(nonlinearity, Backlash):
+        return nonlinearity.stiffness, nonlinearity.damping
+    return 0.0, 0.0
 
 
 def _stable(poles: _Complex) -> bool:
-    """Return whether no pole lies in the right half plane; poles at rest (an angle that nothing holds) may be there."""
+    """Return whether no pole lies in the right half plane; poles at 0 (free rotation) may exist."""
     return bool((poles.real <= 1e-7 * max(float(np.abs(poles).max(initial=0.0)), 1e-300)).all())
 
 
-# -- the scan ----------------------------------------------------------------------------------------------
+# -- the scan -------------------------------------------------------------------------------------
 def _limits(band: Any, poles: _Complex) -> tuple[float, float]:
     if band is not None:
         try:
@@ -244,7 +243,7 @@ def _scan(limits: tuple[float, float], poles: _Complex) -> _Real:
 
 
 def _mismatch(system: Around, nonlinearity: Nonlinearity, omega: _Real) -> tuple[_Real, _Real]:
-    """Return the phase by which -1 / S and N differ where their moduli agree, and that amplitude; nan for none."""
+    """Return phase difference of -1 / S and N at equal moduli, and that amplitude; else nan."""
     S = system.at(omega)
     needed = -1.0 / np.where(S == 0.0, np.finfo(np.float64).tiny, S)
     A = nonlinearity.amplitude(np.abs(needed), omega)
@@ -284,7 +283,7 @@ def _roots(
 
 
 def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
-    """Return two roots between points of one sign, where the phase comes close to agreement between them."""
+    """Return two roots between points of one sign, where the phase nearly reaches 0."""
     best = minimize_scalar(
         lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low}
     )
@@ -293,7 +292,7 @@ def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
     return [float(brentq(at, low, best.x, rtol=1e-13)), float(brentq(at, best.x, high, rtol=1e-13))]
 
 
-# -- one cycle ---------------------------------------------------------------------------------------------
+# -- one cycle ------------------------------------------------------------------------------------
 def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
     w = np.array([omega])
     S, S3 = system.at(np.array([omega, 3.0 * omega]))
@@ -301,7 +300,10 @@ def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCyc
     N = complex(nonlinearity.describing(A, omega))
     third = float(abs(S3)) * nonlinearity.third(A, omega) / A
     loeb = _loeb(system, nonlinearity, A, omega)
-    rest = system.under(N.real, N.imag / omega if abs(N.imag) > 1e-12 * abs(N) else 0.0)
+    damping = N.imag / omega
+    if abs(N.imag) <= 1e-12 * abs(N):
+        damping = 0.0
+    rest = system.under(N.real, damping)
     # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything
     # else grows.
     for target in (1j * omega, -1j * omega):

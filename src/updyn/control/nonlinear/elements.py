@@ -29,7 +29,7 @@ _THIRD = 0.3  # of the first harmonic
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """An elastic mesh with a gap: no torque inside, a spring and a damper at either flank, and no pull.
+    """An elastic mesh with a gap: no torque inside it, spring and damper at either flank, no pull.
 
     With z the twist and z_s that of the shaft, z - z_s lies between -gap / 2 and gap / 2. At a
     flank the torque is T = k z_s + c z_s'; where it would pull, the flank lets go and the shaft
@@ -141,7 +141,7 @@ class Backlash:
     def _contact(
         self, amplitude: ArrayLike, omega: ArrayLike
     ) -> tuple[NDArray[np.bool_], _Real, _Real, _Real, _Real]:
-        """Return whether there is contact, gap / (2 A), c omega / k, and the phases between which there is contact."""
+        """Return whether there is contact, gap / (2 A), c omega / k, and the phases of contact."""
         A, w = np.broadcast_arrays(
             np.asarray(amplitude, dtype=np.float64), np.asarray(omega, dtype=np.float64)
         )
@@ -186,7 +186,7 @@ class Backlash:
 
 
 def _meeting(d: _Real, a: _Real, psi2: _Real) -> _Real:
-    """Return the phase at which the flank is met, the shaft still relaxing from the other one: bisection."""
+    """Return the phase of contact with a flank while the shaft relaxes, by bisection."""
     twist = (
         np.sin(psi2) - d
     )  # of the shaft over A, where the other flank let go, half a turn before
@@ -201,7 +201,7 @@ def _meeting(d: _Real, a: _Real, psi2: _Real) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction: a constant torque against the velocity, and up to a breakaway torque none at all moves.
+    """Dry friction: a constant torque against the velocity; sticking up to a breakaway torque.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class CoulombFriction:
         return self.level if self.breakaway is None else self.breakaway
 
     def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> _Complex:
-        """Return the describing function, 4 level / (pi A); a breakaway torque above the level is not in it.
+        """Return the describing function, 4 level / (pi A), without the breakaway torque.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A loop with backlash or friction as pieces, each linear, with the borders at which one gives way to the next.
+"""`simulate`: a loop with backlash or friction, piecewise linear and exact in each piece.
 
 The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
 1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
@@ -151,10 +151,12 @@ class BackwardsAndForwards(Rules):
     def first(self, X: _Real) -> str:
         """Return the gap, or the flank that is pressed."""
         way = float(self.read @ X)
-        return "gap" if abs(way) <= self.law.half else "contact +" if way > 0 else "contact -"
+        if abs(way) <= self.law.half:
+            return "gap"
+        return "contact +" if way > 0 else "contact -"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
-        """Return the flank that is met, or the gap, in which the shaft begins with its last twist."""
+        """Return the flank that is met, or the gap with the shaft's last twist."""
         if piece == "gap":
             return ("contact +", "contact -")[border], X
         if self.damped:
@@ -192,11 +194,15 @@ class StickAndSlip(Rules):
     def first(self, X: _Real) -> str:
         """Return the sense of motion, or what comes of rest."""
         v = float(self.read @ X)
-        return "slip +" if v > 0 else "slip -" if v < 0 else self._at_rest(X)
+        if v == 0:
+            return self._at_rest(X)
+        return "slip +" if v > 0 else "slip -"
 
     def _at_rest(self, X: _Real) -> str:
         held = float(self.hold @ X)
-        return "stick" if abs(held) <= self.law.sticks else "slip -" if held > 0 else "slip +"
+        if abs(held) <= self.law.sticks:
+            return "stick"
+        return "slip -" if held > 0 else "slip +"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
         """Return the sense in which it breaks away, or what comes of rest."""
@@ -267,7 +273,7 @@ class _Exact:
         )
 
     def crossing(self, X: _Real) -> tuple[float, _Real, int]:
-        """Return the share of the step at which the first border is crossed, the state just after, and the border."""
+        """Return share of the step before the first border, state just after it, and border."""
         share = 0.0
         for i, half in enumerate(self.halves, 1):
             tried = half @ X
@@ -395,11 +401,9 @@ def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
         return Settled("at rest")
     if not len(switches) or switches[-1] < t[0]:
         # Nothing touches any more: a swing within the gap, or a drift.
-        return (
-            _trend(t, y, whole)
-            if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2])
-            else Settled("decays")
-        )
+        if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2]):
+            return _trend(t, y, whole)
+        return Settled("decays")
     starts = _rises(t, y - 0.5 * (y.max() + y.min()))
     if len(starts) < 3:
         return _trend(t, y, whole)
@@ -434,7 +438,7 @@ def _trend(t: _Real, y: _Real, whole: float) -> Settled:
 
 
 def _rises(t: _Real, y: _Real) -> _Real:
-    """Return when a series passes 0 upwards, passages that do not reach a tenth of its size left out."""
+    """Return the upward zero crossings of a series that reach a tenth of its size."""
     size = 0.1 * float(np.abs(y).max())
     out, armed = [], False
     for i in range(1, len(y)):
@@ -449,7 +453,7 @@ def _rises(t: _Real, y: _Real) -> _Real:
 
 
 def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float:
-    """Return the amplitude of the first harmonic between two times, whole periods apart, by the trapezium rule."""
+    """Return the amplitude of the first harmonic over whole periods, by the trapezoidal rule."""
     inside = (t > a) & (t < b)
     times = np.concatenate([[a], t[inside], [b]])
     values = np.interp(times, t, y)
@@ -623,9 +627,8 @@ def simulate(
         + np.outer(w, system.series_w)
         + system.series_e @ held
     )
-    end: Settled = settled(
-        way.time, z, way.switches, nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
-    )
+    half = nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
+    end = settled(way.time, z, way.switches, half)
     facts = {"step": length, "switches": len(way.switches), "constant": dict(constant or {})}
     for array in (way.time, z, w, series, way.switches):
         array.flags.writeable = False

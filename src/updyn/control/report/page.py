@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from updyn import __version__
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.report import markup as m
 from updyn.report.page import assemble
 from updyn.report.section import Content
@@ -15,13 +15,13 @@ from updyn.report.templates import write_page
 __all__ = ["write_plant_page"]
 
 
-def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
+def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
     """Write a plant as one HTML page that needs nothing else: no network, no other file.
 
     Parameters
     ----------
-    planted : Planted
-        What `updyn.control.job.make_plant.plant_job` made.
+    result : PlantResult
+        What `updyn.control.job.plant_job.plant_job` made.
     path : str or path-like
         Where to write; an existing file is replaced only once the new page is complete.
 
@@ -30,17 +30,17 @@ def write_plant_page(planted: Planted, path: str | PathLike[str]) -> Path:
     Path
         Where the page is.
     """
-    return write_page(render(planted), path)
+    return write_page(render(result), path)
 
 
-def render(planted: Planted) -> str:
+def render(result: PlantResult) -> str:
     """Return the page as text."""
-    badge = ("Updated", "good") if planted.updated else ("Not updated", "warn")
-    if not planted.met:
+    badge = ("Updated", "good") if result.updated else ("Not updated", "warn")
+    if not result.met:
         badge = ("Tolerance not met", "bad")
-    content = Content(further={"plant": planted})
+    content = Content(further={"plant": result})
     head = (
-        f"<header><h1>{m.esc(planted.title)}</h1>{m.paragraph(planted.source, 'byline')}"
+        f"<header><h1>{m.esc(result.title)}</h1>{m.paragraph(result.source, 'byline')}"
         f'<p><span class="badge {badge[1]}">{m.esc(badge[0])}</span></p></header>'
     )
-    return assemble(content, head, f"{planted.title}: plant", __version__)
+    return assemble(content, head, f"{result.title}: plant", __version__)

@@ -1,4 +1,4 @@
-"""The figures of a plant: Bode diagrams against the model with the error below, and the weight of a family."""
+"""The report section on the plant: Bode diagrams, errors, poles, conversions, weights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.weight import UncertaintyWeight
 from updyn.report import formats as w
@@ -42,22 +42,22 @@ _DRAWN = 6
 _ERROR_FLOOR = 1e-7
 
 
-def plant_figures(planted: Planted) -> dict[str, Figure]:
+def plant_figures(result: PlantResult) -> dict[str, Figure]:
     """Return every figure that has something to show, by the name of its place in the page."""
-    plant = planted.plant
-    if plant is None or planted.freq is None:
+    plant = result.plant
+    if plant is None or result.freq is None:
         return {}
-    out = {bode_name(i, j): _bode(planted, plant, i, j) for i, j in channels(planted)}
-    return out | {weight_name(i, j): _weight(found) for (i, j), found in planted.weights.items()}
+    out = {bode_name(i, j): _bode(result, plant, i, j) for i, j in channels(result)}
+    return out | {weight_name(i, j): _weight(found) for (i, j), found in result.weights.items()}
 
 
-def channels(planted: Planted) -> list[tuple[int, int]]:
-    """Return the channels that are drawn, output by output: all, or those with the largest errors."""
-    assert planted.plant is not None
-    everything = list(np.ndindex(len(planted.plant.outputs), len(planted.plant.inputs)))
+def channels(result: PlantResult) -> list[tuple[int, int]]:
+    """Return the channels that are drawn: all, or those with the largest errors."""
+    assert result.plant is not None
+    everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
     if len(everything) <= _DRAWN:
         return everything
-    errors = planted.channel_errors()
+    errors = result.channel_errors()
     return sorted(sorted(everything, key=lambda at: -errors[at])[:_DRAWN])
 
 
@@ -78,21 +78,21 @@ def unit_of(plant: Plant, output: int, input: int) -> str:
     return f"{top}/{below}"
 
 
-def _bode(planted: Planted, plant: Plant, i: int, j: int) -> Figure:
-    freq, exact, answer = planted.freq, planted.exact, planted.answer
+def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
+    freq, exact, answer = result.freq, result.exact, result.answer
     assert freq is not None
     assert exact is not None
     assert answer is not None
     H, G = exact[:, i, j], answer[:, i, j]
     unit = unit_of(plant, i, j)
-    model = "updated model" if planted.updated else "model"
+    model = "updated model" if result.updated else "model"
     degrees = phases(H, G)
     level = float(np.abs(H).max()) or 1.0
     error = np.maximum(np.abs(G - H) / level, _ERROR_FLOOR)
     size: list[dict[str, object]] = []
-    if planted.family is not None:
-        low, high = planted.family.spread(freq)
-        size += band_traces(freq, low[:, i, j], high[:, i, j], f"family of {len(planted.family)}")
+    if result.family is not None:
+        low, high = result.family.spread(freq)
+        size += band_traces(freq, low[:, i, j], high[:, i, j], f"family of {len(result.family)}")
     size += [
         curve(freq, np.abs(H), model, "@measured", unit=unit, width=4),
         curve(freq, np.abs(G), "plant", "@after", unit=unit),
@@ -170,20 +170,20 @@ class PlantSection(Section):
 PLANT = PlantSection()
 
 
-def _body(planted: Planted, figures: Mapping[str, Figure]) -> str:
+def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
     parts = [
-        m.paragraph(_about(planted), "lead"),
-        m.note(*_notes(planted)),
+        m.paragraph(_about(result), "lead"),
+        m.note(*_notes(result)),
     ]
-    plant = planted.plant
+    plant = result.plant
     if plant is not None:
-        parts.append(plant_tiles(planted, plant))
+        parts.append(plant_tiles(result, plant))
         parts.append(_ports(plant))
-        parts += _diagrams(planted, plant, figures)
-        parts.append(_channel_table(planted, plant))
+        parts += _diagrams(result, plant, figures)
+        parts.append(_channel_table(result, plant))
         parts.append(_pole_table(plant))
-    parts.append(_conversions(planted))
-    parts.append(_weights(planted, figures))
+    parts.append(_conversions(result))
+    parts.append(_weights(result, figures))
     return "".join(parts)
 
 
@@ -196,12 +196,12 @@ def share(value: float) -> str:
     return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{w.number(100.0 * value, 2)} %"
 
 
-def _about(planted: Planted) -> str:
-    plant, (low, high) = planted.plant, planted.band
+def _about(result: PlantResult) -> str:
+    plant, (low, high) = result.plant, result.band
     band = f"{w.number(low, 4)} to {w.number(high, 4)} Hz"
     if plant is None:
-        return f"No plant holds the tolerance of {share(planted.tolerance)} from {band}."
-    of = "the updated model" if planted.updated else "the model as it stands, which is NOT updated"
+        return f"No plant holds the tolerance of {share(result.tolerance)} from {band}."
+    of = "the updated model" if result.updated else "the model as it stands, which is NOT updated"
     return (
         f"A real state-space model of {of}: {w.counted(len(plant.inputs), 'input')},"
         f" {w.counted(len(plant.outputs), 'output')}, {w.counted(plant.n_states, 'state')}. From"
@@ -209,11 +209,11 @@ def _about(planted: Planted) -> str:
     )
 
 
-def _notes(planted: Planted) -> list[str]:
-    return [planted.message, *planted.notes]
+def _notes(result: PlantResult) -> list[str]:
+    return [result.message, *result.notes]
 
 
-def plant_tiles(planted: Planted, plant: Plant) -> str:
+def plant_tiles(result: PlantResult, plant: Plant) -> str:
     """Return the figures that a reader looks for first."""
     motions = f"{len(plant.modes) - plant.rigid} flexible modes"
     motions += f", {plant.rigid} of rigid-body motion" if plant.rigid else ", no rigid-body motion"
@@ -223,13 +223,13 @@ def plant_tiles(planted: Planted, plant: Plant) -> str:
         ("Order", str(plant.n_states), motions),
         ("Route", plant.route, _CONVERSIONS.get(plant.route, ("", ""))[0]),
     ]
-    if planted.sampled is not None and planted.sampled.dt is not None:
-        late = f", input late by {planted.sampled.delay} intervals" if planted.sampled.delay else ""
-        states = w.counted(planted.sampled.n_states, "state")
-        tiles.append(("Sampled", f"{w.number(1e3 * planted.sampled.dt, 4)} ms", f"{states}{late}"))
-    if planted.family is not None:
+    if result.sampled is not None and result.sampled.dt is not None:
+        late = f", input late by {result.sampled.delay} intervals" if result.sampled.delay else ""
+        states = w.counted(result.sampled.n_states, "state")
+        tiles.append(("Sampled", f"{w.number(1e3 * result.sampled.dt, 4)} ms", f"{states}{late}"))
+    if result.family is not None:
         tiles.append(
-            ("Family", str(len(planted.family)), "plants from the uncertainty of the update")
+            ("Family", str(len(result.family)), "plants from the uncertainty of the update")
         )
     made = "".join(
         f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
@@ -255,15 +255,15 @@ def _ports(plant: Plant) -> str:
     return m.table(["port", "is", "unit", "DOFs"], rows, kinds=kinds)
 
 
-def _diagrams(planted: Planted, plant: Plant, figures: Mapping[str, Figure]) -> list[str]:
-    drawn = channels(planted)
+def _diagrams(result: PlantResult, plant: Plant, figures: Mapping[str, Figure]) -> list[str]:
+    drawn = channels(result)
     total = len(plant.inputs) * len(plant.outputs)
     more = (
         f" The {len(drawn)} of {total} channels with the largest errors are drawn."
         if len(drawn) < total
         else ""
     )
-    model = "updated model with its" if planted.updated else "model with its"
+    model = "updated model with its" if result.updated else "model with its"
     caption = (
         f"Grey: the {model} structural damping, one factorisation a line; blue: the plant, from its"
         f" matrices. Below: their difference as a share of the channel's peak.{more}"
@@ -282,8 +282,8 @@ def _diagrams(planted: Planted, plant: Plant, figures: Mapping[str, Figure]) -> 
     return [m.paragraph(caption), f'<div class="pair wide">{"".join(places)}</div>']
 
 
-def _channel_table(planted: Planted, plant: Plant) -> str:
-    errors = planted.channel_errors()
+def _channel_table(result: PlantResult, plant: Plant) -> str:
+    errors = result.channel_errors()
     if errors.size == 1:
         return ""
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])[:_CHANNELS]
@@ -320,17 +320,17 @@ def _pole_table(plant: Plant) -> str:
     return m.table(["frequency (Hz)", "damping ratio", "", ""], rows, caption=said, kinds=kinds)
 
 
-def _conversions(planted: Planted) -> str:
-    if not planted.conversions:
+def _conversions(result: PlantResult) -> str:
+    if not result.conversions:
         return ""
-    noted = any(found.note for found in planted.conversions)
+    noted = any(found.note for found in result.conversions)
     kinds = ("", "text", "", "", "text", *(["note-cell"] if noted else []))
     rows = []
-    for found in planted.conversions:
+    for found in result.conversions:
         words, kind = _CONVERSIONS.get(found.name, (found.name, ""))
-        used = planted.plant is not None and found.name == planted.plant.route
+        used = result.plant is not None and found.name == result.plant.route
         state = "used" if used else kind
-        good = max(found.error, found.peak_error) <= planted.tolerance
+        good = max(found.error, found.peak_error) <= result.tolerance
         cells = [found.name, words, share(found.error), share(found.peak_error), state]
         cells += [found.note] if noted else []
         rows.append(m.row(cells, kinds, "" if good else "open"))
@@ -349,12 +349,12 @@ def _conversions(planted: Planted) -> str:
     return f"<h3>Conversions of the damping</h3>{m.table(head, rows, caption=caption, kinds=kinds)}"
 
 
-def _weights(planted: Planted, figures: Mapping[str, Figure]) -> str:
-    if not planted.weights or planted.plant is None:
+def _weights(result: PlantResult, figures: Mapping[str, Figure]) -> str:
+    if not result.weights or result.plant is None:
         return ""
-    plant, places, rows = planted.plant, [], []
+    plant, places, rows = result.plant, [], []
     kinds = ("", "", "", "", "", "note-cell")
-    for (i, j), found in planted.weights.items():
+    for (i, j), found in result.weights.items():
         name, heading = weight_name(i, j), f"{plant.outputs[i]} over {plant.inputs[j]}"
         place = m.figure(
             name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"]

@@ -1,4 +1,4 @@
-"""The figures of a servo: Bode and Nichols of its loops, the closed loop, and what it does over time."""
+"""The report section on the servo: loops, margins, closed loop, time responses, drive."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.job.plant_result import Planted
+from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_figures, nonlinear_part
 from updyn.control.report.plant import degree_axis
@@ -67,9 +67,9 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
     return out
 
 
-# -- loops -----------------------------------------------------------------------------------------------------
+# -- loops ----------------------------------------------------------------------------------------
 def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
-    """Return which lines to draw: where the loop is neither loud nor quiet beyond interest, and every margin's line."""
+    """Return the lines to draw: gains of interest, and the line of every margin."""
     size = _decibels(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
     m = loop.margins
@@ -119,7 +119,7 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
 
 
 def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
-    """Return points where the margins are read: the gain margin in the upper panel, the phase margin in the lower."""
+    """Return the points of the gain margin (upper panel) and of the phase margin (lower)."""
     m = loop.margins
     if (
         panel == "gain"
@@ -230,7 +230,7 @@ def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
 
 
 def _critical(turn: _Real) -> list[float]:
-    """Return the odd half turns in degrees that a curve passes; the nearest one where it passes none."""
+    """Return the odd half turns in degrees that a curve passes, or the nearest one."""
     low, high = (float(turn.min()), float(turn.max())) if turn.size else (-180.0, -180.0)
     first, last = math.ceil((low - 180.0 - 30.0) / 360.0), math.floor((high - 180.0 + 30.0) / 360.0)
     found = [180.0 + 360.0 * k for k in range(first, last + 1)]
@@ -241,7 +241,7 @@ def _half_turns(turn: _Real) -> tuple[float, ...]:
     return tuple(_critical(turn))
 
 
-# -- closed loop -----------------------------------------------------------------------------------------------
+# -- closed loop ----------------------------------------------------------------------------------
 def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # those of the loop and of the reference are the same
@@ -282,7 +282,7 @@ def _compliance_unit(servo: Servo, plant: Plant) -> str:
     return f"{top}/{below}"
 
 
-# -- over time -------------------------------------------------------------------------------------------------
+# -- over time ------------------------------------------------------------------------------------
 def _step_figure(step: StepResponse, unit: str) -> Figure:
     value = _timed(step.time, step.value, step.output, step.output_unit, "@after")
     final = [] if not math.isfinite(step.final) else [step.final]
@@ -327,7 +327,7 @@ def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict
     }
 
 
-# -- what they share -------------------------------------------------------------------------------------------
+# -- what they share ------------------------------------------------------------------------------
 def _unit(unit: str) -> str:
     return unit.replace("s2", "s²")
 
@@ -364,16 +364,16 @@ class ServoSection(Section):
 
     def applies(self, content: Content) -> bool:
         """Whether there is a servo or a drive: any page shows it."""
-        planted: Planted = content.further["plant"]
-        return planted.servo is not None or planted.drive is not None
+        result: PlantResult = content.further["plant"]
+        return result.servo is not None or result.drive is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return loops, responses over time, and simulations with backlash or friction."""
-        planted: Planted = content.further["plant"]
-        if planted.servo is None:
+        result: PlantResult = content.further["plant"]
+        if result.servo is None:
             return {}
-        assert planted.plant is not None
-        return nonlinear_figures(planted.nonlinear) | servo_figures(planted.servo, planted.plant)
+        assert result.plant is not None
+        return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
         """Return words, tables and places of figures."""
@@ -383,19 +383,19 @@ class ServoSection(Section):
 SERVO = ServoSection()
 
 
-def _body(planted: Planted, figures: Mapping[str, Figure]) -> str:
+def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
     parts = []
-    if planted.servo is not None:
-        parts += _servo(planted.servo, figures)
+    if result.servo is not None:
+        parts += _servo(result.servo, figures)
         parts += [
-            nonlinear_part(number, found, figures) for number, found in enumerate(planted.nonlinear)
+            nonlinear_part(number, found, figures) for number, found in enumerate(result.nonlinear)
         ]
-    if planted.drive is not None:
-        parts.append(_drive(planted.drive))
+    if result.drive is not None:
+        parts.append(_drive(result.drive))
     return "".join(parts)
 
 
-# -- the loop ---------------------------------------------------------------------------------------------------
+# -- the loop -------------------------------------------------------------------------------------
 def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     parts = [
         m.paragraph(_verdict(servo), "lead"),
@@ -405,30 +405,7 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     ]
     parts.append(_margins(servo))
     for loop in servo.loops:
-        caption = (
-            f"L of the {loop.name} loop, broken at the {loop.name}"
-            + (
-                ", the velocity loop closed"
-                if loop.name == "position"
-                else ", the position loop open"
-            )
-            + (
-                f"; the band holds the {len(loop.members)} plants of the family"
-                if loop.members
-                else ""
-            )
-            + ". Circles: where the margins are read; dotted: 0 dB and −180°."
-        )
-        nichols = (
-            "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
-        )
-        parts.append(
-            f"<h3>{m.esc(loop.name.capitalize())} loop</h3><div class='pair wide'>"
-            + f"<div>{_place(figures, f'bode-{loop.name}', f'Bode diagram of the {loop.name} loop', caption)}</div>"
-            + f"<div>{_place(figures, f'nichols-{loop.name}', f'Nichols plot of the {loop.name} loop', nichols)}</div>"
-            + "</div>"
-            + _crossings(loop)
-        )
+        parts.append(_loop(loop, figures))
     parts.append("<h3>Closed loop</h3>")
     bandwidth = (
         ""
@@ -454,6 +431,24 @@ def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
     if places:
         parts.append(f"<div class='pair wide'>{''.join(places)}</div>")
     return parts
+
+
+def _loop(loop: Loop, figures: Mapping[str, Figure]) -> str:
+    """Return the part on one loop: Bode diagram, Nichols plot and crossings."""
+    name = loop.name
+    other = "the velocity loop closed" if name == "position" else "the position loop open"
+    caption = f"L of the {name} loop, broken at the {name}, {other}"
+    if loop.members:
+        caption += f"; the band holds the {len(loop.members)} plants of the family"
+    caption += ". Circles: where the margins are read; dotted: 0 dB and −180°."
+    nichols = "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
+    places = (
+        _place(figures, f"bode-{name}", f"Bode diagram of the {name} loop", caption),
+        _place(figures, f"nichols-{name}", f"Nichols plot of the {name} loop", nichols),
+    )
+    pair = "".join(f"<div>{place}</div>" for place in places)
+    heading = f"<h3>{m.esc(name.capitalize())} loop</h3>"
+    return f"{heading}<div class='pair wide'>{pair}</div>{_crossings(loop)}"
 
 
 def _place(figures: Mapping[str, Figure], name: str, alternative: str, caption: str) -> str:
@@ -553,7 +548,7 @@ def _controller(servo: Servo) -> str:
     return m.details("Controller", m.definition_table(rows))
 
 
-# -- margins ----------------------------------------------------------------------------------------------------
+# -- margins --------------------------------------------------------------------------------------
 def _margins(servo: Servo) -> str:
     head, kinds = ["figure"], [""]
     for loop in servo.loops:
@@ -657,7 +652,7 @@ def _crossings(loop: Loop) -> str:
     return m.details(f"All crossings of the {loop.name} loop{more}", table)
 
 
-# -- over time --------------------------------------------------------------------------------------------------
+# -- over time ------------------------------------------------------------------------------------
 def _step(step: StepResponse) -> str:
     if step.of == "disturbance":
         text = (
@@ -694,7 +689,7 @@ def _wind(wind: WindResponse) -> str:
     return text
 
 
-# -- the drive --------------------------------------------------------------------------------------------------
+# -- the drive ------------------------------------------------------------------------------------
 def _drive(drive: DriveFigures) -> str:
     mass, stiff = ("kg m²", "N m/rad") if "R" in drive.motor else ("kg", "N/m")
     load_mass, load_stiff = ("kg m²", "N m/rad") if "R" in drive.load else ("kg", "N/m")

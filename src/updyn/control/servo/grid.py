@@ -1,4 +1,4 @@
-"""Lines in frequency that resolve a loop function, and what is found on them: crossings, extremes, the phase."""
+"""Frequency lines that resolve a loop function; its crossings, extremes and phase."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def resolved(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
 
 
 def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
-    """Return lines that hold the hidden extremes of gain and phase, between which two crossings could lie."""
+    """Return lines with the extremes of gain and phase that could hide two crossings."""
     for gain in (True, False):
         if gain:
             measure = np.log(np.abs(values))
@@ -148,7 +148,7 @@ def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
 
 
 def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
-    """Return where L is real and negative, in rad/s, ascending; parameters as of `crossings_of_gain`."""
+    """Return where L is real and negative, in rad/s, ascending; as `crossings_of_gain`."""
     share = values.imag / np.abs(values)
     side = np.sign(np.where(np.abs(share) < _ROUNDING, 0.0, share))
     # A value that is real but for rounding lies on the side where the last one lay.
@@ -184,7 +184,7 @@ def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[
 
 
 def level(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> float | None:
-    """Return where a function first falls through 0, in rad/s, or None; parameters as of `least`."""
+    """Return where a function first falls through 0, in rad/s, or None; as `least`."""
     at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
     return float(_roots(function, w, at)[1][0]) if len(at) else None
 
@@ -205,7 +205,7 @@ def phase_of(w: _Real, values: _Complex) -> _Real:
     return np.asarray(phase + 360.0 * np.round((90.0 * np.round(slope) - phase[0]) / 360.0))
 
 
-# -- inside ------------------------------------------------------------------------------------------------
+# -- inside ---------------------------------------------------------------------------------------
 def _finite(w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
     good = np.isfinite(values) & (values != 0)
     return w[good], values[good]
@@ -241,7 +241,7 @@ def _roots(
     at: NDArray[np.intp],
     ends: NDArray[np.intp] | None = None,
 ) -> tuple[_Real, _Real]:
-    """Return where a function is 0 between positions and the next (or `ends`): those that it resolves, and all."""
+    """Return the zeros of a function between positions: those that are resolved, and all."""
     if not len(at):
         return np.zeros(0), np.zeros(0)
     ends = at + 1 if ends is None else ends

@@ -1,4 +1,4 @@
-"""`Cascade`: the loop functions of a controller on one plant, exact in frequency, and its closed loop in states."""
+"""`Cascade`: loop functions of a controller on one plant, and the closed loop in states."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-#: On a pole of the plant nothing is finite; whoever asks leaves such a line out.
+#: On a pole of the plant the response is not finite; callers leave such lines out.
 _quiet = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 
@@ -77,7 +77,9 @@ class Wiring:
             raise OptionError(
                 f"position {position!r} without a position loop; give kv to the controller"
             )
-        place = (position or velocity) if controller.kv is not None else None
+        place = None
+        if controller.kv is not None:
+            place = position or velocity
         out = cls(torque, velocity, place, pointing or place or velocity, disturbance)
         for name, what in ((velocity, "velocity"), (place, "position"), (out.pointing, "pointing")):
             if name is not None and plant.quantities[plant.outputs.index(name)] == "accelerance":
@@ -141,10 +143,10 @@ class Cascade:
         """Whether there is a position loop."""
         return self.controller.kv is not None
 
-    # -- in frequency ------------------------------------------------------------------------------------------
+    # -- in frequency -----------------------------------------------------------------------------
     @_quiet
     def motion(self, s: ArrayLike) -> _Complex:
-        """Return velocity, position and pointing over torque and disturbance, shape (n, 3, 1 or 2)."""
+        """Return velocity, position and pointing over torque and disturbance, (n, 3, 1 or 2)."""
         s = np.asarray(s, dtype=np.complex128)
         return np.asarray(self._transfer.at(s) * s[:, None, None] ** self._powers[:, None])
 
@@ -167,7 +169,7 @@ class Cascade:
 
     @_quiet
     def reference(self, s: ArrayLike) -> _Complex:
-        """Return the closed loop from the reference to position (velocity, without a position loop), shape (n,)."""
+        """Return position (without its loop velocity) over reference, closed, shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)
         G, K = self.motion(s), self.controller.torque(s)
         if not self.has_position:
@@ -188,7 +190,7 @@ class Cascade:
 
     @property
     def poles(self) -> _Complex:
-        """Poles of the open loops in rad/s, the dead time left out, the integration of a velocity counted."""
+        """Poles of the open loops in rad/s without the dead time, with a velocity's integration."""
         added = [0.0] if self.has_position and self._powers[1] == -1 else []
         return np.concatenate(
             [self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)]
@@ -201,21 +203,22 @@ class Cascade:
 
     @property
     def zeros(self) -> _Complex:
-        """Zeros of the velocity and the position over torque and of the controller, in rad/s, those at 0 left out."""
+        """Zeros of velocity and position over torque and of the controller, in rad/s, without 0."""
         system = self._system
-        found = [
-            channel_zeros(
-                StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1])
-            )
-            for i in ([0, 1] if self.has_position else [0])
-        ]
-        return np.concatenate([*found, self.controller.zeros])
+        found = [self.controller.zeros]
+        for i in range(1 + self.has_position):
+            channel = StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1])
+            found.append(channel_zeros(channel))
+        return np.concatenate(found)
 
-    # -- in states ---------------------------------------------------------------------------------------------
+    # -- in states --------------------------------------------------------------------------------
     def closed(
         self, pade: int = 0, *, position: bool | None = None, pointing: bool = False
     ) -> StateSpace:
-        """Return the closed loop: reference, its rate, velocity reference, disturbance -> position, torque, pointing.
+        """Return the closed loop in states.
+
+        Inputs: reference, its rate, velocity reference, disturbance. Outputs: position, torque,
+        pointing.
 
         Without a position loop the velocity stands in the place of the position, and the velocity
         reference alone acts.
@@ -230,16 +233,23 @@ class Cascade:
             Whether the pointing is among the outputs; that of a velocity is integrated, which adds
             a pole at 0.
         """
-        outer = self.has_position if position is None else position
+        outer = self.has_position
+        if position is not None:
+            outer = position
         plant, n_u = self._motion_states(outer, pointing), self._system.B.shape[1]
         controller = self._controller_states(pade)
         wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
-        taps = taps if pointing else taps[:2]
+        if not pointing:
+            taps = taps[:2]
         out = connect([plant, controller], wires, entries, taps)
-        return self._differentiated(out, outer) if self._steep else out
+        if self._steep:
+            return self._differentiated(out, outer)
+        return out
 
     def opened(self) -> StateSpace | None:
-        """Return the loop cut at its dead time: late torque, inputs of `closed` -> torque wanted, position, pointing.
+        """Return the loop cut at its dead time.
+
+        Inputs: late torque, then those of `closed`. Outputs: torque wanted, position, pointing.
 
         None where a velocity is read that is derived from a displacement with direct feed-through:
         cut there, it has the derivative of the late torque in it.
@@ -264,8 +274,10 @@ class Cascade:
         return StateSpace(A, np.hstack([B, -A @ B]), C, np.hstack([np.zeros((1, 1)), -C @ B]))
 
     def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
-        """Return wires, entries and taps of plant (n_u inputs) and controller (n_c); taps with the pointing."""
-        kv = self._kv if outer else 0.0
+        """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
+        kv, forward = 0.0, 0.0
+        if outer:
+            kv, forward = self._kv, self.controller.feed_forward
         # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position,
         # pointing, torque
         wires = np.zeros((n_u + n_c, 4))
@@ -273,11 +285,11 @@ class Cascade:
         wires[n_u, 1] = -kv
         wires[n_u + n_c - 1, 0] = 1.0 if self._steep else -1.0
         entries = np.zeros((n_u + n_c, 4))
-        entries[n_u, :3] = kv, self.controller.feed_forward if outer else 0.0, 1.0
+        entries[n_u, :3] = kv, forward, 1.0
         if n_u == 2:
             entries[1, 3] = 1.0
         taps = np.zeros((3, 4))
-        taps[0, 1 if outer else 0] = taps[1, 3] = taps[2, 2] = 1.0
+        taps[0, int(outer)] = taps[1, 3] = taps[2, 2] = 1.0
         return wires, entries, taps
 
     def _differentiated(self, closed: StateSpace, outer: bool) -> StateSpace:
@@ -287,16 +299,18 @@ class Cascade:
         the answer is nan.
         """
         C, D = closed.C.copy(), closed.D.copy()
-        for row, power in ((0, 0 if outer else 1), (2, self._powers[2])):
+        for row, power in ((0, int(not outer)), (2, self._powers[2])):
             if power == 1 and row < len(C):
-                C[row], D[row] = (
-                    closed.C[row] @ closed.A,
-                    np.where(closed.D[row], np.nan, closed.C[row] @ closed.B),
-                )
+                C[row] = closed.C[row] @ closed.A
+                D[row] = np.where(closed.D[row], np.nan, closed.C[row] @ closed.B)
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:
-        """Return torque and disturbance to velocity (displacement if it jumps with the torque), position, pointing."""
+        """Return the plant in states: torque, disturbance -> velocity, position, pointing.
+
+        A velocity that would be derived from a displacement with direct feed-through is left as
+        the displacement.
+        """
         A, B, C, D = (getattr(self._system, n) for n in "ABCD")
         powers = self._powers
         C, D = C.copy(), D.copy()

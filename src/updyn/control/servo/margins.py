@@ -1,4 +1,4 @@
-"""`Margins`: how far a loop is from instability, with every crossing; and their range over a family. Pure data."""
+"""`Margins`: stability margins of a loop with every crossing, and their range over a family."""
 
 from __future__ import annotations
 

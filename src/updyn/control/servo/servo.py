@@ -1,4 +1,4 @@
-"""`servo`: loop functions, margins and time responses of a controller on a plant or on a family of plants."""
+"""`servo`: loop functions, margins and time responses of a controller on a plant or family."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def servo(
     wind: _Disturbance | None = None,
     duration: float | None = None,
 ) -> Servo:
-    """Put a controller on a plant: loop functions, margins with every crossing, closed loops, time responses.
+    """Return loop functions, margins and time responses of a controller on a plant.
 
     The feedback is negative, and a positive torque is to turn the velocity the positive way. Inputs
     of the plant other than `torque` and `disturbance` are 0. Frequency responses and margins are
@@ -98,8 +98,9 @@ def servo(
 
     Examples
     --------
-    >>> controller = updyn.Controller.tuned(plant, 5.0, torque="M", velocity="speed")  # doctest: +SKIP
-    >>> found = updyn.servo(plant, controller, torque="M", velocity="speed", position="angle")  # doctest: +SKIP
+    >>> ports = {"torque": "M", "velocity": "speed"}
+    >>> controller = updyn.Controller.tuned(plant, 5.0, **ports)  # doctest: +SKIP
+    >>> found = updyn.servo(plant, controller, position="angle", **ports)  # doctest: +SKIP
     >>> print(found.summary())  # doctest: +SKIP
     """
     nominal, others = _plants(plant)
@@ -227,7 +228,7 @@ def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) ->
 
 
 def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
-    """Return the loop function at some lines and its phase in degrees, whose turns are those of the lines within."""
+    """Return the loop function and its unwrapped phase in degrees at some lines."""
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
     phase = np.degrees(np.angle(L))
@@ -236,7 +237,7 @@ def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
 
 
 def _bandwidth(closed: grid.Loop, judged: Judged) -> float | None:
-    """Return where a closed loop first falls 3 dB below its value at rest, in Hz; None where it is unstable."""
+    """Return where a stable closed loop first falls 3 dB below its static value, in Hz."""
     if not judged.margins.stable:
         return None
     rest = abs(closed(1e-4j * judged.w[:1])[0])

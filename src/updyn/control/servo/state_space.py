@@ -1,4 +1,4 @@
-"""`StateSpace`: a linear system, put together from smaller ones; and the Pade approximation of a dead time."""
+"""`StateSpace`: linear systems and their connection; transfer functions; Pade approximation."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transfer:
-    """C (s I - A)^-1 B + D, with A in complex Schur form: a back substitution for all points together.
+    """C (s I - A)^-1 B + D with A in complex Schur form: one back substitution for all points.
 
     Parts of the system that do not touch each other have a form of their own: rounding of fast
     modes does not reach the rigid-body motion.

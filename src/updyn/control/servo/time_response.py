@@ -1,4 +1,4 @@
-"""The closed loop over time, exact by the matrix exponential: steps, and a disturbance given as a series."""
+"""Responses of the closed loop over time, by the matrix exponential: steps, wind, series."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _BAND = 0.02
 def march(
     system: StateSpace, u: _Real, dt: float, start: _Real | None = None
 ) -> tuple[_Real, _Real]:
-    """Return the states and outputs of a system under inputs that are straight between samples, exact at the samples.
+    """Return states and outputs of a system under inputs that are linear between samples.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def march(
 
 
 def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
-    """Return what states, a constant input and an input that grows from 0 to 1 become in an interval.
+    """Return the matrices of one interval: of states, a constant input and a ramp from 0 to 1.
 
     Parameters
     ----------
@@ -100,11 +100,9 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     wanted = max(float(np.abs(even).max()), 1.0 / dt)
     unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
     both = np.zeros((n + 2 * m, n + 2 * m))
-    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = (
-        even * dt,
-        scaled / unit * dt,
-        np.eye(m),
-    )
+    both[:n, :n] = even * dt
+    both[:n, n : n + m] = scaled / unit * dt
+    both[n : n + m, n + m :] = np.eye(m)
     whole = scipy.linalg.expm(both)[:n]
     back = scale[:, None]
     return (
@@ -117,7 +115,7 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
 def march_late(
     opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs and their derivatives of a loop whose first output comes back late as its first input.
+    """Return time, outputs and derivatives of a loop whose first output is fed back late.
 
     Parameters
     ----------
@@ -141,20 +139,24 @@ def march_late(
     own, held, sloped = held_and_sloped(opened.A, opened.B, dt)
     constant = held[:, 1:] @ w
     first, pushed = held[:, 0], sloped[:, 0]
-    c, d, direct = opened.C[0], opened.D[0, 0], float(opened.D[0, 1:] @ w)
+    c = opened.C[0]
+    d = opened.D[0, 0]
+    direct = float(opened.D[0, 1:] @ w)
     states = np.empty((n_t, len(own)))
     states[0] = x = start
-    before, after = np.zeros(n_t), np.zeros(n_t)  # what comes back, on both sides of each sample
-    after[0] = c @ x + direct
+    # The late input just before and just after each sample, 0 during the first dead time.
+    before = np.zeros(n_t + late)
+    after = np.zeros(n_t + late)
+    after[late] = c @ x + direct
     for k in range(n_t - 1):
-        begins = after[k - late] if k >= late else 0.0
-        ends = before[k + 1 - late] if k + 1 >= late else 0.0
+        begins = after[k]
+        ends = before[k + 1]
         x = own @ x + first * begins + pushed * (ends - begins) + constant
         states[k + 1] = x
         returned = c @ x + direct
-        before[k + 1] = returned + d * ends
-        after[k + 1] = returned + d * (after[k + 1 - late] if k + 1 >= late else 0.0)
-    fed = np.concatenate([np.zeros(min(late, n_t)), after[: max(n_t - late, 0)]])
+        before[k + 1 + late] = returned + d * ends
+        after[k + 1 + late] = returned + d * after[k + 1]
+    fed = after[:n_t]
     inputs = np.column_stack([fed, np.broadcast_to(w, (n_t, len(w)))])
     outputs = states @ opened.C.T + inputs @ opened.D.T
     slopes = (states @ opened.A.T + inputs @ opened.B.T) @ opened.C.T
@@ -163,7 +165,7 @@ def march_late(
 
 
 def at_rest(system: StateSpace, output: int, input: int) -> float:
-    """Return where an output goes under a constant input of 1; nan if it goes on for ever.
+    """Return the final value of an output under a constant input of 1; nan if it is unbounded.
 
     Parameters
     ----------
@@ -181,19 +183,17 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
         float(c @ np.linalg.solve(x * np.eye(len(even)) - even, b) + system.D[output, input])
         for x in (1e5 * s, s, 0.5 * s)
     )
-    return (
-        np.nan
-        if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far)
-        else 2.0 * nearer - near
-    )
+    if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far):
+        return np.nan
+    return 2.0 * nearer - near
 
 
 def schedule(
     system: StateSpace, output: int, input: int, duration: float | None = None
 ) -> list[tuple[int, float]]:
-    """Return in which intervals the answer to a step has to be recorded: numbers of them and lengths in s, in order.
+    """Return the numbers and lengths in s of the intervals that resolve a step response.
 
-    They are as fine as the fastest mode asks for that still shows, and last until the slowest has
+    Their length resolves the fastest mode that still contributes; they end when the slowest has
     settled.
 
     Parameters
@@ -203,7 +203,7 @@ def schedule(
     output, input : int
         Positions.
     duration : float, optional
-        In s, where it is not to be found.
+        In s; by default until all has settled.
     """
     poles, share = _shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
@@ -228,7 +228,7 @@ def schedule(
 
 
 def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
-    """Return the poles, in rad/s, and how much each has of the answer of an output to a step of an input."""
+    """Return the poles in rad/s, and the share of each in a step response."""
     even, scale = balanced(system.A)
     poles, V = np.linalg.eig(even)
     b, c = system.B[:, input] / scale, system.C[output] * scale
@@ -257,7 +257,9 @@ def step_series(
     """
     u = np.zeros(system.B.shape[1])
     u[input] = size
-    start = np.zeros(system.n_states) if rate is None else system.B[:, rate] * size
+    start = np.zeros(system.n_states)
+    if rate is not None:
+        start = system.B[:, rate] * size
     time, states = np.zeros(1), start[None]
     for n, dt in parts:
         more = march(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
@@ -269,7 +271,7 @@ def step_series(
 
 @dataclass(frozen=True, slots=True)
 class StepFigures:
-    """What is read off a step response; as in `updyn.control.servo.record.StepResponse`.
+    """Figures of a step response; as in `updyn.control.servo.record.StepResponse`.
 
     Attributes
     ----------
@@ -289,16 +291,16 @@ class StepFigures:
 def step_figures(
     time: _Real, value: _Real, slope: _Real, final: float, reference: bool
 ) -> StepFigures:
-    """Read figures off a step response, between the samples by cubic polynomials.
+    """Return the figures of a step response, between the samples by cubic polynomials.
 
     Parameters
     ----------
     time, value, slope : ndarray of float, shape (n,)
         In s; the output; its derivative.
     final : float
-        Where it goes to; nan where nowhere.
+        Final value; nan without one.
     reference : bool
-        Whether the reference stepped, so that rise and overshoot are meant.
+        Whether it is a step of the reference, which has a rise time and an overshoot.
     """
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
     places = np.concatenate([time[[0, -1]], _within(curve.derivative().roots(), time)])
@@ -307,8 +309,10 @@ def step_figures(
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
     if reference and np.isfinite(final) and final:
-        first = [_first(curve, time, share * final) for share in (0.1, 0.9)]
-        rise = None if None in first else first[1] - first[0]  # type: ignore[operator]
+        begins = _first(curve, time, 0.1 * final)
+        ends = _first(curve, time, 0.9 * final)
+        if begins is not None and ends is not None:
+            rise = ends - begins
         overshoot = max(0.0, float((heights / final).max()) - 1.0)
     settles = None
     if np.isfinite(final):
@@ -335,17 +339,23 @@ _TWO_PI = 2.0 * np.pi
 #: Positions in `Cascade.closed`.
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that the series of a wind may leave out at its upper end, and
-#: its longest length.
-_LEFT_OUT, _LONGEST = 1e-4, 2**16
-#: With exact dead time: how much finer the intervals are, the most of them, and the fewest in the
-#: dead time where those are not enough. How many samples are kept, about.
-_FINER, _LONGEST_STEP, _COARSEST, _KEPT = 4.0, 60_000, 16, 5000
+#: Share of the variance of the error that a series of the wind may lack above its last frequency.
+_LEFT_OUT = 1e-4
+#: Largest length of such a series.
+_LONGEST = 2**16
+#: With exact dead time: factor by which the intervals are finer.
+_FINER = 4.0
+#: With exact dead time: largest number of intervals.
+_LONGEST_STEP = 60_000
+#: With exact dead time: least number of intervals in it; otherwise it is approximated.
+_COARSEST = 16
+#: Number of samples that are kept, about.
+_KEPT = 5000
 
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """Responses over time, and what is to be said about them; as in `updyn.control.servo.record.Servo`."""
+    """Responses over time and notes on them; as in `updyn.control.servo.record.Servo`."""
 
     step: StepResponse | None = None
     disturbance_step: StepResponse | None = None
@@ -372,7 +382,7 @@ def timed(
     step, disturbance_step : float or None
         Heights.
     wind : Wind or (time, disturbance), optional
-        What acts.
+        The disturbance.
     duration : float, optional
         Of the steps, in s.
 
@@ -398,9 +408,9 @@ def timed(
     jumps = bool(np.isnan(system.D[_POINTING, _DISTURBANCE]))
     system = replace(system, D=np.nan_to_num(system.D))  # of inputs that are 0 wherever it is read
     notes: list[str] = []
-    reference = (
-        _reference_step(cascade, system, step, duration, notes) if step is not None else None
-    )
+    reference = None
+    if step is not None:
+        reference = _reference_step(cascade, system, step, duration, notes)
     if cascade.wiring.disturbance is None:
         return Timed(reference, notes=tuple(notes))
     if jumps:
@@ -409,13 +419,12 @@ def timed(
             " left out"
         )
         return Timed(reference, notes=tuple(notes))
-    disturbed = (
-        _disturbance_step(cascade, system, disturbance_step, duration)
-        if disturbance_step is not None
-        else None
-    )
-    blown = None if wind is None else _wind(cascade, judged, system, wind)
-    return Timed(reference, disturbed, blown, tuple(notes))
+    disturbed = gusts = None
+    if disturbance_step is not None:
+        disturbed = _disturbance_step(cascade, system, disturbance_step, duration)
+    if wind is not None:
+        gusts = _wind(cascade, judged, system, wind)
+    return Timed(reference, disturbed, gusts, tuple(notes))
 
 
 def _reference_step(
@@ -438,9 +447,22 @@ def _reference_step(
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
     time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
-        "reference", float(size), name, unit, name, unit, time, value, torque, final, figures.rise_time,
-        figures.overshoot, figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="reference",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=name,
+        output_unit=unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=figures.rise_time,
+        overshoot=figures.overshoot,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _record(
@@ -452,8 +474,8 @@ def _record(
     rate: int | None,
     duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs of `Cascade.closed` and derivatives after a step; the dead time exact where it can be."""
-    parts = schedule(system, output, at, None if duration is None else float(duration))
+    """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
+    parts = schedule(system, output, at, duration)
     delay = cascade.controller.dead_time
     opened = cascade.opened() if delay else None
     long = sum(n * dt for n, dt in parts)
@@ -463,7 +485,9 @@ def _record(
         return step_series(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
-    start = np.zeros(opened.n_states) if rate is None else opened.B[:, 1 + rate] * size
+    start = np.zeros(opened.n_states)
+    if rate is not None:
+        start = opened.B[:, 1 + rate] * size
     n = int(np.ceil(long * late / delay - 1e-9)) + 1
     time, outputs, slopes = march_late(opened, w, start, delay, delay / late, n)
     order = [1, 0, 2]
@@ -471,7 +495,7 @@ def _record(
 
 
 def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return a record of at most about `_KEPT` samples, the first ones and every so many of the others."""
+    """Return a record thinned to about `_KEPT` samples, the first ones kept."""
     every = max(1, round(len(time) / _KEPT))
     keep = np.unique(
         np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)])
@@ -488,9 +512,22 @@ def _disturbance_step(
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
     time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
-        "disturbance", float(size), name, unit, output, output_unit, time, value, torque, final, None, None,
-        figures.settling_time, figures.peak, figures.peak_time,
-    )  # fmt: skip
+        of="disturbance",
+        size=float(size),
+        input=name,
+        input_unit=unit,
+        output=output,
+        output_unit=output_unit,
+        time=time,
+        value=value,
+        torque=torque,
+        final=final,
+        rise_time=None,
+        overshoot=None,
+        settling_time=figures.settling_time,
+        peak=figures.peak,
+        peak_time=figures.peak_time,
+    )
 
 
 def _wind(
@@ -501,9 +538,13 @@ def _wind(
         expected, needed = _expected(cascade, judged, wind)
         time, torque = wind.series(max(needed, wind.duration / _LONGEST))
         facts = {
-            "mean_speed": wind.mean_speed, "coefficient": wind.coefficient, "turbulence": wind.intensity,
-            "roughness": wind.drag, "seed": wind.seed, "mean_torque": wind.mean_torque,
-        }  # fmt: skip
+            "mean_speed": wind.mean_speed,
+            "coefficient": wind.coefficient,
+            "turbulence": wind.intensity,
+            "roughness": wind.drag,
+            "seed": wind.seed,
+            "mean_torque": wind.mean_torque,
+        }
     else:
         time, torque = _series(wind)
     rest = at_rest(system, _POINTING, _DISTURBANCE)
@@ -522,7 +563,7 @@ def _wind(
 
 
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
-    """Return the root mean square of the error by the spectrum, and the interval that a series needs, in s."""
+    """Return the rms error by the spectrum, and the interval of a time series in s."""
     low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / 1200.0)
     edges = np.unique(
         np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])

@@ -20,7 +20,7 @@ _MOST = 2**20
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """A wind of mean speed V with gusts u, and the torque c (V + u)^2 that it makes, to first order in u.
+    """A wind of mean speed V with gusts u, and its torque c (V + u)^2 to first order in u.
 
     The gusts have the spectrum of Davenport (1961), "The spectrum of horizontal gustiness near the
     ground in high winds", Q. J. R. Meteorol. Soc. 87, 194-211:

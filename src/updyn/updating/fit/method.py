@@ -1,4 +1,4 @@
-"""What a method gives back, and the whitening that all methods share."""
+"""Base class of the methods, their outcome, and the descents that they share."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: How often the spread of a residual is looked at again.
+#: How often the spread of a residual is estimated again.
 _SCALES = 8
-#: How often a fit with open directions is pulled back towards the start; and a cost a value that is
-#: rounding.
-_PULLS, _EXACT = 4, 1e-20
+#: How often a fit with undetermined directions is pulled back towards the start.
+_PULLS = 4
+#: Cost of a value that is rounding.
+_EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +92,9 @@ class Fit:
         unknowns.
     pull : Pull or None
         What regularisation added.
-    cure : str
-        What would cure open unknowns where the method fits something else than FRFs; empty: found
-        among lines and sensors that could be added.
+    advice : str
+        Experiment advice on undetermined unknowns where the method fits something else than FRFs;
+        empty: found among lines and sensors that could be added.
     """
 
     x: _Vector
@@ -104,11 +105,11 @@ class Fit:
     local: Local | None = None
     unit: float = 1.0
     pull: Pull | None = None
-    cure: str = ""
+    advice: str = ""
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
-        """Return a fit of which no Jacobian is known: nothing is said of what the data determine."""
+        """Return a fit without a Jacobian, which says nothing about identifiability."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
@@ -213,9 +214,9 @@ def descend(
     """Minimise one residual from x, priors included, and record every step.
 
     With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
-    they end so, the descent goes on from the nearest point within the bounds. Where the data leave
-    combinations of unknowns open, of all points that fit as well the one nearest to the unknowns'
-    start is sought.
+    they end so, the descent goes on from the nearest point within the bounds. Where combinations of
+    unknowns are undetermined, of all points that fit as well the one nearest to the unknowns' start
+    is sought.
 
     Raises
     ------
@@ -343,12 +344,12 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
 
 
 def in_units(local: Local, sigma: float) -> Local:
-    """Return a reduced problem in units of the standard deviation `sigma` of its residuals; as it is for 0."""
+    """Return a reduced problem divided by the standard deviation of its residuals, unless 0."""
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
 def stopped_at(problem: Problem, x: _Vector) -> Fit:
-    """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
+    """Return the fit that was stopped at x, with the Jacobian of the log error where it is cached.
 
     Parameters
     ----------
@@ -375,7 +376,7 @@ def known_length(
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
-    """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
+    """Return the record of the correlation length of the residual at x; empty after a stop.
 
     Parameters
     ----------
@@ -401,7 +402,7 @@ def known_length(
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
-    """Return over how many lines the residual is correlated: 1 + 2 times the sum of its autocorrelation.
+    """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
     Parameters
     ----------

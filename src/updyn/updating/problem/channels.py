@@ -1,4 +1,4 @@
-"""Errors that all values of a channel have in common: a calibration factor for each sensor, as an unknown.
+"""Calibration factors of sensors as unknowns.
 
 A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor,
 and no noise model of independent values can say that. So the factor is an unknown with a prior, and
@@ -49,7 +49,7 @@ def calibration(
     bounds: tuple[float, float] = _BOUNDS,
     name: str | None = None,
 ) -> ParameterSet:
-    """Choose calibration factors of sensors as unknowns, to be added to those of the model with ``+``.
+    """Return calibration factors of sensors as unknowns, added to those of the model with ``+``.
 
     Each is a positive factor on what its sensor reads: the measurement is compared with the model's
     FRF times the factors of its two channels. 1.08 says that the sensor reads 8 % too much. The
@@ -154,7 +154,7 @@ class Gains:
 
     @classmethod
     def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
-        """Look the sensors up in some data; None where none of the unknowns is a calibration factor.
+        """Return the calibration factors that act on some data; None where there are none.
 
         Parameters
         ----------

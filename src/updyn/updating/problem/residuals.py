@@ -82,7 +82,7 @@ class LineResidual(ABC):
 
     @classmethod
     def of_data(cls, part: Part) -> Self:
-        """Return the residual for the data of a test, weighted in equal parts where it has weights."""
+        """Return the residual for the data of a test, with equal weights."""
         return cls()
 
     @property
@@ -108,7 +108,7 @@ class LineResidual(ABC):
 
     @abstractmethod
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
+        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +243,7 @@ class EquationError(LineResidual):
             )
 
     def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
-        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
+        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, by block of lines.
 
         Raises
         ------
@@ -352,7 +352,7 @@ def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _M
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:
-    """Return [J r] with real over imaginary parts (eq. 12), shape (2 m, n + 1), stored by columns."""
+    """Return [J r], real over imaginary parts (eq. 12), shape (2 m, n + 1), in Fortran order."""
     n, m = len(J), r.size
     flat = np.empty((n + 1, 2 * m))
     columns = J.reshape(n, m)

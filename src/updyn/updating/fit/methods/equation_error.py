@@ -144,7 +144,7 @@ def _gauss_newton(
 
 
 def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
-    """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
+    """Return cost, R of the Jacobian, change of the values (eq. 22) and ||Z_red H_X - I||_inf."""
     parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
     r = np.concatenate([p[0].ravel() for p in parts])
     S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T

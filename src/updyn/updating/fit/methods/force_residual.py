@@ -47,7 +47,7 @@ _ADVICE = "Use solver='trust-region'."
 
 @dataclass(frozen=True, slots=True)
 class ForceResidualMethod(Method):
-    """Least ||Z(p) h - f|| over the unknowns and over the motion h where there is no sensor (``"force-residual"``).
+    """||Z(p) h - f|| minimised over the unknowns and the unmeasured motion (``"force-residual"``).
 
     In turn: the measured motion is expanded to all DOFs such that the present model leaves the
     least unbalanced force; then, with that motion, the residual is linear in the unknowns and is
@@ -153,7 +153,7 @@ class ForceResidual(LineResidual):
 
     @property
     def eliminated(self) -> ConstitutiveError:
-        """The same sum of squares with the expanded motion eliminated: its derivatives are those of the whole."""
+        """The same sum of squares with the expanded motion eliminated, exact in its derivatives."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 
     def partition(self, part: Part) -> list[slice]:
@@ -162,7 +162,7 @@ class ForceResidual(LineResidual):
 
     @alone
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, N, n_j), and derivatives by x, shape (n, n_f, N, n_j), at some lines."""
+        """Return residual, shape (n_f, N, n_j), and derivatives, shape (n, n_f, N, n_j)."""
         system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
         state = part.state(x)
         _, U, S, moved, c = adjoint_fields(part, state, freq, self.compliance)
@@ -190,7 +190,10 @@ def _check(part: Part) -> None:
 
 
 def _compliance(part: Part) -> _Vector:
-    """Return 1 for forces, and for moments the square of the length at which stiffnesses of both kinds are alike."""
+    """Return 1 for forces, and for moments the square of a length.
+
+    At that length the medians of rotational and translational stiffness are equal.
+    """
     system = part.solver.system
     turns = np.asarray(system.dofs.axes) >= 3
     if turns.all() or not turns.any():
@@ -208,5 +211,5 @@ def _compliance(part: Part) -> _Vector:
 
 
 def _level(part: Part) -> float:
-    """Return the root of the number of lines and references: half the square of the residual is then per unit force."""
+    """Return the square root of the number of lines times references."""
     return float(np.sqrt(part.n_lines * len(part.columns)))

@@ -1,4 +1,4 @@
-"""FRF sensitivity method: linearised output error, step by step (Ting; Xu Zhangming; Imregun, Visser & Ewins)."""
+"""FRF sensitivity method: linearised output error (Ting; Xu Zhangming; Imregun et al.)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NOTE = (
 
 @dataclass(frozen=True, slots=True)
 class FrfSensitivityMethod(Method):
-    """H_X - H_A = -H_A Z' H_A dp on measured DOFs, solved and repeated (method ``"frf-sensitivity"``).
+    """H_X - H_A = -H_A Z' H_A dp on measured DOFs, iterated (method ``"frf-sensitivity"``).
 
     The sensitivity of the FRF, as Bao, Wang & Cheng 2010 (section 1) report it of Xu Zhangming
     (their [4]) and, without damping, of Ting (their [6]); with all it needs in Imregun, Visser &
@@ -69,7 +69,7 @@ class FrfSensitivityMethod(Method):
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         check_unknowns(problem, self)
         errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
         residual = Each(tuple(errors))

@@ -111,7 +111,7 @@ class LogMethod(Method):
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage(self.name):
             try:
@@ -122,7 +122,7 @@ class LogMethod(Method):
 
 @dataclass(frozen=True, slots=True)
 class OutputMethod(Method):
-    """Output error, r = H_A - H_X, equal weight to all values of one unit (method ``"output-error"``).
+    """Output error, r = H_A - H_X, weighted equally within a unit (method ``"output-error"``).
 
     The largest peaks decide. It suits noise that does not depend on the level, and needs a start
     close to the truth: there is no search.
@@ -152,7 +152,7 @@ class OutputMethod(Method):
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         residual = Each(tuple(OutputError.of_data(part) for part in problem.parts))
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage(self.name):
@@ -240,9 +240,9 @@ def judged(
     note: str = "",
     noises: Sequence[NoiseModel] = (),
 ) -> Fit:
-    """Return the fit that ended at x, with the covariance that the noise gives it (`updyn.updating.fit.methods.least_squares`).
+    """Return the fit that ended at x, with its sandwich covariance.
 
-    Where that cannot be had, the noise is taken as equal everywhere.
+    Where that cannot be computed, the noise is taken as equal everywhere.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ _LOUD, _MANY = 0.5, 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sandwich:
-    """What is known of a fit of fixed weights under noise that has others.
+    """Covariance of a fit whose fixed weights are not those of the noise.
 
     Attributes
     ----------
@@ -335,7 +335,7 @@ def sandwich(
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
-    """Return the covariance of a fit, or None where there is none or the user does not wait for it.
+    """Return the sandwich covariance of a fit, or None where it is singular.
 
     With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
     estimate has the covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;

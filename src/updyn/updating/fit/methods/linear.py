@@ -1,4 +1,4 @@
-"""What the classical methods share: amounts in which Z is linear, the plain iteration, what follows from where it ends.
+"""Parts of the classical methods: amounts in which Z is linear, and the plain iteration.
 
 Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no
 logarithms.
@@ -188,7 +188,7 @@ class Plain:
         here: Local,
         number: int,
     ) -> tuple[_Vector, Local, bool] | None:
-        """Return the next point, the local problem there, and whether the step is whole; None: no part is of use."""
+        """Return the next point, its local problem, and whether the step is whole, or None."""
         share = 1.0
         for _ in range(_HALVINGS + 1):
             try:
@@ -245,7 +245,7 @@ def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 
 
 def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
-    """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
+    """Solve least squares by QR with column pivoting, the basic solution where rank is deficient.
 
     Of the usual ways to solve a system of short rank this one takes the condensed equation error to
     the paper's result in its five iterations from both readings of its error rates; least-norm

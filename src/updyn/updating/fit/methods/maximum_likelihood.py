@@ -153,8 +153,8 @@ class MaximumLikelihood(Method):
         )
         length = known.get("correlation_length", 1.0)
         # More misfit than the noise explains widens the error bars; less of it narrows them only
-        # where the scale of the noise was not known. Misfit that is alike from line to line holds
-        # less information than independent noise.
+        # where the scale of the noise was not known. A serially correlated misfit holds less
+        # information than independent noise.
         scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
         inflation = float(np.sqrt(scale * length))
         record = {
@@ -171,7 +171,7 @@ class MaximumLikelihood(Method):
 def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
-    """Return the noise models after a look at the residual, and the weights that follow from them at x."""
+    """Return the noise models refitted to the residual at x, and the residual that they weight."""
     looked, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)

@@ -1,4 +1,4 @@
-"""Independently reduced FRF method: unit matrices reduced once by one fixed transformation (Xu Zhangming)."""
+"""FRF method on unit matrices that are reduced once by a fixed transformation (Xu Zhangming)."""
 
 from __future__ import annotations
 
@@ -50,16 +50,15 @@ _ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class ReducedFrfMethod(Method):
-    """e_j - Z_r h_X = dZ_r h_X with unit matrices reduced independently of each other (method ``"reduced-frf"``).
+    """e_j - Z_r h_X = dZ_r h_X with independently reduced matrices (method ``"reduced-frf"``).
 
     The method that Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with and
     criticise: K_e, M_e and C_e of every unit become T^T K_e T and so on with one real
     transformation T onto the measured DOFs, made from the undamped model at its start; then
     stiffness, mass and damping are identified in separate steps, each a linear solve with the
     others held, in turn. As the paper does not print its formulas, T is that of Guyan (AIAA J. 3
-    (1965)
-    380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705; Paz, AIAA J. 22
-         (1984) 724).
+    (1965) 380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705; Paz,
+    AIAA J. 22 (1984) 724).
 
     T is exact at its own frequency and for the start's stiffnesses only. Where DOFs are eliminated
     that have inertia or stand between units, the estimate is wrong even without noise. It is exact
@@ -189,7 +188,7 @@ def _projected(
 
 
 def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
-    """Return the values, shape (n,), after one step each for stiffness, mass and damping, the others held."""
+    """Return the values, shape (n,), after separate steps for stiffness, mass and damping."""
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)

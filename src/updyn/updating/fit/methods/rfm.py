@@ -69,9 +69,8 @@ class ResponseFunctionMethod(Method):
     tolerance : float
         Relative step at which it has converged.
     solver : {"gauss-newton", "trust-region"}
-        The plain iteration as published, or the same linear equation within bounds and a trust
-        region on
-        |h_A - h_X|, with priors.
+        The plain iteration as published; or the same linear equation within bounds, a trust region
+        on |h_A - h_X| and priors.
     expand : bool
         False: every DOF of the model has to be measured. True: DOFs without a sensor take the
         model's motion, renewed in every step, and only measured rows are used (Lin & Ewins 1994;
@@ -189,7 +188,7 @@ class ResponseEquation(LineResidual):
 
     @alone
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
+        """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         solver, system, values = part.solver, part.solver.system, part.values(x)
         freq, omega, state = (
             part.frf.freq[lines],
@@ -212,7 +211,7 @@ class ResponseEquation(LineResidual):
 
 @dataclass(frozen=True, slots=True)
 class ComplexResponseFunctionMethod(ResponseFunctionMethod):
-    """(h_A - h_X) = H_A dZ h_X with complex stiffnesses K_e (1 + i gamma_e) (method ``"complex-rfm"``).
+    """(h_A - h_X) = H_A dZ h_X with complex stiffness K_e (1 + i gamma_e) (``"complex-rfm"``).
 
     The response function method with the damping of the structure among its unknowns (Lin & Zhu,
     "Model updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006)

@@ -151,7 +151,7 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
 
 
 def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
-    """Return the noise model that a result tells of, with nothing left to estimate but what a robust one weighs.
+    """Return the noise model of a result's record, its numbers held.
 
     Parameters
     ----------

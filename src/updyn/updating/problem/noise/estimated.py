@@ -1,4 +1,4 @@
-"""Noise estimated from the residual, along with the unknowns."""
+"""Noise models that are estimated from the residual, along with the unknowns."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Estimated(NoiseModel):
         return two_part(self.relative, self.floor, H, level_by_unit(frf))
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
-        """Return the model with `relative` and `floor` estimated from frf - H, or `Assumed` where nothing is left."""
+        """Return the model estimated from frf - H, or `Assumed` without degrees of freedom."""
         if 2 * H.size <= n_parameters:
             return Assumed(**ASSUMED)
         level = np.broadcast_to(level_by_unit(frf), H.shape)
@@ -124,7 +124,7 @@ _ENOUGH = 25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatedByChannel(NoiseModel):
-    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two numbers for each response, from its own residual.
+    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two estimated numbers for each response.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class EstimatedByChannel(NoiseModel):
     def refit(
         self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
     ) -> EstimatedByChannel | Estimated | Assumed:
-        """Return the model with the numbers of each response, or of all together where these have too few values."""
+        """Return the model estimated by response, or as one where there are few values."""
         if self.held:
             return self
         if 2 * H.size <= n_parameters or H[:, 0].size < _ENOUGH:

@@ -1,4 +1,4 @@
-"""What a noise model offers, and what several of them share."""
+"""Base class of the noise models, and those whose variance is stated or follows from the data."""
 
 from __future__ import annotations
 
@@ -80,19 +80,19 @@ class NoiseModel(ABC):
 
     @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
-        """Return E|dH|^2 of each value for a model's H, shape (n_f, n_i, n_j), in the unit of the data squared."""
+        """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
-        """Return the noise model after a look at the residual; itself where nothing is estimated."""
+        """Return the noise model refitted to the residual; itself where nothing is estimated."""
         return self
 
     def figures(self) -> dict[str, Any]:
-        """Return what is stated or was estimated, for the record; nothing where it is in the data."""
+        """Return the stated or estimated numbers for the record; empty where data hold them."""
         return {}
 
 
 def level_by_unit(frf: FRF) -> _Real:
-    """Return the rms of |H_X| over all data of one unit (translation or rotation), shape (1, n_i, n_j)."""
+    """Return the rms of |H_X| over all data of one unit, shape (1, n_i, n_j)."""
     rows, columns = frf.responses.axes >= 3, frf.references.axes >= 3
     kind = 2 * rows[:, None] + columns[None, :]
     squared = np.mean(np.abs(frf.values) ** 2, axis=0)
@@ -163,7 +163,7 @@ _USUAL = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coherence(NoiseModel):
-    """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), made steady along the lines (`smooth.steady`).
+    """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines (`steady`).
 
     H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2)
     S_yy is the output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010,
@@ -251,7 +251,7 @@ class Steady:
     relative: _Real
 
     def at(self, size: _Real, lines: slice | NDArray[np.intp] = slice(None)) -> _Real:
-        """Return the variance where the model has magnitudes `size`, shape (n_f, ...), at some of the lines."""
+        """Return the variance for magnitudes `size`, shape (n_f, ...), at some of the lines."""
         return np.asarray(self.floor[lines] + self.relative[lines] * size**2)
 
 
@@ -295,7 +295,7 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
 
 
 def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
-    """Return where a ratio, shape (n_f, ...), does not stand out from its median over `width` lines."""
+    """Return where a ratio, shape (n_f, ...), is not far above its median over `width` lines."""
     from scipy.ndimage import median_filter
 
     around = median_filter(ratio, size=(width, *(1,) * (ratio.ndim - 1)), mode="reflect")
@@ -327,7 +327,7 @@ def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Rea
 
 
 def _hats(n_f: int, knots: int) -> _Real:
-    """Return `knots` piecewise linear functions over the lines, shape (n_f, knots), whose sum is 1."""
+    """Return piecewise linear functions over the lines, shape (n_f, knots), of sum 1."""
     if knots == 1:
         return np.ones((n_f, 1))
     at = np.linspace(0.0, knots - 1.0, n_f)

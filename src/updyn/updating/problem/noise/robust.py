@@ -1,4 +1,4 @@
-"""Noise with outliers: values that the model and the other values make unlikely count less."""
+"""Noise with outliers: iteratively reweighted Student's t distribution."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Robust(NoiseModel):
 
     @property
     def scale_known(self) -> bool:
-        """Whether the variance is known absolutely: it is, at the latest once a residual was seen."""
+        """Whether the variance is known absolutely: it is, once it has been refitted."""
         return True
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:

@@ -1,4 +1,4 @@
-"""`plant_job`: the plant of a finished run, or of a model as it stands, and the files that come of it."""
+"""`plant_job`: make and write the plant of a finished run, or of a model as it stands."""
 
 from __future__ import annotations
 
@@ -11,20 +11,18 @@ import numpy as np
 
 from updyn.control.job.checks import part_of_plant
 from updyn.control.job.job_tables import PLANT_PAGE, plant_outputs, write_plant_files
-from updyn.control.job.plant_result import Planted, planted_of
+from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
-    MARK,
-    check_folder,
-    check_inputs,
-    check_no_folder,
+    check_out,
+    create_folder,
     default_out,
-    made_folder,
-    put_in_place,
+    is_of_a_run,
+    move_outputs,
     resolved_job,
-    unfinished,
+    temporary_folder,
 )
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.schema import Job
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_plant_out", "default_plant_out", "plant_job"]
 
-#: Tables that say nothing about the update.
+#: Tables that do not change the update.
 _LATER = ("title", "plant", "servo", "uncertainty", "output")
 
 
@@ -53,14 +51,16 @@ def default_plant_out(job: Job) -> Path:
     Returns
     -------
     Path
-        That of the job's run; of a job that a run has left behind, the folder in which it lies.
+        That of the job's run; of a job file that a run has written, its own folder.
     """
-    return job.path.parent if _left_behind(job) else default_out(job)
+    if _written_by_run(job):
+        return job.path.parent
+    return default_out(job)
 
 
-def _left_behind(job: Job) -> bool:
+def _written_by_run(job: Job) -> bool:
     """Whether a run wrote the job file."""
-    return job.path.read_bytes().startswith(f"# {MARK}".encode())
+    return is_of_a_run(job.path)
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
@@ -87,10 +87,7 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
     table = job.table(PlantTable)
     if table is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
-    out = check_folder(job, out)
-    check_inputs(job, out, plant_outputs(table))
-    check_no_folder(job, out, plant_outputs(table))
-    return out
+    return check_out(job, out, plant_outputs(table))
 
 
 def plant_job(
@@ -101,7 +98,7 @@ def plant_job(
     prepared: Prepared | None = None,
     engine: int | Client | Engine | None = None,
     say: Callable[[str], object] | None = None,
-) -> Planted:
+) -> PlantResult:
     """Make the plant of a job and write its files.
 
     It is that of the updated model where the job has been run: by default the result is sought in
@@ -121,11 +118,11 @@ def plant_job(
     engine : None, int, dask.distributed Client or Engine
         Where a family of plants is made, as for `updyn.update`.
     say : callable, optional
-        Called with what is being done.
+        Called with the name of each stage.
 
     Returns
     -------
-    Planted
+    PlantResult
         In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, each
         replaced as a whole. Where no plant holds the tolerance, no file of a plant is there
         afterwards, not even of an earlier one; record and page say what was reached.
@@ -144,25 +141,26 @@ def plant_job(
     ready = prepare(job) if prepared is None else prepared
     with job.located():
         found = _finished(ready, out, run)
-    result, draws, where = (None, None, None) if found is None else found
-    if result is None:
+    if found is None:
+        result = draws = None
         source = "The model as it stands, NOT updated: there is no finished run of the job."
     else:
+        result, draws, where = found
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
-        planted = planted_of(ready, result, source, draws=draws, engine=engine, say=say)
-    with made_folder(out), unfinished(out) as temporary:
-        write_plant_files(planted, job, temporary)
-        write_plant_page(planted, temporary / PLANT_PAGE)
-        put_in_place(plant_outputs(table), temporary, out)
-    return planted
+        plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
+    with create_folder(out), temporary_folder(out) as temporary:
+        write_plant_files(plant_result, job, temporary)
+        write_plant_page(plant_result, temporary / PLANT_PAGE)
+        move_outputs(plant_outputs(table), temporary, out)
+    return plant_result
 
 
-# -- the finished run ----------------------------------------------------------------------------------------
+# -- the finished run -----------------------------------------------------------------------------
 def _finished(
     ready: Prepared, out: Path, run: str | Path | None
 ) -> tuple[UpdateResult, Draws | None, Path] | None:
-    """Return the result of the job's run, draws of its unknowns where there are any, and the folder.
+    """Return the result of the finished run, draws of its unknowns, and its folder.
 
     Raises
     ------
@@ -197,10 +195,10 @@ def _finished(
 
 
 def _folders(job: Job, out: Path) -> Iterator[Path]:
-    """Yield where a finished run is sought: the folder to write to, the job's own, and that in which the job lies."""
+    """Yield the folders that may hold a finished run of the job."""
     yield out
     yield default_out(job)
-    if _left_behind(job):
+    if _written_by_run(job):
         yield job.path.parent
 
 
@@ -230,7 +228,7 @@ def _check_same(job: Job, folder: Path) -> None:
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
-    """Return what bootstrap or sampling drew; None where they did not, or it cannot be used."""
+    """Return the draws of a bootstrap or a sampling; None without usable ones."""
     from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 
@@ -240,4 +238,6 @@ def _draws(folder: Path, result: UpdateResult) -> Draws | None:
         found = read_uncertainty(folder / "uncertainty.nc", result)
     except InputError:
         return None
-    return found if isinstance(found, Draws) and len(found) > 1 else None
+    if isinstance(found, Draws) and len(found) > 1:
+        return found
+    return None
