@@ -7,10 +7,11 @@ For instance::
     freq_Hz,H(3:Z/1:X) re,H(3:Z/1:X) im,H(3:Z/1:X) coh
     10.0,0.12,-0.03,0.98
 
-Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is ``freq_Hz``. The others
-are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and
-optionally ``coh`` (ordinary coherence) and ``var`` (variance), for every pair of response and reference. Lines that
-start with ``#`` may stand before the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
+Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is
+``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
+and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
+(variance), for every pair of response and reference. Lines that start with ``#`` may stand before
+the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
 """
 
 from __future__ import annotations

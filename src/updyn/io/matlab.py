@@ -1,14 +1,15 @@
-"""MATLAB ``.mat`` files of a model or of FRFs: version 5 to 7.2 and 7.3 are read, version 5 is written.
+"""MATLAB ``.mat`` files of a model or of FRFs: versions 5 to 7.3 are read, version 5 is written.
 
 Variables, or the fields of the one struct that the file holds, are named as in `updyn.io.named`::
 
     K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
-    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where the name is not a MATLAB name
+    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where NAME cannot be the name
     freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
 
-Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node direction] with direction
-1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops trailing axes of length 1: with one reference, H
-is n_f x n_responses. MATLAB string arrays ("text") are not stored in a documented way: use cellstr.
+Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node
+direction] with direction 1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops
+trailing axes of length 1: with one reference, H is n_f x n_responses. MATLAB string arrays ("text")
+are not stored in a documented way: use cellstr.
 """
 
 from __future__ import annotations

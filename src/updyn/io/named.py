@@ -1,11 +1,14 @@
 """Models and FRFs as named items: what ``.npz`` and ``.mat`` files have in common.
 
-An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB struct). A model is::
+An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB
+struct). A model is::
 
-    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
-    K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
-    groups                  mapping of group name to K, M, C, loss_factor, name                 } these
-                            (or one of the ways in `updyn.io.named`)
+    dofs                    N labels "node:direction", or an (N, 2) table of node and direction
+                            1..6 for X Y Z RX RY RZ; or dof_ref, the same with 0..5
+    K, M, C, loss_factor    one group, called "model": K or M or C at least; or each a mapping of
+                            group name to what it is of that group
+    groups                  instead: mapping of group name to K, M, C, loss_factor, name; or a list
+                            of such mappings
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
     loss_table              (2, n): lines in Hz, factors on loss_factor
@@ -16,7 +19,8 @@ and an FRF is::
 
     freq                    n_f lines in Hz
     H (or values)           complex, (n_f, n_responses, n_references)
-    responses, references   signed labels, or tables of node and direction, negative for the opposite sense
+    responses, references   signed labels, or tables of node and direction, negative for the
+                            opposite sense
     quantity                "receptance", "mobility" or "accelerance"
     coherence, variance     of the shape of H, optional
     averages, source        optional

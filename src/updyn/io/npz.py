@@ -1,7 +1,8 @@
 """NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
 
-A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group is called "model".
-Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and ``loss_table``, see `updyn.io.named`.
+A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group
+is called "model". Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and
+``loss_table``, see `updyn.io.named`.
 
 A model with several groups, ``NAME`` being a group's name (without dots)::
 
@@ -11,9 +12,9 @@ A model with several groups, ``NAME`` being a group's name (without dots)::
     NAME.K.data, NAME.K.indices, NAME.K.indptr
     NAME.loss_factor
 
-FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All other names, common
-to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System`` of SDynPy is told by its names, see
-`updyn.io.sdynpy`.
+FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All
+other names, common to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System``
+of SDynPy is identified by its names, see `updyn.io.sdynpy`.
 """
 
 from __future__ import annotations
