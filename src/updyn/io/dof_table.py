@@ -82,7 +82,7 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
 
 def write_geometry(geometry: Geometry, path: str | Path) -> None:
     """Write node positions, exactly."""
-    columns = _POINT
+    columns: tuple[str, ...] = _POINT
     numbers = geometry.xyz
     if geometry.axes is not None:
         columns = _POINT + _AXES
