@@ -53,10 +53,12 @@ def default_plant_out(job: Job) -> Path:
     Path
         That of the job's run; of a job file that a run has written, its own folder.
     """
-    return job.path.parent if _left_behind(job) else default_out(job)
+    if _written_by_run(job):
+        return job.path.parent
+    return default_out(job)
 
 
-def _left_behind(job: Job) -> bool:
+def _written_by_run(job: Job) -> bool:
     """Whether a run wrote the job file."""
     return is_of_a_run(job.path)
 
@@ -139,10 +141,11 @@ def plant_job(
     ready = prepare(job) if prepared is None else prepared
     with job.located():
         found = _finished(ready, out, run)
-    result, draws, where = (None, None, None) if found is None else found
-    if result is None:
+    if found is None:
+        result = draws = None
         source = "The model as it stands, NOT updated: there is no finished run of the job."
     else:
+        result, draws, where = found
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
         plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
@@ -195,7 +198,7 @@ def _folders(job: Job, out: Path) -> Iterator[Path]:
     """Yield the folders that may hold a finished run of the job."""
     yield out
     yield default_out(job)
-    if _left_behind(job):
+    if _written_by_run(job):
         yield job.path.parent
 
 
@@ -235,4 +238,6 @@ def _draws(folder: Path, result: UpdateResult) -> Draws | None:
         found = read_uncertainty(folder / "uncertainty.nc", result)
     except InputError:
         return None
-    return found if isinstance(found, Draws) and len(found) > 1 else None
+    if isinstance(found, Draws) and len(found) > 1:
+        return found
+    return None
