@@ -477,7 +477,18 @@ class Job(Table):
         return self.method.validation if self.test.validation is None else self.test.validation
 
     def table_of(self, key: Literal["noise", "validation"]) -> Literal["test", "method"]:
-        """Return the table in which a key stands that ``[test]`` or ``[method]`` may have."""
+        """Return which table states a key that both ``[test]`` and ``[method]`` have.
+
+        Parameters
+        ----------
+        key : {"noise", "validation"}
+            The key.
+
+        Returns
+        -------
+        {"test", "method"}
+            ``[test]`` where it states the key.
+        """
         return "method" if getattr(self.test, key) is None else "test"
 
     def place(self, *place: str | int) -> int | None:
