@@ -27,14 +27,14 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.group import is_number
 
 __all__ = [
-    "BackwardsAndForwards",
-    "March",
+    "BacklashRules",
+    "FrictionRules",
     "Piece",
     "Rules",
     "Settled",
     "Simulation",
-    "StickAndSlip",
-    "march",
+    "Trajectory",
+    "integrate",
     "rules",
     "settled",
     "simulate",
@@ -108,7 +108,7 @@ class Rules(ABC):
         """Return what follows when a border is crossed, and the state there."""
 
 
-class BackwardsAndForwards(Rules):
+class BacklashRules(Rules):
     """Backlash: gap and two flanks."""
 
     def __init__(self, system: Around, law: Backlash, constant: _Real) -> None:
@@ -166,7 +166,7 @@ class BackwardsAndForwards(Rules):
         return "gap", X
 
 
-class StickAndSlip(Rules):
+class FrictionRules(Rules):
     """Friction: rest and two senses of motion."""
 
     def __init__(self, system: Around, law: CoulombFriction, constant: _Real) -> None:
@@ -226,8 +226,8 @@ def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
         Its entries, held.
     """
     if isinstance(nonlinearity, Backlash):
-        return BackwardsAndForwards(system, nonlinearity, constant)
-    return StickAndSlip(system, nonlinearity, constant)
+        return BacklashRules(system, nonlinearity, constant)
+    return FrictionRules(system, nonlinearity, constant)
 
 
 _HALVINGS = 44
@@ -236,7 +236,7 @@ _AT_ONCE = 200  # switches within one step: chatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class March:
+class Trajectory:
     """A way through pieces.
 
     Attributes
@@ -283,7 +283,7 @@ class _Exact:
         return share + 0.5**_HALVINGS, after, int(np.argmin(self.piece.borders @ after))
 
 
-def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
+def integrate(rules: Rules, start: _Real, duration: float, step: float) -> Trajectory:
     """Follow a loop through its pieces.
 
     Parameters
@@ -297,7 +297,7 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
 
     Returns
     -------
-    March
+    Trajectory
 
     Raises
     ------
@@ -311,7 +311,7 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
 
 def _followed(
     rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
-) -> March:
+) -> Trajectory:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
@@ -343,7 +343,7 @@ def _followed(
             raise SolverError(
                 f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable"
             )
-    return March(
+    return Trajectory(
         np.concatenate(times),
         np.concatenate(states),
         np.concatenate(pieces).astype(np.intp),
@@ -616,7 +616,7 @@ def simulate(
     pieces = rules(system, nonlinearity, held)
     length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
-    way = march(pieces, X, float(duration), length)
+    way = integrate(pieces, X, float(duration), length)
     w_rows, z_rows = (
         np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z")
     )

@@ -20,9 +20,9 @@ from updyn.group import is_number
 __all__ = [
     "StepFigures",
     "Timed",
-    "at_rest",
-    "march",
-    "march_late",
+    "delayed_response",
+    "final_value",
+    "linear_response",
     "schedule",
     "step_figures",
     "step_series",
@@ -40,7 +40,7 @@ _SHOWS, _SETTLED = 1e-3, 2e-3
 _BAND = 0.02
 
 
-def march(
+def linear_response(
     system: StateSpace, u: _Real, dt: float, start: _Real | None = None
 ) -> tuple[_Real, _Real]:
     """Return states and outputs of a system under inputs that are linear between samples.
@@ -112,7 +112,7 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     )
 
 
-def march_late(
+def delayed_response(
     opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and derivatives of a loop whose first output is fed back late.
@@ -164,7 +164,7 @@ def march_late(
     return np.asarray(np.arange(n_t) * dt, dtype=np.float64), outputs, slopes
 
 
-def at_rest(system: StateSpace, output: int, input: int) -> float:
+def final_value(system: StateSpace, output: int, input: int) -> float:
     """Return the final value of an output under a constant input of 1; nan if it is unbounded.
 
     Parameters
@@ -262,7 +262,7 @@ def step_series(
         start = system.B[:, rate] * size
     time, states = np.zeros(1), start[None]
     for n, dt in parts:
-        more = march(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
+        more = linear_response(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
         time = np.concatenate([time, time[-1] + dt * np.arange(1, n + 1)])
         states = np.concatenate([states, more[1:]])
     outputs = states @ system.C.T + system.D @ u
@@ -443,7 +443,7 @@ def _reference_step(
     name = (wiring.position if outer else wiring.velocity) or wiring.velocity
     unit = _unit(cascade, name, not outer)
     time, outputs, slopes = _record(cascade, system, _POSITION, at, size, rate, duration)
-    final = size * at_rest(system, _POSITION, at)
+    final = size * final_value(system, _POSITION, at)
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
     time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
@@ -489,7 +489,7 @@ def _record(
     if rate is not None:
         start = opened.B[:, 1 + rate] * size
     n = int(np.ceil(long * late / delay - 1e-9)) + 1
-    time, outputs, slopes = march_late(opened, w, start, delay, delay / late, n)
+    time, outputs, slopes = delayed_response(opened, w, start, delay, delay / late, n)
     order = [1, 0, 2]
     return time, outputs[:, order], slopes[:, order]
 
@@ -508,7 +508,7 @@ def _disturbance_step(
 ) -> StepResponse:
     name, unit, output, output_unit = _disturbance_names(cascade)
     time, outputs, slopes = _record(cascade, system, _POINTING, _DISTURBANCE, size, None, duration)
-    final = size * at_rest(system, _POINTING, _DISTURBANCE)
+    final = size * final_value(system, _POINTING, _DISTURBANCE)
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
     time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
@@ -547,14 +547,14 @@ def _wind(
         }
     else:
         time, torque = _series(wind)
-    rest = at_rest(system, _POINTING, _DISTURBANCE)
+    rest = final_value(system, _POINTING, _DISTURBANCE)
     if np.isnan(rest):
         rest, first = 0.0, 0.0
     else:
         first = torque[0]  # it has acted for ever before
     u = np.zeros((len(time), 4))
     u[:, _DISTURBANCE] = torque - first
-    error = march(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
+    error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
     name, unit, output, output_unit = _disturbance_names(cascade)
     return WindResponse(
         name, unit, output, output_unit, time, torque, error, float(np.sqrt(np.mean(error**2))),
