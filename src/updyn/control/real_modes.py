@@ -307,9 +307,9 @@ class Biot:
         out = []
         lossy = self.base.space.lossy
         for k in range(len(self.terms[0].b) if self.terms else 0):
-            W = sum(
-                (t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(())
-            )
+            W = np.zeros_like(lossy[0].matrix)
+            for part, term in zip(lossy, self.terms, strict=True):
+                W = W + term.a[k] * part.matrix
             values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
             use = values > _RANK * max(values[-1], 1e-300)
             if use.any() and values[-1] > 0:

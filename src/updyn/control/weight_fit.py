@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -281,22 +281,18 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
     middle = places[_PLACES // 2]
     if order % 2:
         starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
-        starts += [
-            np.concatenate([p[:1], [w + d, w - d], p[1:]]) for w in places for d in (_STEP, -_STEP)
-        ]
+        for w, d in product(places, (_STEP, -_STEP)):
+            starts.append(np.concatenate([p[:1], [w + d, w - d], p[1:]]))
     else:
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
-        starts += [
-            np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)
-        ]
-        humps = [(w, *d) for w in places for d in _HUMPS]
+        for w, d in product(places, (_STEP, -_STEP)):
+            starts.append(np.concatenate([p, [w + d, 0.0, w - d, 0.0]]))
+        humps = [(w, *d) for w, d in product(places, _HUMPS)]
         touched, free = _touched_and_free(base, omega, y, weight)
-        humps += [(w, *d) for w in touched for d in (*_HUMPS, *_SPIKES)] + [
-            (w, *d) for w in free for d in _DIPS
-        ]
-        starts += [
-            np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps
-        ]
+        widths = chain(product(touched, (*_HUMPS, *_SPIKES)), product(free, _DIPS))
+        humps += [(w, *width) for w, width in widths]
+        for w, zeros, poles in humps:
+            starts.append(np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]))
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
     best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
     ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
@@ -316,9 +312,10 @@ def _touched_and_free(
     # Gaps lie between places that are nearly touched; their size is their area over log frequency.
     near = np.flatnonzero(excess < _GAP * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
-    areas = [
-        (float(weight[i : j + 1] @ excess[i : j + 1]), i, j) for i, j in pairwise(ends) if j > i + 1
-    ]
+    areas = []
+    for i, j in pairwise(ends):
+        if j > i + 1:
+            areas.append((float(weight[i : j + 1] @ excess[i : j + 1]), i, j))
     gaps = sorted(areas, reverse=True)[:_TOUCHED]
     x = np.log(omega)
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]

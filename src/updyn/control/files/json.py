@@ -56,7 +56,10 @@ def read_plant(path: str | Path) -> Plant:
         raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
     if not isinstance(items, dict):
         raise FormatError(f"holds a {type(items).__name__}; expected the items of a plant", path)
-    return build_plant({name: _value(name, value, path) for name, value in items.items()}, path)
+    found = {}
+    for name, value in items.items():
+        found[name] = from_text(json.dumps(value), name, path)
+    return build_plant(found, path)
 
 
 class _TwiceError(ValueError):
@@ -69,10 +72,6 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if names.count(name) > 1:
             raise _TwiceError(f"{name!r} stands twice")
     return dict(pairs)
-
-
-def _value(name: str, value: Any, path: str | Path) -> Any:
-    return from_text(json.dumps(value), name, path)
 
 
 def _laid_out(value: Any) -> str:

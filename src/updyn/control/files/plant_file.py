@@ -114,11 +114,9 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
     for candidate in (*(f for f in told if f in by_suffix), *told, *by_suffix):
         return candidate
     known = ", ".join(s for f in able for s in f.suffixes)
-    hint = (
-        " (a header is for compilers: read the plant from another file)"
-        if path.suffix.lower() == ".h"
-        else ""
-    )
+    hint = ""
+    if path.suffix.lower() == ".h":
+        hint = " (a header is for compilers: read the plant from another file)"
     raise FormatError(
         f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}",
         path,

@@ -232,15 +232,19 @@ def _extended(
     job: Job, model: Model, plant: Plant, servo: Servo, port: Port, quantity: str
 ) -> Plant:
     """Return the plant of the loop with an input and output where the nonlinearity acts."""
-    read = [name for name in dict.fromkeys((servo.velocity, servo.position)) if name is not None]
-    at = [plant.outputs.index(name) for name in read]
+    outputs, quantities = [], []
+    for name in dict.fromkeys((servo.velocity, servo.position)):
+        if name is not None:
+            at = plant.outputs.index(name)
+            outputs.append(plant.output_ports[at])
+            quantities.append(plant.quantities[at])
     return build(
         model,
         [plant.input_ports[plant.inputs.index(servo.torque)], port],
-        [*(plant.output_ports[i] for i in at), port],
+        [*outputs, port],
         plant.band,
         plant.tolerance,
-        quantity=[*(plant.quantities[i] for i in at), quantity],
+        quantity=[*quantities, quantity],
         backend=job.method.backend,
     )
 

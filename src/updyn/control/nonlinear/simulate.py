@@ -41,6 +41,8 @@ __all__ = [
 ]
 
 _Real = NDArray[np.float64]
+#: The sign of a contact or a motion in the name of its piece.
+_SIGN = {1.0: "+", -1.0: "-"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,12 +117,9 @@ class BacklashRules(Rules):
         damped = law.damping > 0.0
         super().__init__(system, constant, int(damped))
         self.law, self.damped = law, damped
-        self.pieces = {"gap": self._gap()} | {
-            f"contact {'+' if s > 0 else '-'}": self._contact(
-                s, system.D, float(system.C @ system.B)
-            )
-            for s in (1.0, -1.0)
-        }
+        D, speed = system.D, float(system.C @ system.B)
+        pieces = (self._gap(), self._contact(1.0, D, speed), self._contact(-1.0, D, speed))
+        self.pieces = {piece.name: piece for piece in pieces}
 
     def _gap(self) -> Piece:
         F, way = self.base.copy(), self.read.copy()
@@ -146,7 +145,7 @@ class BacklashRules(Rules):
         if c > 0.0 and D != 0.0:
             F[self.n] = T / c
             F[self.n, self.n] -= k / c
-        return Piece(f"contact {'+' if s > 0 else '-'}", F, s * T[None], -T, self.read - D * T)
+        return Piece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
 
     def first(self, X: _Real) -> str:
         """Return the gap, or the flank that is pressed."""
@@ -177,14 +176,13 @@ class FrictionRules(Rules):
         self.hold = hold
         limits = np.array([law.sticks * self.one - hold, law.sticks * self.one + hold])
         stick = Piece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
-        self.pieces = {"stick": stick} | {
-            f"slip {'+' if s > 0 else '-'}": self._slip(s, law.level) for s in (1.0, -1.0)
-        }
+        pieces = (stick, self._slip(1.0, law.level), self._slip(-1.0, law.level))
+        self.pieces = {piece.name: piece for piece in pieces}
 
     def _slip(self, s: float, level: float) -> Piece:
         w = -s * level * self.one
         return Piece(
-            f"slip {'+' if s > 0 else '-'}",
+            f"slip {_SIGN[s]}",
             self.base + np.outer(self.push, w),
             s * self.read[None],
             w,
@@ -617,9 +615,9 @@ def simulate(
     length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
     way = integrate(pieces, X, float(duration), length)
-    w_rows, z_rows = (
-        np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z")
-    )
+    along = [pieces.pieces[name] for name in way.names]
+    w_rows = np.array([piece.w for piece in along])
+    z_rows = np.array([piece.z for piece in along])
     w = np.einsum("tm,tm->t", way.states, w_rows[way.piece])
     z = np.einsum("tm,tm->t", way.states, z_rows[way.piece])
     series = (

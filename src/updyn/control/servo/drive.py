@@ -410,10 +410,9 @@ def _held(model: Model, at: Sequence[int]) -> Model:
     def cut(matrix: Any) -> Any:
         return None if matrix is None else matrix[left][:, left]
 
-    groups = {
-        name: g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
-        for name, g in model.groups.items()
-    }
+    groups = {}
+    for name, g in model.groups.items():
+        groups[name] = g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
     return Model(groups, model.dofs[left], model.geometry, model.title)
 
 
@@ -523,16 +522,16 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
     if not pairs:
         return 0.0
     still = model.with_damping({name: {"loss_factor": 0.0} for name in model.groups})
-    groups = {
-        name: Group(g.stiffness, g.mass)
-        for name, g in still.groups.items()
-        if g.stiffness is not None or g.mass is not None
-    }
+    groups = {}
+    for name, g in still.groups.items():
+        if g.stiffness is not None or g.mass is not None:
+            groups[name] = Group(g.stiffness, g.mass)
     bare = Model(groups, model.dofs)
     zero = np.array([p.antiresonance for p in pairs])
     lines = np.unique(np.concatenate([zero * (1 - _ASIDE), zero * (1 + _ASIDE)]))
     H = response(bare, lines, [motor], [motor]).values[:, 0, 0].real
-    below, above = (H[np.searchsorted(lines, zero * (1 + s))] for s in (-_ASIDE, _ASIDE))
+    below = H[np.searchsorted(lines, zero * (1 - _ASIDE))]
+    above = H[np.searchsorted(lines, zero * (1 + _ASIDE))]
     # The straight line through both sides gives the zero.
     return float(np.abs(_ASIDE * (below + above) / (below - above)).max())
 
@@ -600,12 +599,11 @@ def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)
-        supports = [int(i) for i in order[: resting.shape[1]]]
-    bare = {
-        name: Group(g.stiffness)
-        for name, g in _held(model, supports).groups.items()
-        if g.stiffness is not None
-    }
+        supports = order[: resting.shape[1]].tolist()
+    bare = {}
+    for name, g in _held(model, supports).groups.items():
+        if g.stiffness is not None:
+            bare[name] = Group(g.stiffness)
     if not bare:
         raise ModelError("drive figures: the model has no stiffness")
     kept = model.dofs[np.setdiff1d(np.arange(model.n_dofs), supports)]

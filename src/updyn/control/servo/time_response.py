@@ -70,7 +70,9 @@ def linear_response(
     own = np.ascontiguousarray(own.T)
     forced = u[:-1] @ held.T + np.diff(u, axis=0) @ sloped.T
     states = np.empty((len(u), system.n_states))
-    states[0] = 0.0 if start is None else start
+    states[0] = 0.0
+    if start is not None:
+        states[0] = start
     for k in range(len(u) - 1):
         states[k + 1] = states[k] @ own + forced[k]
     return states, states @ system.C.T + u @ system.D.T
@@ -569,7 +571,8 @@ def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, floa
         np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
     )
     middle = 0.5 * (edges[1:] + edges[:-1])
-    ends, between = (np.abs(cascade.compliance(2j * np.pi * f)) ** 2 for f in (edges, middle))
+    ends = np.abs(cascade.compliance(2j * np.pi * edges)) ** 2
+    between = np.abs(cascade.compliance(2j * np.pi * middle)) ** 2
     shares = wind.torque_variance(edges) * (ends[1:] + 4.0 * between + ends[:-1]) / 6.0
     below = float(wind.torque_variance(np.array([0.0, low]))[0] * ends[0])
     total = np.cumsum(shares) + below
@@ -579,7 +582,9 @@ def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, floa
 
 def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     try:
-        time, values = (np.array(part, dtype=np.float64) for part in given)
+        time, values = given
+        time = np.array(time, dtype=np.float64)
+        values = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(
             "wind: expected a Wind, or (time, disturbance) as two arrays of one length"
