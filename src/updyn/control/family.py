@@ -219,7 +219,7 @@ class PlantFamily:
         Raises
         ------
         ModelError
-            If the plants are no longer alike.
+            If inputs, outputs or sampling of the plants no longer agree.
         """
         return replace(
             self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members)
@@ -287,7 +287,7 @@ def plant_family(
     cannot be told from 0 is 0 in half of the members, as in a bootstrap. Draws are in no need of
     that, nor of a likelihood that looks Gaussian.
 
-    A spread says what the data leave unsure. It does not know of a wrong model
+    The spread is the uncertainty by the data. It does not contain the error of a wrong model
     (`UpdateResult.adequacy`).
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
@@ -380,8 +380,8 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
         if len(unsure) > 6:
             few += f" and {len(unsure) - 6} more"
         raise OptionError(
-            f"plant_family: the data do not determine {few}, so that nobody knows how far off the"
-            f" plant may be. {result.identifiability.advice} Or give draws= of a sampling, in which"
+            f"plant_family: the data do not determine {few}, so that the error of the plant is"
+            f" unknown. {result.identifiability.advice} Or give draws= of a sampling, in which"
             " priors and bounds limit them."
         )
     coordinates = Coordinates(parameters)

@@ -39,7 +39,7 @@ class Weight:
     peak_at : float
         Where, in Hz.
     note : str
-        What to know of this channel.
+        Note on the channel.
     A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
         In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
         python-control.
@@ -132,7 +132,7 @@ def _pair(w: float, damping: float) -> list[complex]:
 
 
 def _series(zeros: _Complex, poles: _Complex, gain: float) -> tuple[_Real, _Real, _Real, _Real]:
-    """Return A, B, C, D of sections in series, each of the scale of its own poles."""
+    """Return A, B, C, D of sections in series, each scaled by its poles."""
     A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[float(gain)]])
     first = len(poles) % 2
     cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]

@@ -89,7 +89,8 @@ def describe_request(ready: Prepared) -> str:
 
 
 def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    plural = "" if count == 1 else "s"
+    return f"{count} {what}{plural}"
 
 
 def _percent(share: float) -> str:

@@ -72,7 +72,7 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     if table is None or table.controller is None:
         return None
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
-    torque = nominal.inputs[0] if table.torque is None else table.torque
+    torque = table.torque or nominal.inputs[0]
     assert table.velocity is not None
     with key_path("servo", "controller"):
         controller = table.controller.controller(nominal, torque, table.velocity, table.position)

@@ -76,7 +76,7 @@ def _files(given: Any) -> Any:
     for name in names:
         suffix = PurePath(name).suffix.lower()
         if PurePath(name).name != name or name in _TAKEN:
-            raise ValueError(f"{name!r}: expected the name of a file of its own, without a folder")
+            raise ValueError(f"{name!r}: expected the name of another file, without a folder")
         if suffix not in PLANT_SUFFIXES:
             message = f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}"
             close = nearest(suffix, PLANT_SUFFIXES)

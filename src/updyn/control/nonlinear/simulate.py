@@ -351,7 +351,7 @@ def _followed(
 
 
 _STEADY = 0.01  # spread of the last periods
-_SMALL = 0.2  # share of the whole series below which what is left has decayed
+_SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
 _PERIODS = 5
 _LAST = 0.4  # share of the time that is looked at
 

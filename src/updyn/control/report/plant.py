@@ -49,8 +49,12 @@ def plant_figures(result: PlantResult) -> dict[str, Figure]:
     plant = result.plant
     if plant is None or result.freq is None:
         return {}
-    out = {bode_name(i, j): _bode(result, plant, i, j) for i, j in channels(result)}
-    return out | {weight_name(i, j): _weight(found) for (i, j), found in result.weights.items()}
+    out = {}
+    for i, j in channels(result):
+        out[bode_name(i, j)] = _bode(result, plant, i, j)
+    for (i, j), found in result.weights.items():
+        out[weight_name(i, j)] = _weight(found)
+    return out
 
 
 def channels(result: PlantResult) -> list[tuple[int, int]]:
@@ -130,7 +134,9 @@ def degree_axis(values: object) -> dict[str, object]:
     """Return an axis of degrees in steps that divide a half turn, around all values."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array)]
-    low, high = (float(array.min()), float(array.max())) if array.size else (-180.0, 0.0)
+    low, high = -180.0, 0.0
+    if array.size:
+        low, high = float(array.min()), float(array.max())
     step = next((s for s in (45, 90, 180, 360) if (high - low) / s <= 6), 720)
     return {"tick0": 0, "dtick": step, "range": [low - 0.15 * step, high + 0.15 * step]}
 

@@ -242,13 +242,15 @@ def _critical(turn: _Real) -> list[float]:
 def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # those of the loop and of the reference are the same
-    named = "position" if servo.position_loop is not None else "velocity"
+    named = outer.name
     S = outer.S[at]
     traces = [
         curve(freq, _decibels(servo.reference[at]), f"{named} over reference", "@after", unit="dB"),
         curve(freq, _decibels(S), "sensitivity S", "@third", unit="dB"),
     ]
-    marks = () if servo.bandwidth is None else (servo.bandwidth,)
+    marks: tuple[float, ...] = ()
+    if servo.bandwidth is not None:
+        marks = (servo.bandwidth,)
     both = np.concatenate([_decibels(servo.reference[at]), _decibels(S)])
     panels = [Panel("closed loop (dB)", traces, _db_axis(both, -60.0), 1.0, (0.0,))]
     if servo.compliance is not None and servo.disturbance is not None:

@@ -309,7 +309,9 @@ def drive_figures(
     ends = _ends(given, motor, load)
     limits = _checked(ratio, band, separation)
     held = _held(given, [int(ends.index[0])])
-    top = np.inf if limits is None else limits[1]
+    top = np.inf
+    if limits is not None:
+        top = limits[1]
     locked = _up_to(held, top)
     free = _up_to(given, top, at_least=len(locked) + 1)
     rigid = int((free.frequency == 0.0).sum())
@@ -458,7 +460,7 @@ def _damping(found: Modes, limits: tuple[float, float] | None) -> _Real:
 
 
 def _wanted(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_]:
-    low, high = (0.0, np.inf) if limits is None else limits
+    low, high = limits or (0.0, np.inf)
     return (freq > 0) & (freq >= low) & (freq <= high)
 
 

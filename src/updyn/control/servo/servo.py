@@ -191,7 +191,7 @@ def _lines(
         return given
     own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
     peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
-    more = np.concatenate(peaks) if peaks else np.zeros(0)
+    more = np.concatenate([np.zeros(0), *peaks])
     more = more[(more > own[0]) & (more < own[-1])]
     lines = np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
     return lines[_drawable(lines, judged, members)]
@@ -247,7 +247,9 @@ def _bandwidth(closed: grid.Loop, judged: Judged) -> float | None:
         return np.asarray(np.abs(closed(1j * w)) / rest - np.sqrt(0.5))
 
     found = grid.level(above, judged.w, above(judged.w))
-    return None if found is None else found / _TWO_PI
+    if found is None:
+        return None
+    return found / _TWO_PI
 
 
 def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:

@@ -553,7 +553,7 @@ def _wind(
     if np.isnan(rest):
         rest, first = 0.0, 0.0
     else:
-        first = torque[0]  # it has acted for ever before
+        first = torque[0]  # it acts since minus infinity
     u = np.zeros((len(time), 4))
     u[:, _DISTURBANCE] = torque - first
     error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
