@@ -36,6 +36,9 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
+_LINES = 200
+#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
+_RANK = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,11 +186,6 @@ def _structural(space: ModalSpace) -> _Real:
         own = part.matrix[n:, n:] / between
         C[n:, n:] += own * part.relative(between.ravel() / _TWO_PI).reshape(own.shape)
     return nonnegative(C)
-
-
-_LINES = 200
-#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
-_RANK = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)

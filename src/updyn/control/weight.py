@@ -42,6 +42,17 @@ _STILL = 1e-6
 _ZOOM = 8
 #: Places that are looked at once.
 _LOOKED = 40
+#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
+#: between two of them.
+_MARGIN = 1e-3
+#: Times that lines are added where the weight comes closest.
+_ROUNDS = 4
+#: How near to the closest place others are looked at in the last of them, in log |W|; five times
+#: that in each before.
+_CLOSE = 0.005
+#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
+_MISSED = 0.02
+_NONE = np.zeros(0, dtype=np.complex128)
 
 
 def _name(number: int) -> str:
@@ -193,17 +204,6 @@ def closest(
 
 
 KINDS = ("multiplicative", "additive")
-#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
-#: between two of them.
-_MARGIN = 1e-3
-#: Times that lines are added where the weight comes closest.
-_ROUNDS = 4
-#: How near to the closest place others are looked at in the last of them, in log |W|; five times
-#: that in each before.
-_CLOSE = 0.005
-#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
-_MISSED = 0.02
-_NONE = np.zeros(0, dtype=np.complex128)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

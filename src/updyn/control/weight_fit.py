@@ -18,6 +18,34 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+_Lines = tuple[_Real, _Real, _Real]
+#: What the largest excess counts beside the mean.
+_SHARE = 0.1
+#: Damping of sections, from a sharp resonance to two real roots far apart.
+_DAMPING = (1e-5, 1e2)
+#: Lines on which sections are tried: the fewest, and the most.
+_POOLED = (120, 250)
+#: Frequencies at which a new section is tried.
+_PLACES = 9
+#: Half the way between the zeros and poles of a new step, in log frequency.
+_STEP = 0.7
+#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
+#: lines.
+_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
+_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
+_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
+_TOUCHED = 3
+#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
+_GAP = 0.3
+#: Starts that are followed to their end.
+_FOLLOWED = 2
+_STEPS = 60
+#: Times that lines are added to a fit.
+_EXCHANGES = 3
+#: Distance from the closest line below which a line is added, in log |W|.
+_NEAR = 0.05
+#: Less than this below, it is raised.
+_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,35 +186,6 @@ def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
         np.array([[0.0], [1.0]]),
         np.array([[(b0 - a0) / w, b1 - a1]]),
     )
-
-
-_Lines = tuple[_Real, _Real, _Real]
-
-#: What the largest excess counts beside the mean.
-_SHARE = 0.1
-#: Damping of sections, from a sharp resonance to two real roots far apart.
-_DAMPING = (1e-5, 1e2)
-#: Lines on which sections are tried: the fewest, and the most.
-_POOLED = (120, 250)
-#: Frequencies at which a new section is tried.
-_PLACES = 9
-#: Half the way between the zeros and poles of a new step, in log frequency.
-_STEP = 0.7
-#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
-#: lines.
-_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
-_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
-_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
-_TOUCHED = 3
-#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
-_GAP = 0.3
-#: Starts that are followed to their end.
-_FOLLOWED = 2
-_STEPS = 60
-#: Times that lines are taken up, and how near to the closest one they are, in log |W|.
-_EXCHANGES, _NEAR = 3, 0.05
-#: Less than this below, it is raised.
-_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)

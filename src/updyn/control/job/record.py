@@ -24,6 +24,31 @@ __all__ = [
     "servo_record",
     "write_control_record",
 ]
+_STEP = (
+    "of",
+    "size",
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "final",
+    "rise_time",
+    "overshoot",
+    "settling_time",
+    "peak",
+    "peak_time",
+)
+_WIND = (
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "rms",
+    "peak",
+    "mean",
+    "rms_expected",
+    "facts",
+)
 
 
 def control_record(result: PlantResult) -> dict[str, Any]:
@@ -148,33 +173,6 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
         names = {"output": found.outputs[0], "input": found.inputs[0], "kind": found.kind}
         out.append({**names, "order": weight.order, "gain": plain(weight.gain), **roots, **figures})
     return out
-
-
-_STEP = (
-    "of",
-    "size",
-    "input",
-    "input_unit",
-    "output",
-    "output_unit",
-    "final",
-    "rise_time",
-    "overshoot",
-    "settling_time",
-    "peak",
-    "peak_time",
-)
-_WIND = (
-    "input",
-    "input_unit",
-    "output",
-    "output_unit",
-    "rms",
-    "peak",
-    "mean",
-    "rms_expected",
-    "facts",
-)
 
 
 def servo_record(servo: Servo) -> dict[str, Any]:

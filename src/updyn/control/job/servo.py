@@ -27,6 +27,16 @@ __all__ = [
     "nonlinear_of",
     "servo_of",
 ]
+#: Periods of a limit cycle that are simulated where the job states no duration.
+_PERIODS = 40
+#: The same without a limit cycle, in periods of the bandwidth.
+_SETTLING = 6
+#: Amplitude at which a simulation begins, over that of the limit cycle.
+_OUTSIDE = 1.2
+#: Steps in a period of the band's upper end.
+_STEPS = 40
+#: Largest number of steps where the job states no duration.
+_MOST = 300_000
 
 
 def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
@@ -90,18 +100,6 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
             wind=None if table.wind is None else table.wind.wind(),
             duration=table.duration,
         )
-
-
-#: Periods of a limit cycle that are simulated where the job states no duration.
-_PERIODS = 40
-#: The same without a limit cycle, in periods of the bandwidth.
-_SETTLING = 6
-#: Amplitude at which a simulation begins, over that of the limit cycle.
-_OUTSIDE = 1.2
-#: Steps in a period of the band's upper end.
-_STEPS = 40
-#: Largest number of steps where the job states no duration.
-_MOST = 300_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,6 +35,8 @@ PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
 PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
 #: Files of the folder that no plant may replace.
 _TAKEN = ("control.json", "result.json", "compare.json")
+#: Keys of the controller that are of the rule by which it is sized.
+_RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
 def _quantities(given: Any) -> Any:
@@ -181,10 +183,6 @@ class PlantTable(Table):
         if self.sampling is None:
             return ()
         return tuple(f"{PurePath(n).stem}-sampled{PurePath(n).suffix}" for n in self.files)
-
-
-#: Keys of the controller that are of the rule by which it is sized.
-_RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
 def _not_zero(given: float) -> float:

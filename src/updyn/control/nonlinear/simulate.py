@@ -43,6 +43,16 @@ __all__ = [
 _Real = NDArray[np.float64]
 #: The sign of a contact or a motion in the name of its piece.
 _SIGN = {1.0: "+", -1.0: "-"}
+_HALVINGS = 44
+_BLOCK = 64
+_AT_ONCE = 200  # switches within one step: chatter
+_STEADY = 0.01  # spread of the last periods
+_SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
+_PERIODS = 5
+_LAST = 0.4  # share of the time that is looked at
+_POINTS = 40  # steps in a period of the fastest oscillation
+_LEAST = 400  # steps at least
+_MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,11 +238,6 @@ def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
     return FrictionRules(system, nonlinearity, constant)
 
 
-_HALVINGS = 44
-_BLOCK = 64
-_AT_ONCE = 200  # switches within one step: chatter
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """A way through pieces.
@@ -350,12 +355,6 @@ def _followed(
     )
 
 
-_STEADY = 0.01  # spread of the last periods
-_SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
-_PERIODS = 5
-_LAST = 0.4  # share of the time that is looked at
-
-
 @dataclass(frozen=True, slots=True)
 class Settled:
     """The end of an oscillation.
@@ -457,11 +456,6 @@ def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float
     values = np.interp(times, t, y)
     wave = np.exp(-2j * np.pi * frequency * times)
     return float(abs(2.0 / (b - a) * np.trapezoid(values * wave, times)))
-
-
-_POINTS = 40  # steps in a period of the fastest oscillation
-_LEAST = 400  # steps at least
-_MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

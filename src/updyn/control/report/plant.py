@@ -42,6 +42,18 @@ __all__ = [
 #: Largest number of channels that are drawn, those with the largest errors.
 _DRAWN = 6
 _ERROR_FLOOR = 1e-7
+#: Largest number of poles that are listed.
+_LISTED = 60
+#: Largest number of channels in the table of errors.
+_CHANNELS = 40
+#: Conversions in words, and whether `updyn.plant` offers them.
+_CONVERSIONS = {
+    "modal": ("real modes, full modal damping matrix", "offered"),
+    "complex": ("complex modes of the damped structure", "offered"),
+    "biot": ("internal variables (Biot)", "offered"),
+    "diagonal": ("modal damping ratios alone", "refused"),
+    "single-frequency": ("damping matrix at one frequency", "refused"),
+}
 
 
 def plant_figures(result: PlantResult) -> dict[str, Figure]:
@@ -152,20 +164,6 @@ def _weight(found: UncertaintyWeight) -> Figure:
     return stacked(
         [Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320
     )
-
-
-#: Largest number of poles that are listed.
-_LISTED = 60
-#: Largest number of channels in the table of errors.
-_CHANNELS = 40
-#: Conversions in words, and whether `updyn.plant` offers them.
-_CONVERSIONS = {
-    "modal": ("real modes, full modal damping matrix", "offered"),
-    "complex": ("complex modes of the damped structure", "offered"),
-    "biot": ("internal variables (Biot)", "offered"),
-    "diagonal": ("modal damping ratios alone", "refused"),
-    "single-frequency": ("damping matrix at one frequency", "refused"),
-}
 
 
 class PlantSection(Section):

@@ -51,6 +51,10 @@ _REACH = 2.0
 _MODULUS = 0.5
 
 _Real = NDArray[np.float64]
+#: Largest number of crossings that are listed for each loop.
+_CROSSINGS = 12
+#: Largest number of unstable members that are listed.
+_MEMBERS_LISTED = 12
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
@@ -346,12 +350,6 @@ def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
         low, high = max(-20.0, lowest), 20.0
     step = next((s for s in (3, 6, 10, 20) if (high - low) / s <= 8), 40)
     return {"dtick": step, "tick0": 0, "range": [low - 0.3 * step, high + 0.3 * step]}
-
-
-#: Largest number of crossings that are listed for each loop.
-_CROSSINGS = 12
-#: Largest number of unstable members that are listed.
-_MEMBERS_LISTED = 12
 
 
 class ServoSection(Section):

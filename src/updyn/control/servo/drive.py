@@ -26,6 +26,11 @@ __all__ = [
     "ResonancePair",
     "drive_figures",
 ]
+_Real = NDArray[np.float64]
+_COUNT = 10  # modes where no band is given
+_AGREES = 1e-3  # a stated ratio
+_STILL = 1e-9  # share of the largest motion below which a DOF is at rest
+_ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,13 +236,6 @@ def _units(dof: str) -> tuple[str, str]:
 
 def _g(value: float | None) -> str:
     return "-" if value is None else f"{value:.6g}"
-
-
-_Real = NDArray[np.float64]
-_COUNT = 10  # modes where no band is given
-_AGREES = 1e-3  # a stated ratio
-_STILL = 1e-9  # share of the largest motion below which a DOF is at rest
-_ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of it
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,13 +31,34 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: About the fewest and most intervals of a record, and intervals in a radian of the fastest motion
-#: that shows.
-_FEWEST, _MOST, _PER_RADIAN = 1000, 20_000, 12.0
-#: A mode shows if its share of the response exceeds the first; a record lasts until shares are
-#: below the second.
-_SHOWS, _SETTLED = 1e-3, 2e-3
+#: Least number of intervals of a record, about.
+_FEWEST = 1000
+#: Largest number of intervals of a record.
+_MOST = 20_000
+#: Intervals in a radian of the fastest mode that contributes.
+_PER_RADIAN = 12.0
+#: Share of the response from which a mode contributes.
+_SHOWS = 1e-3
+#: Share of the response below which a mode has settled.
+_SETTLED = 2e-3
+#: Half width of the band in which a response has settled, as a share of its final value.
 _BAND = 0.02
+_TWO_PI = 2.0 * np.pi
+#: Positions in `Cascade.closed`.
+_REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
+_POSITION, _TORQUE, _POINTING = range(3)
+#: Share of the variance of the error that a series of the wind may lack above its last frequency.
+_LEFT_OUT = 1e-4
+#: Largest length of such a series.
+_LONGEST = 2**16
+#: With exact dead time: factor by which the intervals are finer.
+_FINER = 4.0
+#: With exact dead time: largest number of intervals.
+_LONGEST_STEP = 60_000
+#: With exact dead time: least number of intervals in it; otherwise it is approximated.
+_COARSEST = 16
+#: Number of samples that are kept, about.
+_KEPT = 5000
 
 
 def linear_response(
@@ -336,25 +357,6 @@ def _within(places: _Real, time: _Real) -> _Real:
     return np.asarray(places[good & (np.where(good, places, 0.0) >= time[0])])
 
 
-_TWO_PI = 2.0 * np.pi
-
-#: Positions in `Cascade.closed`.
-_REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
-_POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that a series of the wind may lack above its last frequency.
-_LEFT_OUT = 1e-4
-#: Largest length of such a series.
-_LONGEST = 2**16
-#: With exact dead time: factor by which the intervals are finer.
-_FINER = 4.0
-#: With exact dead time: largest number of intervals.
-_LONGEST_STEP = 60_000
-#: With exact dead time: least number of intervals in it; otherwise it is approximated.
-_COARSEST = 16
-#: Number of samples that are kept, about.
-_KEPT = 5000
-
-
 @dataclass(frozen=True, slots=True)
 class Timed:
     """Responses over time and notes on them; as in `updyn.control.servo.record.Servo`."""
@@ -558,10 +560,11 @@ def _wind(
     u[:, _DISTURBANCE] = torque - first
     error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
     name, unit, output, output_unit = _disturbance_names(cascade)
+    rms = float(np.sqrt(np.mean(error**2)))
+    peak, mean = float(np.abs(error).max()), float(error.mean())
     return WindResponse(
-        name, unit, output, output_unit, time, torque, error, float(np.sqrt(np.mean(error**2))),
-        float(np.abs(error).max()), float(error.mean()), expected, facts,
-    )  # fmt: skip
+        name, unit, output, output_unit, time, torque, error, rms, peak, mean, expected, facts
+    )
 
 
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
