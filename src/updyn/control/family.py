@@ -221,9 +221,8 @@ class PlantFamily:
         ModelError
             If inputs, outputs or sampling of the plants no longer agree.
         """
-        return replace(
-            self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members)
-        )
+        members = tuple(map(change, self.members))
+        return replace(self, nominal=change(self.nominal), members=members)
 
 
 def plant_family(
@@ -390,16 +389,18 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
     # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
-    z = np.array(
-        [np.random.default_rng((seed, number)).standard_normal(len(x)) for number in range(n)]
-    )
+    z = np.empty((n, len(x)))
+    for number in range(n):
+        z[number] = np.random.default_rng((seed, number)).standard_normal(len(x))
     drawn = x + z @ root
     within = np.clip(drawn, *coordinates.bounds)
     share = (drawn != within).mean(axis=0)
     values = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
-    return values, {
-        name: float(s) for name, s in zip(parameters.names, share, strict=True) if s > 0.0
-    }
+    cut = {}
+    for name, part in zip(parameters.names, share, strict=True):
+        if part > 0.0:
+            cut[name] = float(part)
+    return values, cut
 
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:

@@ -253,9 +253,8 @@ class UncertaintyWeight:
         -------
         ndarray of complex, shape (n_f, n_outputs, n_inputs)
         """
-        return np.stack(
-            [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights], axis=1
-        )
+        rows = [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights]
+        return np.stack(rows, axis=1)
 
     def channel(self, output: str, input: str) -> Weight:
         """Return the weight between one input and one output.

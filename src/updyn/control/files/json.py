@@ -27,8 +27,10 @@ def write_plant(plant: Plant, path: str | Path) -> None:
     path : path
         File to write.
     """
-    rows = [f"{json.dumps(name)}: {_laid_out(value)}" for name, value in plant_items(plant).items()]
-    text = "{\n" + ",\n".join(f"  {row}" for row in rows) + "\n}\n"
+    rows = []
+    for name, value in plant_items(plant).items():
+        rows.append(f"  {json.dumps(name)}: {_laid_out(value)}")
+    text = "{\n" + ",\n".join(rows) + "\n}\n"
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

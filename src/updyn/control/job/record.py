@@ -192,6 +192,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
+    loops = {loop.name: _loop(loop) for loop in servo.loops}
     return {
         "stable": servo.stable,
         "controller": plain(asdict(servo.controller)),
@@ -203,8 +204,8 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "inertia": plain(servo.plant.get("inertia")),
         "bandwidth": plain(servo.bandwidth),
         "poles": _complex(servo.poles),
-        "velocity_loop": _loop(servo.velocity_loop),
-        "position_loop": None if servo.position_loop is None else _loop(servo.position_loop),
+        "velocity_loop": loops["velocity"],
+        "position_loop": loops.get("position"),
         "step": _figures_or_none(servo.step, _STEP),
         "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
         "wind": _figures_or_none(servo.wind, _WIND),

@@ -178,7 +178,9 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
     """
     servo_table = job.table(ServoTable)
     out = []
-    for number, table in enumerate(() if servo_table is None else servo_table.nonlinear):
+    if servo_table is None:
+        return ()
+    for number, table in enumerate(servo_table.nonlinear):
         with key_path("servo", "nonlinear", number):
             out.append(_one(job, table, model, plant, servo))
     return tuple(out)
@@ -276,7 +278,9 @@ def _in_time(
         begun = f"from {_OUTSIDE:g} times the stable cycle at {found.frequency:.4g} Hz"
         lasting = _PERIODS / found.frequency
     else:
-        size = 1.0 if servo.step is None else servo.step.size
+        size = 1.0
+        if servo.step is not None:
+            size = servo.step.size
         how = {"constant": {"reference": size}}
         begun = "after a step of the reference"
         outer = servo.loops[-1].margins.crossover

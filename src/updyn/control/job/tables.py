@@ -39,13 +39,18 @@ _TAKEN = ("control.json", "result.json", "compare.json")
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
+def _texts(given: Any) -> list[str]:
+    """Return a text or an array of texts as a list; an empty list if it is something else."""
+    if isinstance(given, str):
+        return [given]
+    if isinstance(given, list | tuple) and all(isinstance(text, str) for text in given):
+        return list(given)
+    return []
+
+
 def _quantities(given: Any) -> Any:
-    names = [given] if isinstance(given, str) else given
-    if (
-        not isinstance(names, list | tuple)
-        or not names
-        or not all(isinstance(n, str) for n in names)
-    ):
+    names = _texts(given)
+    if not names:
         raise ValueError(
             f"expected one of {', '.join(map(repr, QUANTITIES))}, or an array with one for each"
             " output"
@@ -54,7 +59,9 @@ def _quantities(given: Any) -> Any:
         if name not in QUANTITIES:
             which = "" if given == name else f"{name!r}: "
             raise ValueError(which + suggest(name, QUANTITIES))
-    return given if isinstance(given, str) else tuple(names)
+    if isinstance(given, str):
+        return given
+    return tuple(names)
 
 
 def _ports(what: str) -> Callable[[Any], Any]:
@@ -72,8 +79,8 @@ def _ports(what: str) -> Callable[[Any], Any]:
 
 
 def _files(given: Any) -> Any:
-    names = [given] if isinstance(given, str) else given
-    if not isinstance(names, list | tuple) or not all(isinstance(n, str) for n in names):
+    names = _texts(given)
+    if not names and given not in ([], ()):
         raise ValueError("expected names of files, such as ['plant.mat', 'plant.h']")
     for name in names:
         suffix = PurePath(name).suffix.lower()

@@ -239,7 +239,9 @@ def _about(result: PlantResult) -> str:
     band = f"{number(low, 4)} to {number(high, 4)} Hz"
     if plant is None:
         return f"No plant holds the tolerance of {share(result.tolerance)} from {band}."
-    of = "the updated model" if result.updated else "the model as it stands, which is NOT updated"
+    of = "the model as it stands, which is NOT updated"
+    if result.updated:
+        of = "the updated model"
     return (
         f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
         f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
@@ -249,7 +251,9 @@ def _about(result: PlantResult) -> str:
 
 def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
     """Return name, value and hint of the key figures."""
-    rigid = f"{plant.rigid} of rigid-body motion" if plant.rigid else "no rigid-body motion"
+    rigid = "no rigid-body motion"
+    if plant.rigid:
+        rigid = f"{plant.rigid} of rigid-body motion"
     modes = f"{len(plant.modes) - plant.rigid} flexible modes, {rigid}"
     tiles = [
         ("Error", share(plant.error), f"of the peak, at most; asked {share(plant.tolerance)}"),
@@ -290,7 +294,10 @@ def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
     """Return the channels and their errors, the largest first."""
     errors = result.channel_errors()
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
-    return [[channel_name(plant, i, j), share(float(errors[i, j]))] for i, j in order[:_CHANNELS]]
+    rows = []
+    for i, j in order[:_CHANNELS]:
+        rows.append([channel_name(plant, i, j), share(float(errors[i, j]))])
+    return rows
 
 
 def _poles(plant: Plant) -> NDArray[np.complex128]:
@@ -319,7 +326,9 @@ def _conversion_head(result: PlantResult) -> list[str]:
 
 def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
     """Return the cells of each conversion, and whether it holds the tolerance."""
-    route = "" if result.plant is None else result.plant.route
+    route = ""
+    if result.plant is not None:
+        route = result.plant.route
     rows = []
     for found in result.conversions:
         words, state = _CONVERSIONS.get(found.name, (found.name, ""))

@@ -408,7 +408,9 @@ def _held(model: Model, at: Sequence[int]) -> Model:
     left = np.flatnonzero(keep)
 
     def cut(matrix: Any) -> Any:
-        return None if matrix is None else matrix[left][:, left]
+        if matrix is None:
+            return None
+        return matrix[left][:, left]
 
     groups = {}
     for name, g in model.groups.items():

@@ -341,8 +341,9 @@ def step_figures(
     if np.isfinite(final):
         width = _BAND * abs(final if reference else peak)
         if width and abs(value[-1] - final) <= width:
-            last = [_within(curve.solve(final + side * width), time) for side in (-1.0, 1.0)]
-            settles = float(np.concatenate([*last, time[:1]]).max())
+            below = _within(curve.solve(final - width), time)
+            above = _within(curve.solve(final + width), time)
+            settles = float(np.concatenate([below, above, time[:1]]).max())
     return StepFigures(rise, overshoot, settles, peak, peak_time)
 
 
@@ -435,8 +436,11 @@ def _reference_step(
     cascade: Cascade, system: StateSpace, size: float, duration: float | None, notes: list[str]
 ) -> StepResponse | None:
     outer = cascade.has_position
-    at = _REFERENCE if outer else _VELOCITY
-    rate = _RATE if outer and cascade.controller.feed_forward else None
+    at, rate = _VELOCITY, None
+    if outer:
+        at = _REFERENCE
+        if cascade.controller.feed_forward:
+            rate = _RATE
     if rate is not None and (system.D[_POSITION, rate] or system.D[_TORQUE, rate]):
         notes.append(
             "a step of the reference with feed-forward asks for a torque without bound: left out;"
@@ -444,7 +448,9 @@ def _reference_step(
         )
         return None
     wiring = cascade.wiring
-    name = (wiring.position if outer else wiring.velocity) or wiring.velocity
+    name = wiring.velocity
+    if outer:
+        name = wiring.position or name
     unit = _unit(cascade, name, not outer)
     time, outputs, slopes = _record(cascade, system, _POSITION, at, size, rate, duration)
     final = size * final_value(system, _POSITION, at)
@@ -481,7 +487,9 @@ def _record(
     """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
     parts = schedule(system, output, at, duration)
     delay = cascade.controller.dead_time
-    opened = cascade.opened() if delay else None
+    opened = None
+    if delay:
+        opened = cascade.opened()
     long = sum(n * dt for n, dt in parts)
     wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
     late = min(wanted, int(_LONGEST_STEP * delay / long))
