@@ -38,7 +38,7 @@ from models import footbridge, solid
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
@@ -175,7 +175,7 @@ def draw(name: str, how: How, relative: float, seed: int) -> dict[str, Any]:
     start = made.start(np.random.default_rng(seed), how.off)
     frf = noisy(made.case.clean, relative, rng)
     whole = made.sought(start)
-    cannot = getattr(method_class(how.method), "cannot", ())
+    cannot = METHODS.find(how.method).cannot
     seen = np.array([p.quantity not in cannot for p in whole])
     sought = ParameterSet(tuple(p for p, s in zip(whole, seen, strict=True) if s))
     begun = time.process_time()

@@ -14,7 +14,9 @@ import json
 import subprocess
 import sys
 import tempfile
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -29,69 +31,61 @@ BESIDE = ("plant", "servo", "uncertainty", "output")
 EXACT = 1e-6
 
 
-def write_inputs(demo: str, folder: Path) -> list[Path]:
-    """Write a demo's inputs and return its jobs, without what comes after the fit."""
-    from updyn.demos import antenna, beam, chain, gear_train
-
-    modules = {"beam": beam, "gear-train": gear_train, "antenna": antenna, "chain": chain}
-    modules[demo].write_inputs(folder)
-    jobs = []
-    for path in sorted(folder.glob("*.toml")):
-        job = tomlkit.parse(path.read_text(encoding="utf-8"))
-        if "model" not in job or path.stem.startswith("compare"):
-            continue
-        for table in BESIDE:
-            job.pop(table, None)
-        job["output"] = {"report": False}
-        path.write_text(tomlkit.dumps(job), encoding="utf-8")
-        jobs.append(path)
-    return jobs
+def fit_only(path: Path) -> Path:
+    """Take from a job what comes after its fit."""
+    job = tomlkit.parse(path.read_text(encoding="utf-8"))
+    for table in BESIDE:
+        job.pop(table, None)
+    job["output"] = {"report": False}
+    path.write_text(tomlkit.dumps(job), encoding="utf-8")
+    return path
 
 
-def fit(job: Path) -> None:
-    """Fit a job and print what it found; what the data do not determine without digits."""
-    import warnings
-
+def run_demo(name: str) -> None:
+    """Fit the jobs of a demo, one after the other, and print what each found."""
+    from updyn.demos import find_demo
     from updyn.job import load_job, run_job
 
     warnings.simplefilter("ignore")
+    demo, results = find_demo(name), []
     with tempfile.TemporaryDirectory() as folder:
-        result = run_job(load_job(job), Path(folder) / "out")
-        result = result if hasattr(result, "values") else result.tests[0]
-    found = {n: [result.values[n], result.std[n]] for n in result.values}
-    print(json.dumps({"status": result.status, "found": found}))
+        inputs, found = Path(folder), []
+        job: Path | None = demo.write_inputs(inputs)
+        while job is not None:
+            result = run_job(load_job(fit_only(job)), inputs / "out" / job.stem).result
+            results.append(result)
+            values = {n: [v, result.std[n]] for n, v in result.values.items()}
+            found.append({"job": job.stem, "status": result.status, "found": values})
+            job = demo.next_job(results, inputs)
+    print(json.dumps(found))
 
 
-def fitted(job: Path, kernel: str) -> dict[str, object]:
-    """Return what a process of a kernel found."""
-    run = [sys.executable, str(Path(__file__)), "--fit", str(job)]
+def fitted(demo: str, kernel: str) -> list[dict[str, Any]]:
+    """Return what a process of a kernel found, job by job."""
+    run = [sys.executable, str(Path(__file__)), "--run", demo]
     done = subprocess.run(run, env=environment(kernel), capture_output=True, text=True, check=False)
     if done.returncode:
-        return {"status": f"error: {done.stderr.strip().splitlines()[-1]}", "found": {}}
-    return json.loads(done.stdout.splitlines()[-1])
+        sys.exit(f"{demo} under {kernel}: {done.stderr.strip()[-2000:]}")
+    return list(json.loads(done.stdout.splitlines()[-1]))
 
 
-def compare(demo: str, job: Path, kernels: list[str]) -> None:
-    """Print the statuses of a job and its largest difference between kernels."""
-    results = [fitted(job, kernel) for kernel in kernels]
-    statuses = list(dict.fromkeys(str(r["status"]) for r in results))
-    worst, name, exact, unsettled = 0.0, "", 0.0, []
-    for unknown in results[0]["found"]:
-        values, std = np.array([r["found"].get(unknown, [np.nan, np.inf]) for r in results]).T
-        if not np.isfinite(std).all():
-            unsettled.append(unknown)
-            continue
-        difference, size = float(np.ptp(values)), max(1e-3, float(np.abs(values).max()))
-        if std.min() < EXACT * size:
-            exact = max(exact, difference / size)
-        elif difference / std.min() >= worst:
-            worst, name = difference / float(std.min()), unknown
-    share = f"{worst:.1e} ({name})" if name else "-"
-    rounding = f"{exact:.1e}" if exact else "-"
-    print(
-        f"| {demo}, {job.stem} | {', '.join(statuses)} | {share} | {rounding} | {len(unsettled)} |",
-        flush=True,
-    )
+def compare(demo: str, kernels: list[str]) -> None:
+    """Print for each job of a demo its statuses and the largest difference between kernels."""
+    for results in zip(*(fitted(demo, kernel) for kernel in kernels), strict=True):
+        statuses = dict.fromkeys(r["status"] for r in results)
+        worst, exact, undetermined = 0.0, 0.0, 0
+        for unknown in results[0]["found"]:
+            values, std = np.array([r["found"][unknown] for r in results]).T
+            difference, size = float(np.ptp(values)), max(1e-3, float(np.abs(values).max()))
+            if not np.isfinite(std).all():
+                undetermined += 1
+            elif std.min() < EXACT * size:
+                exact = max(exact, difference / size)
+            else:
+                worst = max(worst, difference / float(std.min()))
+        cells = [f"{demo}, {results[0]['job']}", ", ".join(statuses)]
+        cells += [f"{worst:.1e}" if worst else "", f"{exact:.1e}" if exact else ""]
+        print(f"| {' | '.join([*cells, str(undetermined)])} |", flush=True)
 
 
 def main() -> None:
@@ -99,19 +93,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kernels", nargs="+", default=["Haswell", "Prescott", "SkylakeX"])
     parser.add_argument("--demos", nargs="+", default=list(DEMOS))
-    parser.add_argument("--fit", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--run", help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.fit:
-        fit(given.fit)
+    if given.run:
+        run_demo(given.run)
         return
     kernels = [kernel for kernel in given.kernels if kernels_used(kernel) == [kernel]]
     print(f"kernels: {', '.join(kernels)}")
-    print("| job | status | difference, std | exact data: relative | not determined |")
+    print("| job | status | difference in std | of exact data, relative | not determined |")
     print("|---|---|---|---|---|")
     for demo in given.demos:
-        with tempfile.TemporaryDirectory() as folder:
-            for job in write_inputs(demo, Path(folder)):
-                compare(demo, job, kernels)
+        compare(demo, kernels)
 
 
 if __name__ == "__main__":

@@ -29,10 +29,10 @@ def first_of(*names: str) -> Callable[[], str | None]:
 def mystran() -> str | None:
     """Find MYSTRAN as the package does."""
     from updyn.errors import FormatError
-    from updyn.io.nastran.mystran import executable
+    from updyn.io.nastran.mystran import find_executable
 
     try:
-        return str(executable("test.bdf"))
+        return str(find_executable("test.bdf"))
     except FormatError:
         return None
 

@@ -100,6 +100,9 @@ class Dof:
     def __neg__(self) -> Dof:
         return Dof(self.node, self.direction, -self.sign)
 
+    def __abs__(self) -> Dof:
+        return self if self.sign > 0 else -self
+
 
 @dataclass(frozen=True, slots=True)
 class Match:
@@ -237,7 +240,7 @@ class DofSet(Sequence[Dof]):
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a DofSet cannot be changed: {name!r} is read-only")
 
-    # -- a sequence of Dof ---------------------------------------------------------------------------------
+    # -- a sequence of Dof ---------------------------------------------------------------------
     def __len__(self) -> int:
         return len(self.nodes)
 
@@ -276,7 +279,7 @@ class DofSet(Sequence[Dof]):
     def __reduce__(self) -> tuple[Any, ...]:
         return DofSet.from_arrays, (self.nodes, self.axes, self.signs)
 
-    # -- what one asks of it -------------------------------------------------------------------------------
+    # -- labels, matching, complement ----------------------------------------------------------
     @property
     def labels(self) -> list[str]:
         """The labels, in order."""

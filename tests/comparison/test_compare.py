@@ -15,7 +15,7 @@ from updyn.comparison.fewest import counts, errors_against
 from updyn.comparison.table import NOT_APPLICABLE
 from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
-from updyn.updating.fit import methods as registry
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.methods.least_squares import LogMethod
 from updyn.updating.problem.selection import Selection
 
@@ -189,8 +189,8 @@ class Picky(LogMethod):
 
 @pytest.fixture
 def more(monkeypatch):
-    monkeypatch.setitem(registry.METHODS, "blind", (__name__, "Blind"))
-    monkeypatch.setitem(registry.METHODS, "picky", (__name__, "Picky"))
+    monkeypatch.setitem(METHODS._entries, "blind", Blind)
+    monkeypatch.setitem(METHODS._entries, "picky", Picky)
 
 
 def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
@@ -242,14 +242,14 @@ def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more):
 
 
 def test_all_refusing_alike_is_the_fault_of_the_input(start, data, unknowns, more, monkeypatch):
-    monkeypatch.setitem(registry.METHODS, "picky too", (__name__, "Picky"))
+    monkeypatch.setitem(METHODS._entries, "picky too", Picky)
     with pytest.raises(DataError, match="3 of 7"):
         updyn.compare(start, data, unknowns, ["picky", "picky too"])
 
 
 def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknowns):
     found = updyn.compare(start, data.select(lines=data.freq[::4]), unknowns, truth=true_values())
-    assert [row.method for row in found] == list(registry.METHODS)
+    assert [row.method for row in found] == list(METHODS)
     for row in found:
         assert row.message
         assert row.reference, f"{row.method}: its class needs a reference: ClassVar[str]"

@@ -163,7 +163,7 @@ def test_noise_is_what_the_coherence_says(inputs, model) -> None:
     few = 4.0 / np.sqrt(frf.values.size)
     assert np.mean(np.abs(frf.values - exact.values) ** 2 / made) == pytest.approx(1.0, abs=few)
     assert np.mean(variance / made) == pytest.approx(1.0, abs=few)
-    weighed = Coherence.of(replace(frf, averages=5)).variance(exact.values, frf)
+    weighed = Coherence.of_data(replace(frf, averages=5)).variance(exact.values, frf)
     assert np.mean(np.abs(frf.values - exact.values) ** 2 / weighed) == pytest.approx(
         1.0, abs=2 * few
     )

@@ -20,7 +20,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "beam"
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
-        patch.setattr("updyn.cli.commands.say", said.append)
+        patch.setattr("updyn.cli.commands.print_text", said.append)
         code = main(["demo", "--out", str(folder)])
     return folder, code, "\n".join(said)
 
@@ -50,7 +50,9 @@ def test_both_runs_converge_and_leave_their_files(ran) -> None:
         for file in ("report.html", "run.nc", "model.h5", "job.toml"):
             assert (folder / name / file).stat().st_size > 100
     assert "Copyright (c) 2018 - 2019 Ladisk" in (folder / "inputs" / "README.md").read_text()
-    assert "by construction: noise taken from what is left" in (folder / "report.html").read_text()
+    assert (
+        "by construction: noise estimated from the residual" in (folder / "report.html").read_text()
+    )
 
 
 def test_the_measurement(measured) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from updyn.io.ansys import emat as ansys_emat
 from updyn.io.ansys import full as ansys_full
-from updyn.io.ansys.properties import properties as ansys
+from updyn.io.ansys import properties as ansys
 from updyn.io.opensees import from_opensees
 
 TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from pages import ROOT, blocks, run_python
 
 from updyn.group import GROUP_QUANTITIES, VALUES
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import methods_with
 
 PAGE = ROOT / "docs" / "damping.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -34,6 +34,6 @@ def test_every_kind_of_damping_is_in_the_table() -> None:
 
 
 def test_the_methods_that_know_calibration_are_those() -> None:
-    knowing = {name for name in METHODS if getattr(method_class(name), "calibrates", False)}
+    knowing = set(methods_with("calibrates"))
     said = TEXT.split("- **Methods.**")[1].split("Others work")[0]
     assert set(re.findall(r"`([\w-]+)`", said)) == knowing

@@ -12,7 +12,7 @@ from pages import ROOT
 import updyn
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.fit.methods import method_class, options_of
+from updyn.updating.fit.methods import METHODS, options_of
 
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
 
@@ -29,7 +29,7 @@ def test_each_has_a_section_with_its_options_and_its_source(name: str) -> None:
     assert found is not None
     for option in options_of(name):
         assert option in ("max_iterations", "tolerance") or f"`{option}" in found[1], option
-    author = method_class(name).reference.split(" ")[0].rstrip(",")
+    author = METHODS.find(name).reference.split(" ")[0].rstrip(",")
     assert author in TEXT
 
 

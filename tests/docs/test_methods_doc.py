@@ -13,7 +13,7 @@ import updyn
 from updyn.demos.gear_train import starting_model, true_model, true_values
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.fit.methods import METHODS, method_class, options_of
+from updyn.updating.fit.methods import METHODS, options_of
 
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
 CLASSICAL = ("rfm", "complex-rfm", "frf-sensitivity", "reduced-frf")
@@ -43,7 +43,7 @@ def worst(
     start: Model, true: Model, data: FRF, name: str, **options: object
 ) -> tuple[float, float]:
     """Return the largest error of a factor, and the largest error over its own standard deviation."""
-    cannot = getattr(method_class(name), "cannot", ())
+    cannot = METHODS.find(name).cannot
     wanted = {q: "all" for q in ("stiffness", "mass", "loss_factor") if q not in cannot}
     chosen = updyn.parameters(start, **wanted)
     result = updyn.update(start, data, chosen, method=name, **options)
@@ -78,7 +78,7 @@ def test_each_has_a_section_with_its_options_and_its_source(name: str) -> None:
     text = section(name)
     for option in options_of(name):
         assert option in ("max_iterations", "tolerance", "solver") or f"`{option}" in text, option
-    author = method_class(name).reference.split(",")[0].split(";")[0].split(" ")[0]
+    author = METHODS.find(name).reference.split(",")[0].split(";")[0].split(" ")[0]
     assert author in text
 
 

@@ -103,7 +103,7 @@ def test_an_axis_turned_round_turns_the_sense():
             [Shaft("shaft", 1, 102, 5.0), Inertia("wheel", 102, 0.5), Inertia("hub", 1, 0.1)],
             {102: (2, AXIS)},
             ModelError,
-            "1:RZ is in the train and in the structure; number the nodes of the train otherwise",
+            "DOFs in the train and in the structure: 1:RZ; number the nodes of the train otherwise",
         ),
         ([Inertia("frame", 102, 0.5)], {102: (2, AXIS)}, ModelError, "both have a group 'frame'"),
     ],

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 from updyn.io.nastran.cards import text_of
-from updyn.io.nastran.mystran import executable
+from updyn.io.nastran.mystran import find_executable
 
 NX, NY = 6, 4
 
@@ -14,7 +14,7 @@ NX, NY = 6, 4
 def mystran() -> Path | None:
     """Return MYSTRAN's path, None where it is not there."""
     try:
-        return executable("test")
+        return find_executable("test")
     except FormatError:
         return None
 

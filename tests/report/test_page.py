@@ -7,6 +7,7 @@ import json
 import math
 import re
 from html.parser import HTMLParser
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -107,9 +108,12 @@ def test_nothing_is_loaded_from_elsewhere(page):
     assert not page.of("img")
 
 
-def test_own_scripts_and_styles_name_no_address():
-    for name in ("report.css", "report.js", "overlay.js", "watch.js", "overlay.html"):
-        text = asset(name)
+def test_own_scripts_styles_and_templates_name_no_address():
+    texts = [asset(name) for name in ("report.css", "report.js", "overlay.js", "watch.js")]
+    templates = resources.files("updyn.report") / "templates"
+    texts += [file.read_text(encoding="utf-8") for file in templates.iterdir()]
+    assert len(texts) > 10
+    for text in texts:
         assert "://" not in text
         assert "url(" not in text
         assert "@import" not in text
@@ -119,7 +123,7 @@ def test_verdict_in_two_sentences(page):
     assert (
         "The fit settled after 6 iterations, but the data determine only 6 independent combinations"
         " of the 7 unknowns: some of the values below are arbitrary. Median FRAC rises from 0.41 to"
-        " 0.997 and the median level difference falls from 7.9 dB to 0.21 dB; on what was held out"
+        " 0.997 and the median level difference falls from 7.9 dB to 0.21 dB; on the data held out"
         " (response 9:Z and band 300 to 420 Hz) the median FRAC is 0.991." in page.words
     )
     assert "What to do next: Measure at 5:Z too" in page.words

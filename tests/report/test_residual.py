@@ -39,20 +39,20 @@ def test_the_map_has_the_misfit_of_every_channel_and_band(found):
     assert figure["layout"]["yaxis"]["ticktext"][5] == "6:-Z / 12:Z"
     (at,) = np.flatnonzero(found.bands[:, 0] == found.worst[0].low)
     assert (alike["name"], alike["y"], alike["x"]) == (
-        "alike from line to line",
+        "serially correlated",
         [5],
         [np.mean(edges[at : at + 2])],
     )
     assert large["name"] == "too large"
     assert {*large["y"]} == {0, 5}
-    assert "misfit 3.72 times the noise<br>alike over 12 lines" in heat["hovertext"][5][at]
+    assert "misfit 3.72 times the noise<br>correlated over 12 lines" in heat["hovertext"][5][at]
     assert heat["colorbar"]["ticktext"][-1] == "≥ 10"
 
 
 def test_the_section_says_where_and_what_would_explain_it(found):
     text = words()
     assert found.verdict in text
-    assert "What is left model error the model cannot follow the data everywhere" in text
+    assert "Residual model error the model cannot follow the data everywhere" in text
     assert "6:-Z / 12:Z 121.6 to 159.3 147.9 3.72 12 lines < 10⁻⁹ < 10⁻⁹" in text
     assert "stiffness of bay 9 93 % up by 22 % 40 %" in text
     assert "loss factor of bay 9 20 % −0.01 40 %" in text
@@ -68,7 +68,7 @@ def test_without_a_suspect_other_causes_are_named(found):
 def test_a_residual_that_was_not_tested_has_no_section():
     page = Page(render(realistic(adequacy=None)))
     assert "model-error" not in [a["id"] for a in page.of("section")]
-    assert "What is left" not in page.words
+    assert "Residual noise" not in page.words
     assert misfit_map(None) is None
 
 
@@ -83,7 +83,7 @@ def noise(shape, absolute=True):
 def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated():
     quiet = noise((40, 3, 1), absolute=False)
     text = words(adequacy=quiet)
-    assert "What is left noise nothing speaks against the model" in text
+    assert "Residual noise nothing speaks against the model" in text
     assert "compared with that of all the rest (F)" in text
     assert "over the typical misfit, as the size of the noise was taken from it, by channel" in text
     assert "Places that stand out" not in text
@@ -124,9 +124,7 @@ def test_the_page_of_several_tests_says_what_is_left_of_each_and_the_worst_of_al
         {"free": good, "locked": realistic(), "old": realistic(adequacy=None)}, "Three tests"
     )
     html = render(both)
-    assert (
-        "What is left model error the model cannot follow the data everywhere" in Page(html).words
-    )
+    assert "Residual model error the model cannot follow the data everywhere" in Page(html).words
     section = html[html.index('<section id="tests">') :].split("</section>")[0]
     last = [
         re.findall(r"<td[^>]*>([^<]*)</td>", row)[-1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.problem import Part, Problem
 
 SENSORS = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
@@ -160,11 +160,8 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
     unknowns = updyn.parameters(chain12_true, loss_factor="part1")
     problem = Part.build(chain12_true, frf, unknowns)
 
-    class Blind:
-        kind, scale_known = "variance", True
-
-        def refit(self, H, frf, n):
-            return self
+    class Blind(NoiseModel):
+        kind = "variance"
 
         def variance(self, H, frf):
             out = frf.variance.copy()

@@ -10,7 +10,7 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.group import LossTable
-from updyn.updating.fit.methods import make_method, method_class
+from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.methods.linear import Amounts, Plain, basic_solution
 from updyn.updating.fit.methods.reduced_frf import _in_turn
 from updyn.updating.fit.methods.rfm import ResponseEquation
@@ -39,7 +39,7 @@ def close(chain12_true):
 def chosen(model, name):
     """The unknowns that a method can update."""
     return updyn.parameters(
-        model, **{q: v for q, v in EVERY.items() if q not in method_class(name).cannot}
+        model, **{q: v for q, v in EVERY.items() if q not in METHODS.find(name).cannot}
     )
 
 
@@ -167,7 +167,7 @@ def test_quantities_that_a_method_cannot_update(chain12, full):
         ParameterError, match=r"'rfm' cannot update loss_factor \(unknown 'part1.loss_factor'\)"
     ):
         updyn.update(chain12, full, updyn.parameters(chain12, loss_factor="all"), method="rfm")
-    assert {"loss_factor", "viscous"} <= set(method_class("rfm").cannot)
+    assert {"loss_factor", "viscous"} <= set(METHODS.find("rfm").cannot)
     damper = updyn.Model.from_groups({"a": updyn.Group([[1e4]], [[1.0]], viscous=[[3.0]])}, ["1:X"])
     data = updyn.response(damper, [5.0, 12.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(damper, viscous="all")
@@ -175,8 +175,8 @@ def test_quantities_that_a_method_cannot_update(chain12, full):
         ParameterError, match=r"'complex-rfm' cannot update viscous \(unknown 'a.viscous'\)"
     ):
         updyn.update(damper, data, unknowns, method="complex-rfm")
-    assert "viscous" in method_class("complex-rfm").cannot
-    assert "loss_factor" not in method_class("complex-rfm").cannot
+    assert "viscous" in METHODS.find("complex-rfm").cannot
+    assert "loss_factor" not in METHODS.find("complex-rfm").cannot
 
 
 @pytest.mark.parametrize("name", ["frf-sensitivity", "reduced-frf"])

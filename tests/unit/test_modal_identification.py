@@ -71,6 +71,7 @@ def test_exact_data_give_exact_modes(damping: str, model: updyn.Model, quantity:
     assert found.quality == pytest.approx(np.ones(6), abs=1e-9)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("damping", ["structural", "viscous"])
 @pytest.mark.parametrize("loss", [0.0, 0.02])
 def test_one_mode_alone(damping: str, loss: float) -> None:

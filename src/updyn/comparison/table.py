@@ -11,7 +11,7 @@ import numpy as np
 
 from updyn.comparison.fewest import Fewest
 from updyn.errors import OptionError, suggest
-from updyn.updating.fit.methods import METHODS, method_class
+from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import CHANNELS, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
@@ -229,15 +229,15 @@ def method_facts(name: str) -> dict[str, Any]:
     dict
         ``method``, ``reference``, ``cannot``, ``needs``, as of `Row`.
     """
-    method = method_class(name)
-    cannot = list(getattr(method, "cannot", ()))
-    if not getattr(method, "calibrates", False):
+    method = METHODS.find(name)
+    cannot = list(method.cannot)
+    if not method.calibrates:
         cannot += [quantity for quantity in CHANNELS if quantity not in cannot]
     return {
         "method": name,
-        "reference": str(getattr(method, "reference", "")),
+        "reference": method.reference,
         "cannot": tuple(cannot),
-        "needs": str(getattr(method, "needs", "")),
+        "needs": method.needs,
     }
 
 

@@ -25,30 +25,22 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import (
     check_keys,
-    from_row,
+    is_whole,
     make_parts,
     not_negative,
     number,
+    parts_of_table,
+    poisson_ratio,
     positive,
-    rows_of,
 )
 from updyn.errors import ModelError
 from updyn.geometry import Geometry
-from updyn.model import Group, Model
+from updyn.model import Group, Matrix, Model
 
-__all__ = [
-    "PointMass",
-    "Segment",
-    "Support",
-    "beam",
-    "beam_from_table",
-    "check_cover",
-    "element_matrices",
-    "mesh",
-    "number_nodes",
-    "read_stations",
-]
+__all__ = ["PointMass", "Segment", "Support", "beam", "beam_from_table", "element_matrices"]
 
+_SAME = 1e-9  # of the length: positions closer than this are one node
+_DEFAULT_ELEMENTS = 100
 _SLOPE = np.array([1.0, -1.0, 1.0, -1.0])  # from (w, dw/dx - shear) to (Z, RY)
 
 
@@ -132,6 +124,20 @@ class PointMass:
     rotary_inertia: float = 0.0
 
 
+_REQUIRED_KEYS = ("length", "E", "rho", "width", "height")
+_OPTIONAL_KEYS = (
+    "nu",
+    "shear_coefficient",
+    "loss_factor",
+    "n_elements",
+    "nodes",
+    "stations",
+    "title",
+)
+#: Arrays of tables of a job file, and the part that a row of each describes.
+_TABLES: Mapping[str, type[Any]] = {"segments": Segment, "supports": Support, "masses": PointMass}
+
+
 def beam(
     length: float,
     *,
@@ -203,32 +209,33 @@ def beam(
     common = {"E": E, "rho": rho, "width": width, "height": height}
     for name, value in {"length": length, **common}.items():
         positive("beam", name, value)
-    if not -1.0 < number("beam", "nu", nu) <= 0.5:
-        raise ModelError(f"beam: nu {nu!r}; expected above -1 and at most 0.5", key=("nu",))
-    kappa = 10 * (1 + nu) / (12 + 11 * nu) if shear_coefficient is None else shear_coefficient
-    positive("beam", "shear_coefficient", kappa)
-    stretches = make_parts(Segment, segments) or [Segment("beam", 0.0, length)]
-    springs, lumps = make_parts(Support, supports), make_parts(PointMass, masses)
-    _check_names(stretches, springs, lumps)
-    given = read_stations(stations)
-    wanted = [("station", p) for p, _ in given]
-    wanted += [(f"segment {s.name!r}", p) for s in stretches for p in (s.start, s.end)]
-    wanted += [(f"support {s.name!r}", s.x) for s in springs] + [
-        (f"mass {m.name!r}", m.x) for m in lumps
-    ]
-    x = mesh(length, wanted, n_elements, nodes)
-    check_cover([(s.name, s.start, s.end) for s in stretches], length)
-    groups = _segment_groups(x, stretches, common, 2 * (1 + nu) / kappa, loss_factor)
-    groups |= _support_groups(x, springs) | _mass_groups(x, lumps)
-    labels = number_nodes(x, given)
+    poisson_ratio("beam", nu)
+    if shear_coefficient is None:
+        shear_coefficient = 10 * (1 + nu) / (12 + 11 * nu)
+    kappa = positive("beam", "shear_coefficient", shear_coefficient)
+    all_segments = make_parts(Segment, segments) or [Segment("beam", 0.0, length)]
+    all_supports = make_parts(Support, supports)
+    all_masses = make_parts(PointMass, masses)
+    _check_names(all_segments, all_supports, all_masses)
+    all_stations = _read_stations(stations)
+    places = [("station", x) for x, _ in all_stations]
+    for segment in all_segments:
+        places.append((f"segment {segment.name!r}", segment.start))
+        places.append((f"segment {segment.name!r}", segment.end))
+    places += [(f"support {support.name!r}", support.x) for support in all_supports]
+    places += [(f"mass {mass.name!r}", mass.x) for mass in all_masses]
+    x = _node_positions(length, places, n_elements, nodes)
+    _check_cover(all_segments, length)
+    groups = _segment_groups(x, all_segments, common, 2 * (1 + nu) / kappa, loss_factor)
+    groups |= _support_groups(x, all_supports)
+    groups |= _mass_groups(x, all_masses)
+    labels = _node_numbers(x, all_stations)
     n = len(x)
-    dofs = DofSet.from_arrays(
-        np.repeat(labels, 2), np.tile([DIRECTIONS.index("Z"), DIRECTIONS.index("RY")], n)
-    )
-    drawn = Geometry(
-        labels, np.column_stack([x, np.zeros((n, 2))]), np.column_stack([labels[:-1], labels[1:]])
-    )
-    return Model.from_groups(groups, dofs, geometry=drawn, title=title)
+    directions = np.tile([DIRECTIONS.index("Z"), DIRECTIONS.index("RY")], n)
+    dofs = DofSet.from_arrays(np.repeat(labels, 2), directions)
+    xyz = np.column_stack([x, np.zeros((n, 2))])
+    geometry = Geometry(labels, xyz, np.column_stack([labels[:-1], labels[1:]]))
+    return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
 def beam_from_table(table: Mapping[str, Any]) -> Model:
@@ -255,23 +262,12 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     kind = data.pop("kind", "beam")
     if kind != "beam":
         raise ModelError(f"model: kind {kind!r}; expected 'beam'")
-    required = ("length", "E", "rho", "width", "height")
-    optional = (
-        "nu",
-        "shear_coefficient",
-        "loss_factor",
-        "n_elements",
-        "nodes",
-        "stations",
-        "title",
-    )
-    kinds: dict[str, type[Any]] = {"segments": Segment, "supports": Support, "masses": PointMass}
-    check_keys("model", data, required, (*optional, *kinds))
-    for key, part in kinds.items():
-        rows = enumerate(rows_of(data, key), 1)
-        data[key] = [from_row(part, key, number, row) for number, row in rows]
-    if isinstance(stations := data.get("stations"), Mapping):
-        data["stations"] = {_node_number(k): v for k, v in stations.items()}
+    check_keys("model", data, _REQUIRED_KEYS, (*_OPTIONAL_KEYS, *_TABLES))
+    for key, part in _TABLES.items():
+        data[key] = parts_of_table(data, key, part)
+    stations = data.get("stations")
+    if isinstance(stations, Mapping):
+        data["stations"] = {_node_number(key): x for key, x in stations.items()}
     return beam(**data)
 
 
@@ -293,154 +289,163 @@ def _node_number(key: Any) -> int:
     raise ModelError(f"model.stations: {key!r}; expected a node number", key=("stations",))
 
 
+# -- groups
 def _segment_groups(
     x: NDArray[np.float64],
-    segments: list[Segment],
+    segments: Iterable[Segment],
     common: Mapping[str, float],
     shear_ratio: float,
     loss_factor: float,
 ) -> dict[str, Group]:
-    n = 2 * len(x)
+    """Return the groups of the segments; `shear_ratio` is E / (kappa G)."""
+    groups: dict[str, Group] = {}
+    for segment in segments:
+        group = _segment_group(x, segment, common, shear_ratio, loss_factor)
+        if segment.name in groups:
+            group = _united(segment.name, groups[segment.name], group)
+        groups[segment.name] = group
+    return groups
+
+
+def _segment_group(
+    x: NDArray[np.float64],
+    segment: Segment,
+    common: Mapping[str, float],
+    shear_ratio: float,
+    loss_factor: float,
+) -> Group:
+    what = f"segment {segment.name!r}"
+    own = dict(common)
+    for name in common:
+        value = getattr(segment, name)
+        if value is not None:
+            own[name] = positive(what, name, value)
+    if segment.loss_factor is not None:
+        loss_factor = segment.loss_factor
+    viscous = not_negative(what, "viscous", segment.viscous)
+    A = own["width"] * own["height"]
+    second_moment = own["width"] * own["height"] ** 3 / 12
+    mass_per_length = own["rho"] * A
     middle = (x[:-1] + x[1:]) / 2
-    parts: dict[str, list[Any]] = {}
-    for s in segments:
-        what = f"segment {s.name!r}"
-        own = {
-            k: v if getattr(s, k) is None else positive(what, k, getattr(s, k))
-            for k, v in common.items()
-        }
-        gamma = loss_factor if s.loss_factor is None else s.loss_factor
-        viscous = not_negative(what, "viscous", s.viscous)
-        A, inertia = own["width"] * own["height"], own["width"] * own["height"] ** 3 / 12
-        first = np.flatnonzero((middle > s.start) & (middle < s.end))
-        # E I / (kappa G A) = (E / G) (I / A) / kappa
-        K, M_w, M_t = element_matrices(
-            np.diff(x)[first],
-            own["E"] * inertia,
-            own["rho"] * A,
-            own["rho"] * inertia,
-            shear_ratio * inertia / A,
+    first = np.flatnonzero((middle > segment.start) & (middle < segment.end))
+    # E I / (kappa G A) = (E / G) (I / A) / kappa
+    K, M_w, M_t = element_matrices(
+        np.diff(x)[first],
+        own["E"] * second_moment,
+        mass_per_length,
+        own["rho"] * second_moment,
+        shear_ratio * second_moment / A,
+    )
+    n = 2 * len(x)
+    C = None
+    if viscous:
+        C = _assembled(M_w * (viscous / mass_per_length), first, n)
+    return Group(_assembled(K, first, n), _assembled(M_w + M_t, first, n), loss_factor, C)
+
+
+def _united(name: str, a: Group, b: Group) -> Group:
+    """Return the sum of two segments of one name."""
+    if a.loss_factor != b.loss_factor:
+        raise ModelError(
+            f"segment {name!r}: loss factors {a.loss_factor} and {b.loss_factor} in one group; use"
+            " two names"
         )
-        C = M_w * (viscous / (own["rho"] * A)) if viscous else None
-        built = [_assemble(block, first, n) for block in (K, M_w + M_t)] + [_assemble(C, first, n)]
-        old = parts.setdefault(s.name, [None, None, None, gamma])
-        if old[3] != gamma:
-            raise ModelError(
-                f"{what}: loss factors {old[3]} and {gamma} in one group; use two names"
-            )
-        parts[s.name] = [_plus(a, b) for a, b in zip(old[:3], built, strict=True)] + [gamma]
-    return {
-        name: Group(K, M, loss_factor=gamma, viscous=C) for name, (K, M, C, gamma) in parts.items()
-    }
+    K = _sum(a.stiffness, b.stiffness)
+    return Group(K, _sum(a.mass, b.mass), a.loss_factor, _sum(a.viscous, b.viscous))
 
 
-def _assemble(blocks: NDArray[np.float64] | None, first: NDArray[np.intp], n: int) -> Any:
-    if blocks is None:
-        return None
+def _sum(A: Matrix | None, B: Matrix | None) -> Matrix | None:
+    if A is None:
+        return B
+    if B is None:
+        return A
+    return A + B
+
+
+def _assembled(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> sp.csr_array:
+    """Return the sum of element matrices in the DOFs (Z, RY), shape (n, n)."""
     at = 2 * first[:, None] + np.arange(4)
     rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
     signed = blocks * _SLOPE[:, None] * _SLOPE
-    return sp.csr_array(
-        sp.coo_array((signed.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n))
-    )
+    entries = (signed.ravel(), (rows.ravel(), columns.ravel()))
+    return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
-def _plus(a: Any, b: Any) -> Any:
-    return a if b is None else b if a is None else a + b
-
-
-def _support_groups(x: NDArray[np.float64], supports: list[Support]) -> dict[str, Group]:
-    out: dict[str, Group] = {}
-    for name in dict.fromkeys(s.name for s in supports):
-        same = [s for s in supports if s.name == name]
+def _support_groups(x: NDArray[np.float64], supports: Sequence[Support]) -> dict[str, Group]:
+    groups: dict[str, Group] = {}
+    for name in dict.fromkeys(support.name for support in supports):
+        same = [support for support in supports if support.name == name]
         what = f"support {name!r}"
-        for s in same:
+        stiffness = np.zeros((len(x), 2))  # along Z, about Y
+        viscous = np.zeros((len(x), 2))
+        for support in same:
             for key in ("stiffness", "rotational_stiffness", "viscous"):
-                not_negative(what, key, getattr(s, key))
-        if len({s.loss_factor for s in same}) > 1:
-            raise ModelError(
-                f"{what}: loss factors {sorted({s.loss_factor for s in same})} in one group; use"
-                " two names"
-            )
-        at = 2 * np.array([_node_at(x, s.x) for s in same])
-        K = _diagonal(
-            len(x), at, [s.stiffness for s in same], [s.rotational_stiffness for s in same]
-        )
-        C = _diagonal(len(x), at, [s.viscous for s in same], [0.0] * len(same))
-        if K is None and C is None:
+                not_negative(what, key, getattr(support, key))
+            at = _nearest(x, support.x)
+            stiffness[at] += support.stiffness, support.rotational_stiffness
+            viscous[at, 0] += support.viscous
+        losses = {support.loss_factor for support in same}
+        if len(losses) > 1:
+            raise ModelError(f"{what}: loss factors {sorted(losses)} in one group; use two names")
+        if not stiffness.any() and not viscous.any():
             raise ModelError(
                 f"{what} has neither stiffness nor viscous damping; give a start above 0 or leave"
                 " it out"
             )
-        if K is None and same[0].loss_factor:
+        (loss_factor,) = losses
+        if loss_factor and not stiffness.any():
             raise ModelError(f"{what}: a loss factor without stiffness has no effect")
-        out[name] = Group(K, loss_factor=same[0].loss_factor, viscous=C)
-    return out
+        K = _diagonal(stiffness)
+        groups[name] = Group(K, loss_factor=loss_factor, viscous=_diagonal(viscous))
+    return groups
 
 
-def _mass_groups(x: NDArray[np.float64], masses: list[PointMass]) -> dict[str, Group]:
-    out: dict[str, Group] = {}
-    for name in dict.fromkeys(m.name for m in masses):
-        same = [m for m in masses if m.name == name]
-        for m in same:
-            positive(f"mass {name!r}", "mass", m.mass)
-            not_negative(f"mass {name!r}", "rotary_inertia", m.rotary_inertia)
-        at = 2 * np.array([_node_at(x, m.x) for m in same])
-        out[name] = Group(
-            mass=_diagonal(len(x), at, [m.mass for m in same], [m.rotary_inertia for m in same])
-        )
-    return out
+def _mass_groups(x: NDArray[np.float64], masses: Sequence[PointMass]) -> dict[str, Group]:
+    diagonals: dict[str, NDArray[np.float64]] = {}
+    for mass in masses:
+        what = f"mass {mass.name!r}"
+        positive(what, "mass", mass.mass)
+        not_negative(what, "rotary_inertia", mass.rotary_inertia)
+        diagonal = diagonals.setdefault(mass.name, np.zeros((len(x), 2)))
+        diagonal[_nearest(x, mass.x)] += mass.mass, mass.rotary_inertia
+    return {name: Group(mass=_diagonal(values)) for name, values in diagonals.items()}
 
 
-def _diagonal(n_nodes: int, at: NDArray[np.intp], along: list[float], about: list[float]) -> Any:
-    values = np.zeros(2 * n_nodes)
-    np.add.at(values, at, along)
-    np.add.at(values, at + 1, about)
-    used = np.flatnonzero(values)
-    return (
-        sp.csr_array((values[used], (used, used)), shape=(2 * n_nodes,) * 2) if used.size else None
-    )
+def _diagonal(values: NDArray[np.float64]) -> sp.csr_array | None:
+    """Return a diagonal matrix of values by node and DOF, shape (n, 2); None where all are 0."""
+    flat = values.ravel()
+    used = np.flatnonzero(flat)
+    if not used.size:
+        return None
+    return sp.csr_array((flat[used], (used, used)), shape=(flat.size, flat.size))
 
 
-def _node_at(x: NDArray[np.float64], position: float) -> int:
+def _nearest(x: NDArray[np.float64], position: float) -> int:
     return int(np.argmin(np.abs(x - position)))
 
 
-_SAME = 1e-9  # of the length: positions closer than this are one node
-_DEFAULT_ELEMENTS = 100
-
-
-def mesh(
+# -- nodes
+def _node_positions(
     length: float,
-    wanted: Iterable[tuple[str, float]],
+    places: Iterable[tuple[str, float]],
     n_elements: int | None,
     nodes: ArrayLike | None,
 ) -> NDArray[np.float64]:
-    """Return node positions that hold every wanted one and leave no element too long.
+    """Return ascending node positions in m that include given places.
 
     Parameters
     ----------
     length : float
-        In m; the line runs from 0 to `length`.
-    wanted : iterable of (str, float)
-        What needs a node, and where in m.
+        In m; the beam runs from 0 to `length`.
+    places : iterable of (str, float)
+        Names and positions in m that need a node.
     n_elements : int or None
         No element is longer than `length` over this (None: 100).
     nodes : array_like of float or None
         All positions in m, instead.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        Ascending, in m.
-
-    Raises
-    ------
-    ModelError
-        If a position is not on the line, or not among the nodes given.
     """
-    places = [(what, number(what, "position", x)) for what, x in wanted]
-    for what, x in places:
+    checked = [(what, number(what, "position", x)) for what, x in places]
+    for what, x in checked:
         if not -_SAME * length <= x <= (1 + _SAME) * length:
             raise ModelError(
                 f"{what} at {x:g} m lies off the beam, which runs from 0 to {length:g} m"
@@ -448,68 +453,58 @@ def mesh(
     if nodes is not None:
         if n_elements is not None:
             raise ModelError("beam: give either n_elements or nodes, not both", key=("n_elements",))
-        return _given_nodes(length, places, nodes)
-    count = _DEFAULT_ELEMENTS if n_elements is None else n_elements
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        return _read_nodes(length, checked, nodes)
+    if n_elements is None:
+        n_elements = _DEFAULT_ELEMENTS
+    if not is_whole(n_elements) or n_elements < 1:
         raise ModelError(
-            f"beam: n_elements {count!r}; expected a whole number of at least 1",
+            f"beam: n_elements {n_elements!r}; expected a whole number of at least 1",
             key=("n_elements",),
         )
-    cuts = np.unique(np.clip([0.0, length, *(x for _, x in places)], 0.0, length))
+    cuts = np.unique(np.clip([0.0, length, *(x for _, x in checked)], 0.0, length))
     # Positions that differ by rounding only are one; the ends stay exactly where they are.
     cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
     cuts[-1] = length
-    pieces = np.maximum(np.ceil(np.diff(cuts) / length * count - 1e-6), 1).astype(int)
-    inner = [
-        np.linspace(a, b, k, endpoint=False)
-        for a, b, k in zip(cuts[:-1], cuts[1:], pieces, strict=True)
-    ]
-    return np.concatenate([*inner, [length]])
+    counts = np.maximum(np.ceil(np.diff(cuts) / length * n_elements - 1e-6), 1).astype(int)
+    pieces = []
+    for start, end, count in zip(cuts[:-1], cuts[1:], counts, strict=True):
+        pieces.append(np.linspace(start, end, count, endpoint=False))
+    return np.concatenate([*pieces, [length]])
 
 
-def _given_nodes(
-    length: float, places: list[tuple[str, float]], nodes: ArrayLike
+def _read_nodes(
+    length: float, places: Iterable[tuple[str, float]], nodes: ArrayLike
 ) -> NDArray[np.float64]:
     try:
         x = np.array(nodes, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
-    if (
-        x.ndim != 1
-        or len(x) < 2
-        or not np.isfinite(x).all()
-        or (np.diff(x) <= _SAME * length).any()
-    ):
+    tolerance = _SAME * length
+    if x.ndim != 1 or len(x) < 2 or not np.isfinite(x).all() or (np.diff(x) <= tolerance).any():
         raise ModelError(
             "beam: nodes must be at least two finite positions that increase", key=("nodes",)
         )
-    if abs(x[0]) > _SAME * length or abs(x[-1] - length) > _SAME * length:
+    if abs(x[0]) > tolerance or abs(x[-1] - length) > tolerance:
         raise ModelError(
             f"beam: nodes run from {x[0]:g} to {x[-1]:g} m; expected 0 to {length:g} m",
             key=("nodes",),
         )
     for what, place in places:
-        nearest = x[int(np.argmin(np.abs(x - place)))]
-        if abs(nearest - place) > _SAME * length:
+        nearest = x[_nearest(x, place)]
+        if abs(nearest - place) > tolerance:
             raise ModelError(
                 f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m", key=("nodes",)
             )
     return x
 
 
-def read_stations(
+def _read_stations(
     stations: Iterable[float] | Mapping[int, float],
 ) -> list[tuple[float, int | None]]:
-    """Return positions in m, each with the node number that it was given, if any.
-
-    Raises
-    ------
-    ModelError
-        If a node number is not a positive whole number, or a position is not a number.
-    """
+    """Return positions in m, each with its node number, if one is given."""
     if isinstance(stations, Mapping):
         for node in stations:
-            if isinstance(node, bool) or not isinstance(node, int | np.integer) or node < 1:
+            if not is_whole(node) or node < 1:
                 raise ModelError(
                     f"station {node!r}: expected a node number of at least 1", key=("stations",)
                 )
@@ -522,73 +517,64 @@ def read_stations(
     return [(number("station", "position", x), None) for x in stations]
 
 
-def number_nodes(
-    x: NDArray[np.float64], stations: list[tuple[float, int | None]]
+def _node_numbers(
+    x: NDArray[np.float64], stations: Iterable[tuple[float, int | None]]
 ) -> NDArray[np.int64]:
-    """Return the node numbers, shape (n,): those given to stations, else 1, 2, ... in order of x.
-
-    Raises
-    ------
-    ModelError
-        If two stations with different numbers share a position.
-    """
-    labels = np.zeros(len(x), dtype=np.int64)
+    """Return the node numbers, shape (n,): those given to stations, else 1, 2, ... in order of x."""
+    numbers = np.zeros(len(x), dtype=np.int64)
     for position, node in stations:
-        if node is not None:
-            at = int(np.argmin(np.abs(x - position)))
-            if labels[at]:
-                raise ModelError(
-                    f"stations {labels[at]} and {node} share the position {position:g} m",
-                    key=("stations",),
-                )
-            labels[at] = node
-    taken = set(labels[labels > 0].tolist())
-    free = (k for k in range(1, len(x) + len(taken) + 1) if k not in taken)
-    for i in np.flatnonzero(labels == 0):
-        labels[i] = next(free)
-    return labels
+        if node is None:
+            continue
+        at = _nearest(x, position)
+        if numbers[at]:
+            raise ModelError(
+                f"stations {numbers[at]} and {node} share the position {position:g} m",
+                key=("stations",),
+            )
+        numbers[at] = node
+    unnumbered = numbers == 0
+    free = np.setdiff1d(np.arange(1, 2 * len(x) + 1), numbers)
+    numbers[unnumbered] = free[: unnumbered.sum()]
+    return numbers
 
 
-def check_cover(segments: Iterable[tuple[str, float, float]], length: float) -> None:
-    """Check that segments (name, start, end in m) cover the line from 0 to `length` once.
-
-    Raises
-    ------
-    ModelError
-        If one is empty, two overlap, or a stretch belongs to none.
-    """
-    reached, before = 0.0, "the start"
+def _check_cover(segments: Iterable[Segment], length: float) -> None:
+    """Check that the segments cover the beam once: none is empty, none overlap, no gap remains."""
+    reached = 0.0
+    before = "the start"
     tolerance = _SAME * length
-    for name, start, end in sorted(segments, key=lambda s: (s[1], s[2])):
+    for segment in sorted(segments, key=lambda s: (s.start, s.end)):
+        name = f"segment {segment.name!r}"
+        start = segment.start
+        end = segment.end
         if end - start <= tolerance:
             raise ModelError(
-                f"segment {name!r} runs from {start:g} to {end:g} m; expected its end beyond its"
-                " start",
+                f"{name} runs from {start:g} to {end:g} m; expected its end beyond its start",
                 key=("segments",),
             )
         if start > reached + tolerance:
             raise ModelError(
-                f"no segment covers {reached:g} to {start:g} m, between {before} and segment"
-                f" {name!r}",
+                f"no segment covers {reached:g} to {start:g} m, between {before} and {name}",
                 key=("segments",),
             )
         if start < reached - tolerance:
             raise ModelError(
-                f"segment {name!r} starts at {start:g} m, within {before}, which ends at"
-                f" {reached:g} m",
+                f"{name} starts at {start:g} m, within {before}, which ends at {reached:g} m",
                 key=("segments",),
             )
-        reached, before = end, f"segment {name!r}"
+        reached = end
+        before = name
     if reached < length - tolerance:
         raise ModelError(
             f"no segment covers {reached:g} to {length:g} m, after {before}", key=("segments",)
         )
 
 
+# -- elements
 def element_matrices(
     length: ArrayLike, EI: float, mass_per_length: float, inertia_per_length: float, shear: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness, translational and rotary mass of two-node Timoshenko elements, in (w1, t1, w2, t2).
+    """Return stiffness, translational and rotary mass of two-node Timoshenko elements.
 
     Parameters
     ----------
@@ -606,7 +592,7 @@ def element_matrices(
     Returns
     -------
     K, M_w, M_t : ndarray of float, shape (n, 4, 4)
-        For deflections w (m) and section rotations t = dw/dx - shear strain (rad).
+        In (w1, t1, w2, t2): deflections w (m), section rotations t = dw/dx - shear strain (rad).
 
     Notes
     -----
@@ -651,6 +637,6 @@ def _symmetric4(
     f: NDArray[np.float64],
     g: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Fill the pattern of a uniform element: its second half mirrors the first, with rotations reversed."""
+    """Return matrices of a uniform element, whose second half mirrors its first, shape (n, 4, 4)."""
     rows = [[a, b, c, d], [b, e, f, g], [c, f, a, -b], [d, g, -b, e]]
     return np.moveaxis(np.array(rows), -1, 0)

@@ -1,10 +1,10 @@
-"""Checks of what the user states of an element: numbers, names, node numbers and tables of a job file."""
+"""Checks of the fields of elements: numbers, names, node numbers, and tables of a job file."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,16 +17,21 @@ __all__ = [
     "check_keys",
     "check_name",
     "connectivity",
+    "field_names",
     "floats",
     "from_row",
+    "is_whole",
     "make_parts",
     "material",
     "node_number",
     "not_negative",
     "number",
     "pair",
+    "parts_of_table",
+    "poisson_ratio",
     "positive",
-    "rows_of",
+    "positive_or_none",
+    "read_rows",
     "six",
     "store",
     "vector",
@@ -65,6 +70,17 @@ def positive(what: str, name: str, value: Any) -> float:
     return float(value)
 
 
+def positive_or_none(what: str, name: str, value: Any) -> float | None:
+    """Return a number above 0, or None where none is given.
+
+    Raises
+    ------
+    ModelError
+        If it is neither.
+    """
+    return None if value is None else positive(what, name, value)
+
+
 def not_negative(what: str, name: str, value: Any) -> float:
     """Return a number of at least 0.
 
@@ -78,22 +94,17 @@ def not_negative(what: str, name: str, value: Any) -> float:
     return float(value)
 
 
-def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
-    """Return a whole number, such as that of a node.
+def poisson_ratio(what: str, value: Any) -> float:
+    """Return a Poisson's ratio, a number above -1 and at most 0.5.
 
     Raises
     ------
     ModelError
-        If it is not one, or below `least`.
+        If it is not one.
     """
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | np.integer)
-        or (least is not None and value < least)
-    ):
-        wanted = "a whole number" if least is None else f"a whole number of at least {least}"
-        raise ModelError(f"{what}: {name} {value!r}; expected {wanted}", key=(name,))
-    return int(value)
+    if not -1.0 < number(what, "nu", value) <= 0.5:
+        raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5", key=("nu",))
+    return float(value)
 
 
 def pair(what: str, name: str, value: Any) -> tuple[float, float]:
@@ -106,15 +117,31 @@ def pair(what: str, name: str, value: Any) -> tuple[float, float]:
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
-    first, second = (positive(what, name, v) for v in value)
-    return first, second
+    return positive(what, name, value[0]), positive(what, name, value[1])
 
 
-# -- structures
+def is_whole(value: Any) -> bool:
+    """Return whether a value is a whole number; True and False are not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
+def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
+    """Return a whole number, such as that of a node.
+
+    Raises
+    ------
+    ModelError
+        If it is not one, or below `least`.
+    """
+    if is_whole(value) and (least is None or value >= least):
+        return int(value)
+    wanted = "a whole number" if least is None else f"a whole number of at least {least}"
+    raise ModelError(f"{what}: {name} {value!r}; expected {wanted}", key=(name,))
+
+
+# -- fields of the elements of a structure
 def store(part: Any, **values: Any) -> None:
-    """Set fields of a frozen part; arrays become read-only."""
+    """Set fields of a frozen dataclass; arrays become read-only."""
     for name, value in values.items():
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
@@ -122,22 +149,19 @@ def store(part: Any, **values: Any) -> None:
 
 
 def material(what: str, part: Any) -> dict[str, float]:
-    """Return the checked numbers that all elements of a material have."""
+    """Return the checked material of a part: E, rho, loss_factor, and nu and G where it has them."""
     check_name(what, part.name)
     out = {"E": positive(what, "E", part.E), "rho": not_negative(what, "rho", part.rho)}
     if getattr(part, "G", None) is not None:
         out["G"] = positive(what, "G", part.G)
     if hasattr(part, "nu"):
-        out["nu"] = number(what, "nu", part.nu)
-        if not -1.0 < out["nu"] <= 0.5:
-            raise ModelError(
-                f"{what}: nu {part.nu!r}; expected above -1 and at most 0.5", key=("nu",)
-            )
-    return out | {"loss_factor": not_negative(what, "loss_factor", part.loss_factor)}
+        out["nu"] = poisson_ratio(what, part.nu)
+    out["loss_factor"] = not_negative(what, "loss_factor", part.loss_factor)
+    return out
 
 
 def check_name(what: str, name: Any) -> None:
-    """Refuse a name that is no text."""
+    """Raise an error for a name that is no text."""
     if not isinstance(name, str):
         raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
@@ -153,15 +177,14 @@ def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[
     ordered = np.sort(nodes, axis=1)
     twice = (np.diff(ordered, axis=1) == 0).any(axis=1)
     if twice.any():
-        at = int(np.flatnonzero(twice)[0])
+        at = int(np.argmax(twice))
         raise ModelError(f"{what}: element {at + 1} names a node twice: {nodes[at].tolist()}")
     return nodes
 
 
 def node_number(what: str, name: str, given: Any) -> int:
     """Return a node number."""
-    whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
-    if not whole or not -LARGEST_NODE <= int(given) <= LARGEST_NODE:
+    if not is_whole(given) or abs(int(given)) > LARGEST_NODE:
         raise ModelError(f"{what}: {name} {given!r}; expected a node number", key=(name,))
     return int(given)
 
@@ -198,56 +221,69 @@ def six(what: str, name: str, given: Any) -> NDArray[np.float64]:
 
 
 # -- tables
+def field_names(kind: type[Any]) -> tuple[list[str], list[str]]:
+    """Return the names of all fields of a dataclass, and of those without a default."""
+    names = []
+    required = []
+    for field in fields(kind):
+        names.append(field.name)
+        if field.default is MISSING and field.default_factory is MISSING:
+            required.append(field.name)
+    return names, required
+
+
 def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
-    """Return `given` as objects of `kind`; a tuple stands for its fields in order.
+    """Return objects of a dataclass; a tuple among them stands for its fields in order.
 
     Raises
     ------
     ModelError
         If one is neither, or has too few or too many fields.
     """
+    names = ", ".join(field_names(kind)[0])
     out = []
-    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
     for item in given:
         if isinstance(item, kind):
             out.append(item)
             continue
         if not isinstance(item, tuple | list):
-            raise ModelError(
-                f"{kind.__name__} {item!r}: expected a {kind.__name__} or ({', '.join(names)})"
-            )
+            raise ModelError(f"{kind.__name__} {item!r}: expected a {kind.__name__} or ({names})")
         try:
             out.append(kind(*item))
         except TypeError as error:
-            raise ModelError(f"{kind.__name__} {item!r}: expected ({', '.join(names)})") from error
+            raise ModelError(f"{kind.__name__} {item!r}: expected ({names})") from error
     return out
 
 
-def from_row(kind: type[_T], key: str, row_number: int, row: Any) -> _T:
-    """Return the object of `kind` that a row of an array of tables describes.
+def parts_of_table(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
+    """Return the objects of a dataclass in an array of tables ``[[model.key]]``.
 
     Raises
     ------
     ModelError
-        If a key is missing or unknown.
+        If it is not an array of tables, or a key of a row is missing or unknown.
     """
-    where = f"model.{key}, number {row_number}"
-    every = fields(kind)  # type: ignore[arg-type]
-    needed = [f.name for f in every if f.default is f.default_factory]  # both MISSING
-    with key_path(key, row_number - 1):
-        if not isinstance(row, Mapping):
-            raise ModelError(f"{where}: expected a table, found {row!r}")
-        check_keys(where, row, needed, [f.name for f in every])
-        return kind(**row)
+    return read_rows(table, key, lambda where, row: from_row(kind, where, row))
 
 
-def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
-    """Return the rows of an array of tables of ``[model]``; none where the key is missing.
+def read_rows(
+    table: Mapping[str, Any], key: str, read: Callable[[str, Mapping[str, Any]], _T]
+) -> list[_T]:
+    """Read the rows of an array of tables ``[[model.key]]``; none where the key is missing.
+
+    Parameters
+    ----------
+    table : mapping
+        The table ``[model]``.
+    key : str
+        Name of the array.
+    read : callable
+        From the place of a row, for messages, and the row, to an object.
 
     Raises
     ------
     ModelError
-        If it is not an array.
+        If it is not an array of tables, or as `read`.
     """
     rows = table.get(key, [])
     if not isinstance(rows, list | tuple):
@@ -256,7 +292,27 @@ def rows_of(table: Mapping[str, Any], key: str) -> list[Any]:
             f" [[model.{key}]]",
             key=(key,),
         )
-    return list(rows)
+    out = []
+    for number, row in enumerate(rows, 1):
+        where = f"model.{key}, number {number}"
+        with key_path(key, number - 1):
+            if not isinstance(row, Mapping):
+                raise ModelError(f"{where}: expected a table, found {row!r}")
+            out.append(read(where, row))
+    return out
+
+
+def from_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
+    """Return the object of a dataclass whose fields a row holds.
+
+    Raises
+    ------
+    ModelError
+        If a key is missing or unknown.
+    """
+    names, required = field_names(kind)
+    check_keys(where, row, required, names)
+    return kind(**row)
 
 
 def check_keys(

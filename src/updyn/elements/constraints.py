@@ -1,7 +1,7 @@
-"""Joining models and tying their DOFs together: one sparse transformation u = T q of every group.
+"""Constraints between DOFs, and models joined by common DOFs, by a transformation u = T q.
 
-A tie is an `Equation`: one DOF moves as a fixed combination of others (a rigid link, a gear of
-fixed ratio, a multi-point constraint). With all of them u = T q, and each group's matrix A becomes
+A tie is an `Equation`: one DOF is a fixed combination of others (a rigid link, a gear of fixed
+ratio, a multi-point constraint). With all of them u = T q, and each group's matrix A becomes
 T^T A T, so that the model stays a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and
 Applications of Finite Element Analysis, 4th ed. 2002, section 13.2).
 """
@@ -36,7 +36,9 @@ __all__ = [
 
 _LARGEST = sys.float_info.max  # a whole number may be larger
 _SHOWN = 6  # equations of a loop that are named
-_TRANSLATIONS, _ROTATIONS = ("X", "Y", "Z"), ("RX", "RY", "RZ")
+_SAME = 1e-9  # of the size: positions closer than this are the same
+_TRANSLATIONS = ("X", "Y", "Z")
+_ROTATIONS = ("RX", "RY", "RZ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,31 +64,33 @@ class Equation:
     terms: Mapping[Dof, float]
 
     def __init__(self, dof: str | Dof, terms: Mapping[str, float] | Mapping[Dof, float]) -> None:
-        own = Dof.parse(dof)
-        positive = own if own.sign > 0 else -own
-        seen: dict[Dof, float] = {}
+        signed = Dof.parse(dof)
+        own = abs(signed)
+        read: dict[Dof, float] = {}
         for label, coefficient in terms.items():
-            other = Dof.parse(label)
-            if isinstance(coefficient, bool) or not isinstance(
-                coefficient, int | float | np.number
+            signed_other = Dof.parse(label)
+            other = abs(signed_other)
+            if not isinstance(coefficient, int | float | np.number) or isinstance(
+                coefficient, bool
             ):
                 raise ModelError(
-                    f"equation of {positive}: coefficient {coefficient!r} of {other}; expected a"
+                    f"equation of {own}: coefficient {coefficient!r} of {signed_other}; expected a"
                     " number"
                 )
             if not abs(coefficient) <= _LARGEST:
                 raise ModelError(
-                    f"equation of {positive}: coefficient {coefficient!r} of {other} is not finite"
+                    f"equation of {own}: coefficient {coefficient!r} of {signed_other} is not"
+                    " finite"
                 )
-            plain = other if other.sign > 0 else -other
-            if plain in seen or plain == positive:
-                raise ModelError(f"equation of {positive}: {plain} stands twice")
-            seen[plain] = float(coefficient) * other.sign * own.sign
-        object.__setattr__(self, "dof", positive)
-        object.__setattr__(self, "terms", seen)
+            if other in read or other == own:
+                raise ModelError(f"equation of {own}: {other} stands twice")
+            read[other] = float(coefficient) * signed_other.sign * signed.sign
+        object.__setattr__(self, "dof", own)
+        object.__setattr__(self, "terms", read)
 
     def __str__(self) -> str:
-        return f"{self.dof} = " + (" ".join(f"{c:+.6g} {d}" for d, c in self.terms.items()) or "0")
+        terms = " ".join(f"{c:+.6g} {dof}" for dof, c in self.terms.items())
+        return f"{self.dof} = {terms or '0'}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,9 +156,8 @@ def constrain(
     Returns
     -------
     Model
-        The model on the DOFs that are left, in their order, with the same groups: T^T A T of each
-        matrix. A group none of whose matrices moves any more is left as zero matrices, so that its
-        name stays known.
+        The model on the remaining DOFs, in their order, with the same groups: T^T A T of each
+        matrix. A group whose DOFs are all held keeps its name, with zero matrices.
 
     Raises
     ------
@@ -163,90 +166,93 @@ def constrain(
     DofError
         If a DOF is not in the model.
     """
-    ties = {e.dof: e for e in _once(equations)}
-    held = DofSet(grounded)
-    for dof in held:
-        plain = dof if dof.sign > 0 else -dof
-        if plain in ties:
-            raise ModelError(
-                f"DOF {plain} is held and tied ({ties[plain]}); only one of them can be"
-            )
-        ties[plain] = Equation(plain, {})
+    ties = _by_dof(equations)
+    for dof in map(abs, DofSet(grounded)):
+        if dof in ties:
+            raise ModelError(f"DOF {dof} is held and tied ({ties[dof]}); only one of them can be")
+        ties[dof] = Equation(dof, {})
     if not ties:
         return model
-    T, left = _transformation(model.dofs, list(ties.values()))
-    if not len(left):
+    T, remaining = _transformation(model.dofs, list(ties.values()))
+    if not len(remaining):
         raise ModelError("every DOF of the model is held or tied: nothing is left to move")
-    groups = {name: _moved(group, T) for name, group in model.groups.items()}
-    return Model(groups, model.dofs[left], model.geometry, model.title)
+    groups = {name: _transformed(group, T) for name, group in model.groups.items()}
+    return Model(groups, model.dofs[remaining], model.geometry, model.title)
 
 
-def _once(equations: Iterable[Equation]) -> list[Equation]:
-    seen: dict[Dof, Equation] = {}
+def _by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
+    out: dict[Dof, Equation] = {}
     for equation in equations:
         if not isinstance(equation, Equation):
             raise ModelError(f"expected an Equation, found {type(equation).__name__}")
-        if equation.dof in seen:
-            raise ModelError(f"DOF {equation.dof} is tied twice: {seen[equation.dof]}; {equation}")
-        seen[equation.dof] = equation
-    return list(seen.values())
+        if equation.dof in out:
+            raise ModelError(f"DOF {equation.dof} is tied twice: {out[equation.dof]}; {equation}")
+        out[equation.dof] = equation
+    return out
 
 
 def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDArray[np.intp]]:
-    """Return T, shape (N, q), and the DOFs that are left, shape (q,)."""
+    """Return T, shape (N, q), and the DOFs that remain, shape (q,)."""
     n = len(dofs)
-    own = dofs.match([t.dof for t in ties], "held or tied DOF").index
-    owner = np.repeat(np.arange(len(ties)), [len(t.terms) for t in ties])
-    others = dofs.match([*dict.fromkeys(d for t in ties for d in t.terms)], "DOF of an equation")
-    place = dict(
-        zip(dict.fromkeys(d for t in ties for d in t.terms), others.index.tolist(), strict=True)
-    )
-    columns = np.array([place[d] for t in ties for d in t.terms], dtype=np.intp)
-    values = np.array([c for t in ties for c in t.terms.values()])
+    own = dofs.match([tie.dof for tie in ties], "held or tied DOF").index
+    rows: list[int] = []
+    terms: list[Dof] = []
+    values: list[float] = []
+    for row, tie in zip(own.tolist(), ties, strict=True):
+        rows += [row] * len(tie.terms)
+        terms += tie.terms.keys()
+        values += tie.terms.values()
+    distinct = list(dict.fromkeys(terms))
+    place = dict(zip(distinct, dofs.match(distinct, "DOF of an equation").index, strict=True))
+    columns = np.array([place[dof] for dof in terms], dtype=np.intp)
     tied = np.zeros(n, dtype=np.bool_)
     tied[own] = True
     free = np.flatnonzero(~tied)
-    tie = sp.csr_array((values, (own[owner], columns)), shape=(n, n))
-    tie.eliminate_zeros()
-    T = tie + sp.csr_array((np.ones(len(free)), (free, free)), shape=(n, n))
-    among = tie[own][:, own]
-    count, component = connected_components(among, directed=True, connection="strong")
-    if count < len(ties):
-        looped = np.flatnonzero(component == np.argmax(np.bincount(component)))
-        raise ModelError(
-            "the equations run in a loop: " + "; ".join(str(ties[i]) for i in looped[:_SHOWN])
-        )
-    while tied[T.indices].any():  # each product halves the chains that are left
+    tie_matrix = sp.csr_array((values, (np.array(rows, dtype=np.intp), columns)), shape=(n, n))
+    tie_matrix.eliminate_zeros()
+    _check_no_loop(tie_matrix[own][:, own], ties)
+    T = tie_matrix + sp.csr_array((np.ones(len(free)), (free, free)), shape=(n, n))
+    while tied[T.indices].any():  # each product halves the length of the chains
         T = sp.csr_array(T @ T)
         T.eliminate_zeros()
     return sp.csr_array(T[:, free]), free
 
 
-def _moved(group: Group, T: Matrix) -> Group:
-    def moved(A: Matrix | None) -> Matrix | None:
+def _check_no_loop(among_ties: Matrix, ties: Sequence[Equation]) -> None:
+    count, component = connected_components(among_ties, directed=True, connection="strong")
+    if count < len(ties):
+        looped = np.flatnonzero(component == np.argmax(np.bincount(component)))
+        shown = "; ".join(str(ties[i]) for i in looped[:_SHOWN])
+        raise ModelError(f"the equations run in a loop: {shown}")
+
+
+def _transformed(group: Group, T: Matrix) -> Group:
+    def transformed(A: Matrix | None) -> Matrix | None:
         if A is None:
             return None
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
-    return group.with_matrices(moved(group.stiffness), moved(group.mass), moved(group.viscous))
+    return group.with_matrices(
+        transformed(group.stiffness), transformed(group.mass), transformed(group.viscous)
+    )
 
 
 def rigid_link(
     geometry: Geometry, master: int, slaves: Iterable[int], directions: Iterable[str] = DIRECTIONS
 ) -> list[Equation]:
-    """Return equations that carry nodes rigidly with another.
+    """Return the equations of nodes that move rigidly with another.
 
     Parameters
     ----------
     geometry : Geometry
-        Where the nodes stand, in m. Rotated displacement directions are not supported.
+        Positions of the nodes in m. Rotated displacement directions are not supported.
     master : int
-        The node that leads; all six of its DOFs have to be in the model.
+        Node that the others follow; all six of its DOFs have to be in the model.
     slaves : iterable of int
-        The nodes that follow.
+        Nodes that follow.
     directions : iterable of str
-        Which of their DOFs follow; all six if nothing is said. Solid nodes have X, Y, Z only.
+        DOFs of the slaves that follow; by default all six. Nodes of solids have X, Y, Z only.
 
     Returns
     -------
@@ -274,17 +280,20 @@ def rigid_link(
     followers = list(slaves)
     if master in followers:
         raise ModelError(f"rigid link: node {master} cannot follow itself")
-    out = []
     (start,) = geometry.position([master])
+    out = []
     for node, (rx, ry, rz) in zip(followers, geometry.position(followers) - start, strict=True):
-        turned = {
+        by_rotation = {
             "X": {"RY": rz, "RZ": -ry},
             "Y": {"RX": -rz, "RZ": rx},
             "Z": {"RX": ry, "RY": -rx},
         }
         for name in wanted:
-            arms = {f"{master}:{r}": arm for r, arm in turned.get(name, {}).items() if arm != 0.0}
-            out.append(Equation(f"{node}:{name}", {f"{master}:{name}": 1.0, **arms}))
+            terms = {f"{master}:{name}": 1.0}
+            for rotation, arm in by_rotation.get(name, {}).items():
+                if arm != 0.0:
+                    terms[f"{master}:{rotation}"] = arm
+            out.append(Equation(f"{node}:{name}", terms))
     return out
 
 
@@ -314,7 +323,7 @@ def along_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
 
 
 def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
-    """Return the equation of a DOF that is the rotation of a node about an axis, as a drive train on a structure.
+    """Return the equation of a DOF that is the rotation of a node about an axis.
 
     Parameters
     ----------
@@ -344,13 +353,15 @@ def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
             f"axis of {dof}: {axis!r}; expected three finite numbers that are not all 0"
         )
     unit = vector / np.linalg.norm(vector)
-    return Equation(
-        dof, {f"{node}:{name}": float(a) for name, a in zip(names, unit, strict=True) if a != 0.0}
-    )
+    terms = {}
+    for name, component in zip(names, unit.tolist(), strict=True):
+        if component != 0.0:
+            terms[f"{node}:{name}"] = component
+    return Equation(dof, terms)
 
 
 def join(models: Iterable[Model], title: str = "") -> Model:
-    """Join models into one: what has the same label is the same DOF.
+    """Join models into one: DOFs of the same label are the same DOF.
 
     Parameters
     ----------
@@ -381,37 +392,43 @@ def join(models: Iterable[Model], title: str = "") -> Model:
                     " one of them"
                 )
             names[name] = number
-    labels = DofSet(dict.fromkeys(d for part in parts for d in part.dofs))
+    labels = DofSet(dict.fromkeys(dof for part in parts for dof in part.dofs))
     groups: dict[str, Group] = {}
     for part in parts:
+        n = part.n_dofs
         at = labels.match(part.dofs).index
-        P = sp.csr_array((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), len(labels)))
-        groups |= {name: _moved(group, P) for name, group in part.groups.items()}
-    return Model(
-        groups, labels, _merged([p.geometry for p in parts if p.geometry is not None]), title
-    )
+        P = sp.csr_array((np.ones(n), (np.arange(n), at)), shape=(n, len(labels)))
+        for name, group in part.groups.items():
+            groups[name] = _transformed(group, P)
+    geometries = [part.geometry for part in parts if part.geometry is not None]
+    return Model(groups, labels, _joined_geometry(geometries), title)
 
 
-def _merged(parts: Sequence[Geometry]) -> Geometry | None:
+def _joined_geometry(parts: Sequence[Geometry]) -> Geometry | None:
     if not parts:
         return None
-    nodes = np.concatenate([g.nodes for g in parts])
-    xyz = np.concatenate([g.xyz for g in parts])
-    axes = np.concatenate(
-        [np.tile(np.eye(3), (len(g.nodes), 1, 1)) if g.axes is None else g.axes for g in parts]
-    )
+    nodes = np.concatenate([geometry.nodes for geometry in parts])
+    xyz = np.concatenate([geometry.xyz for geometry in parts])
+    axes = np.concatenate([_axes(geometry) for geometry in parts])
     _, first, place = np.unique(nodes, return_index=True, return_inverse=True)
-    off = np.abs(xyz - xyz[first][place]).max(axis=1) > 1e-9 * max(
-        float(np.ptp(xyz, axis=0).max()), 1e-300
-    )
-    off |= np.abs(axes - axes[first][place]).max(axis=(1, 2)) > 1e-9
-    if off.any():
-        node = nodes[off][0]
+    size = max(float(np.ptp(xyz, axis=0).max()), 1e-300)
+    differs = np.abs(xyz - xyz[first][place]).max(axis=1) > _SAME * size
+    differs |= np.abs(axes - axes[first][place]).max(axis=(1, 2)) > _SAME
+    if differs.any():
+        i = int(np.argmax(differs))
         raise ModelError(
-            f"join: node {node} stands at {xyz[first][place][off][0]} in one model, {xyz[off][0]}"
-            " in another"
+            f"join: node {nodes[i]} stands at {xyz[first][place][i]} in one model, {xyz[i]} in"
+            " another"
         )
     lines = np.unique(np.concatenate([np.sort(g.lines, axis=1) for g in parts]), axis=0)
-    rotated = any(g.axes is not None for g in parts)
     order = np.sort(first)
-    return Geometry(nodes[order], xyz[order], lines, axes[order] if rotated else None)
+    if all(geometry.axes is None for geometry in parts):
+        return Geometry(nodes[order], xyz[order], lines)
+    return Geometry(nodes[order], xyz[order], lines, axes[order])
+
+
+def _axes(geometry: Geometry) -> NDArray[np.float64]:
+    """Return the displacement directions of all nodes, shape (n, 3, 3)."""
+    if geometry.axes is None:
+        return np.tile(np.eye(3), (len(geometry.nodes), 1, 1))
+    return geometry.axes

@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, suggest
+from updyn.io.items import existing
 from updyn.registry import Registry, load_object
 
 __all__ = ["FORMATS", "Format", "find_format", "load"]
@@ -111,40 +113,57 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     path = Path(path)
     able = [f for f in FORMATS.values() if verb in f.can]
     if name is not None:
-        for candidate in able:
-            if candidate.name == name:
+        return _called(name, able, verb, path)
+    suffix = path.suffix.lower()
+    # A new file is of the format of its suffix; `write_properties` is asked about its deck.
+    candidates = able
+    if verb.startswith("read") or verb == "write_properties":
+        start = _start(path)
+        told = [f for f in able if start.startswith(f.magic)]
+        for candidate in told:
+            if suffix in candidate.suffixes:
                 return candidate
-        raise FormatError(
-            f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}",
-            path,
-            key=("format",),
-        )
-    if verb.startswith("read") or verb == "write_properties":  # of which the file is the deck
-        if not path.is_file():
-            raise FormatError("is a folder, not a file" if path.is_dir() else _absent(path), path)
-        try:
-            with path.open("rb") as file:
-                start = file.read(64)
-        except OSError as error:
-            raise FormatError(f"cannot be read: {error.strerror}", path) from error
-        if not start:
-            raise FormatError("the file is empty", path)
-        told = [f for f in able if any(start.startswith(m) for m in f.magic)]
-        fits = [f for f in told if path.suffix.lower() in f.suffixes] or told
-        if fits:
-            return fits[0]
-        # A binary format that is not told by its first bytes is not that format, whatever the
-        # suffix says.
-        able = [f for f in able if not f.magic or f.name == "uff"]
-    for candidate in able:
-        if path.suffix.lower() in candidate.suffixes:
+        if told:
+            return told[0]
+        # A file that does not start as a binary format says is not of that format, whatever its
+        # suffix.
+        candidates = [f for f in able if not f.magic or f.name == "uff"]
+    for candidate in candidates:
+        if suffix in candidate.suffixes:
             return candidate
-    known = sorted({s for f in FORMATS.values() if verb in f.can for s in f.suffixes})
+    known = sorted(set(chain.from_iterable(f.suffixes for f in able)))
     raise FormatError(
         f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known"
-        " suffixes: " + ", ".join(known),
+        f" suffixes: {', '.join(known)}",
         path,
     )
+
+
+def _called(name: str, able: list[Format], verb: str, path: Path) -> Format:
+    """Return the format of that name."""
+    for candidate in able:
+        if candidate.name == name:
+            return candidate
+    raise FormatError(
+        f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}",
+        path,
+        key=("format",),
+    )
+
+
+def _start(path: Path) -> bytes:
+    """Return the first bytes of a file that has to be there."""
+    if path.is_dir():
+        raise FormatError("is a folder, not a file", path)
+    existing(path)
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+    if not start:
+        raise FormatError("the file is empty", path)
+    return start
 
 
 def load(chosen: Format) -> Any:
@@ -152,11 +171,3 @@ def load(chosen: Format) -> Any:
     if ":" in chosen.handler:
         return load_object(chosen.handler)
     return importlib.import_module(chosen.handler)
-
-
-def _absent(path: Path) -> str:
-    siblings = (
-        [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
-    )
-    close = suggest(path.name, siblings) if siblings else "its folder does not exist or is empty"
-    return f"no such file; {close}"

@@ -110,7 +110,7 @@ def read_model(path: str | Path) -> Model:
         return take_model(file, path)
 
 
-# -- what every HDF5 file of updyn says about itself -------------------------------------------------------
+# -- what every HDF5 file of updyn says about itself --------------------------------------------
 def put_kind(file: Any, kind: str) -> None:
     """Write the attributes that say what the file is."""
     from updyn import __version__
@@ -154,7 +154,7 @@ def check_kind(file: Any, path: str | Path, expected: str) -> None:
         )
 
 
-# -- model -------------------------------------------------------------------------------------------------
+# -- model --------------------------------------------------------------------------------------
 def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -> None:
     """Write a model into an HDF5 group.
 
@@ -317,7 +317,7 @@ def _take_matrix(place: Any, path: str | Path) -> Matrix:
     return full.tocsr()
 
 
-# -- geometry ----------------------------------------------------------------------------------------------
+# -- geometry -----------------------------------------------------------------------------------
 def put_geometry(place: Any, geometry: Geometry) -> None:
     """Write node positions into an HDF5 group."""
     _put_array(place, "node", geometry.nodes)
@@ -350,7 +350,7 @@ def take_geometry(place: Any, path: str | Path) -> Geometry:
         return Geometry(nodes, xyz, lines, axes)
 
 
-# -- items -------------------------------------------------------------------------------------------------
+# -- items --------------------------------------------------------------------------------------
 def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
     big = array.size >= _COMPRESS_FROM
     packed = (

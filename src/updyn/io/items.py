@@ -23,6 +23,7 @@ __all__ = [
     "Items",
     "chosen",
     "compressed",
+    "counted",
     "dofs",
     "existing",
     "kind_of",
@@ -30,6 +31,7 @@ __all__ = [
     "library",
     "listed",
     "matrix",
+    "nearest",
     "number",
     "numbers",
     "placed",
@@ -248,6 +250,11 @@ def kind_of(given: Any) -> str:
     return f"{len(given)} texts" if isinstance(given, list) else f"a {type(given).__name__}"
 
 
+def counted(numbers: Mapping[str, int]) -> str:
+    """Return how often there is what, for a message: ``3 coherence, 1 spectrum``."""
+    return ", ".join(f"{number} {name}" for name, number in numbers.items())
+
+
 def listed(items: Items) -> str:
     """Say which names there are, for a message."""
     names = sorted(str(n) for n in items)
@@ -316,9 +323,16 @@ def existing(path: str | Path) -> Path:
     """
     path = Path(path)
     if not path.is_file():
-        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FormatError(f"no such file; {suggest(path.name, siblings)}", path)
+        raise FormatError(f"no such file; {nearest(path)}", path)
     return path
+
+
+def nearest(missing: Path) -> str:
+    """Return what to say of a file that is not there: the nearest names in its folder."""
+    if not missing.parent.is_dir():
+        return "its folder does not exist"
+    names = [entry.name for entry in missing.parent.iterdir() if entry.is_file()]
+    return suggest(missing.name, sorted(names)) if names else "its folder is empty"
 
 
 def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:

@@ -249,7 +249,7 @@ def read_variables(path: str | Path) -> dict[str, Any]:
             }
 
 
-# -- version 5 ---------------------------------------------------------------------------------------------
+# -- version 5 ----------------------------------------------------------------------------------
 def _read_5(path: str | Path) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError, MatReadWarning
@@ -332,7 +332,7 @@ def _item_5(value: Any, name: str, path: str | Path) -> Any:
     return [_cell(_item_5(c, name, path), name, i, path) for i, c in enumerate(cells)]
 
 
-# -- version 7.3 -------------------------------------------------------------------------------------------
+# -- version 7.3 --------------------------------------------------------------------------------
 def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> Any:
     import h5py
 
@@ -424,7 +424,7 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-# -- both --------------------------------------------------------------------------------------------------
+# -- both ---------------------------------------------------------------------------------------
 def _rows(texts: list[str]) -> list[str]:
     """Return the rows of a char matrix, which MATLAB pads with blanks to one length."""
     return [text.rstrip(" \0") for text in texts] if len(texts) > 1 else texts

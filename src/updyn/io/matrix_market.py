@@ -202,7 +202,7 @@ def _matrix(path: Path) -> Matrix:
     return matrix.tocsr()
 
 
-# -- writing -----------------------------------------------------------------------------------------------
+# -- writing ------------------------------------------------------------------------------------
 def write_model(model: Model, path: str | Path) -> None:
     """Write a model as a TOML file, and its matrices and tables beside it.
 

@@ -18,7 +18,7 @@ from updyn.errors import FormatError, suggest
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
-from updyn.io.items import placed
+from updyn.io.items import nearest, placed
 from updyn.model import Model
 
 __all__ = ["GENERAL", "ModelTable", "write_tables"]
@@ -180,14 +180,10 @@ class ModelTable:
         found = self.path.parent / given
         if found.is_file():
             return found
-        near: list[str] = []
-        if found.parent.is_dir():
-            near = sorted(p.name for p in found.parent.iterdir() if p.is_file())
-        state = ": its folder does not exist or is empty"
-        if near:
-            state = f"; {suggest(found.name, near)}"
         raise FormatError(
-            f"{key}: no such file {given!r}{state}", self.path, self.line(key, name, number)
+            f"{key}: no such file {given!r}; {nearest(found)}",
+            self.path,
+            self.line(key, name, number),
         )
 
 

@@ -85,7 +85,7 @@ _FRF = (
 _AXES = ("freq", "response", "reference")
 
 
-# -- model -------------------------------------------------------------------------------------------------
+# -- model --------------------------------------------------------------------------------------
 def build_model(items: Items, path: str | Path) -> Model:
     """Build a model from named items.
 
@@ -185,7 +185,7 @@ def model_items(model: Model) -> dict[str, Any]:
     return {**_marks("model"), **({"title": model.title} if model.title else {}), **items}
 
 
-# -- FRF ---------------------------------------------------------------------------------------------------
+# -- FRF ----------------------------------------------------------------------------------------
 def build_frf(
     items: Items,
     path: str | Path,
@@ -385,7 +385,7 @@ def frf_items(frf: FRF) -> dict[str, Any]:
     return {**items, **_geometry_items(frf.geometry)}
 
 
-# -- shared ------------------------------------------------------------------------------------------------
+# -- shared -------------------------------------------------------------------------------------
 def _marks(kind: str) -> dict[str, str]:
     from updyn import __version__
 

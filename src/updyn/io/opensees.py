@@ -132,7 +132,7 @@ def from_opensees(
     return Model.from_groups(out, dofs, geometry=_geometry(ops, units.length))
 
 
-# -- what there is -----------------------------------------------------------------------------------------
+# -- what there is ------------------------------------------------------------------------------
 def _groups_of_elements(
     ops: Any, groups: Mapping[str, Iterable[int]] | None
 ) -> dict[str, list[int]]:
@@ -258,7 +258,7 @@ def _geometry(ops: Any, length: float) -> Geometry:
     return Geometry(nodes, xyz * length, drawn)
 
 
-# -- matrices ----------------------------------------------------------------------------------------------
+# -- matrices -----------------------------------------------------------------------------------
 class _Assembly:
     """K, M and C as OpenSees forms them."""
 

@@ -19,6 +19,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.restored import LIKELIHOOD, WITH_NOISE, positions_of
 from updyn.uncertainty.sampling import sample
+from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class _UncertaintyJobTable(JobTable):
         ):  # which joins unknowns under new names
             with key_path("uncertainty", "names"):
                 positions_of(table.names, prepared.parameters.names)
-        methods = WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD
+        methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
             raise OptionError(

@@ -13,8 +13,8 @@ from updyn.group import GROUP_QUANTITIES
 from updyn.job.configuration import with_all_masses
 from updyn.job.schema import Job, ParameterTable
 from updyn.model import Model
-from updyn.updating.fit.methods import method_class
-from updyn.updating.problem.channels import calibration, check_method
+from updyn.updating.fit.methods import METHODS, check_channels
+from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
 __all__ = ["unknowns_of"]
@@ -105,7 +105,7 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
         items += found
     whole = ParameterSet(tuple(items))
     with key_path("method", "name"):
-        check_method(whole, job.method.name, method_class(job.method.name))
+        check_channels(whole, METHODS.find(job.method.name))
     return whole
 
 

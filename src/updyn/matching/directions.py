@@ -242,7 +242,7 @@ def _angle_off(vector: NDArray[np.float64], axis: int) -> float:
 
 def _missing_dof(model: Model, target: Target) -> str:
     """Return the message on a DOF that the model lacks."""
-    dof = target.dof if target.dof.sign > 0 else -target.dof
+    dof = abs(target.dof)
     try:
         model.dofs.match([dof], target.role)
     except DofError as error:

@@ -165,14 +165,10 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
 
 
 # -- user input
-def _positive(dof: Dof) -> Dof:
-    return dof if dof.sign > 0 else -dof
-
-
 def _roles(frf: FRF) -> dict[Dof, str]:
     """Return the role of each sensor and force, by label without sign, in order."""
-    responses = [_positive(dof) for dof in frf.responses]
-    references = [_positive(dof) for dof in frf.references]
+    responses = [*map(abs, frf.responses)]
+    references = [*map(abs, frf.references)]
     out = dict.fromkeys(responses, "response")
     for dof in references:
         out[dof] = "response and reference" if dof in responses else "reference"
@@ -203,11 +199,11 @@ def _read_table(given: Mapping[str, str], sensors: Mapping[Dof, str]) -> _Table:
         before = _label(old, at)
         after = _label(new, at)
         _check_is_sensor(old, before, sensors, at)
-        if _positive(before) in dofs:
+        if abs(before) in dofs:
             raise MatchError(
                 f"{old!r} names a sensor that already has an entry, with another sign", at
             )
-        dofs[_positive(before)] = after if before.sign > 0 else -after
+        dofs[abs(before)] = after if before.sign > 0 else -after
     return _Table(dofs, nodes)
 
 
@@ -236,7 +232,7 @@ def _read_directions(
         at = ("directions", str(label))
         dof = _label(label, at)
         _check_is_sensor(label, dof, sensors, at)
-        if _positive(dof) in out:
+        if abs(dof) in out:
             raise MatchError(
                 f"{label!r} names a sensor that already has a direction, with another sign", at
             )
@@ -252,7 +248,7 @@ def _read_directions(
                 at,
             )
         a = a / np.abs(a).max()  # the square of a length of 1e-200 is 0
-        out[_positive(dof)] = dof.sign * a / np.linalg.norm(a)
+        out[abs(dof)] = dof.sign * a / np.linalg.norm(a)
     return out
 
 
@@ -266,7 +262,7 @@ def _label(given: Any, place: tuple[str, ...]) -> Dof:
 def _check_is_sensor(
     label: str, dof: Dof, sensors: Mapping[Dof, str], place: tuple[str, ...]
 ) -> None:
-    if _positive(dof) not in sensors:
+    if abs(dof) not in sensors:
         near = suggest(str(label), [str(s) for s in sensors])
         raise MatchError(
             f"{str(label)!r} is no response or reference of the measurement; {near}", place
@@ -468,11 +464,11 @@ def _renamed(
         renamed = []
         taken: dict[Dof, Dof] = {}
         for old in dofs:
-            dof = new[_positive(old)]
-            other = taken.setdefault(_positive(dof), old)
+            dof = new[abs(old)]
+            other = taken.setdefault(abs(dof), old)
             if other is not old:
                 raise MatchError(
-                    f"DOF {_positive(dof)} stands twice: {what} {other} and {old} would be the"
+                    f"DOF {abs(dof)} stands twice: {what} {other} and {old} would be the"
                     " same; leave one out, or give it another place or direction",
                     ("table",) if by_table else (),
                 )

@@ -1,4 +1,4 @@
-"""Figures of agreement: FRAC, CSAC, level differences and residuals, before and after."""
+"""Agreement of measured and computed FRFs: FRAC, CSAC and level differences, before and after."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.report import formats as w
-from updyn.report import markup as m
 from updyn.report.data import ReportData
+from updyn.report.formats import figure_of_agreement, held_out
 from updyn.report.plots import (
     PRINTED_CELLS,
     Figure,
@@ -18,6 +17,7 @@ from updyn.report.plots import (
     colour_bar,
     existing,
     label,
+    labels,
     numbers,
     rows_height,
 )
@@ -35,20 +35,17 @@ __all__ = [
 
 
 def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | None:
-    """Heat map of FRAC, responses down, references across, on the scale 0 to 1."""
+    """Return a heat map of FRAC, responses down, references across, on the scale 0 to 1."""
     if frac is None:
         return None
-    rows = [
-        r + (" ◆" if held else "") for r, held in zip(data.responses, data.held_out, strict=True)
-    ]
-    hover = [
-        [
-            f"response {label(r)}{' (held out)' if held else ''}<br>reference {label(c)}<br>FRAC"
-            f" {v:.4f}"
-            for c, v in zip(data.references, line, strict=True)
-        ]
-        for r, held, line in zip(data.responses, data.held_out, frac, strict=True)
-    ]
+    rows, hover = [], []
+    for response, held, values in zip(data.responses, data.held_out, frac, strict=True):
+        rows.append(f"{response} ◆" if held else response)
+        first = f"response {label(response)}"
+        if held:
+            first += " (held out)"
+        cells = zip(data.references, values, strict=True)
+        hover.append([f"{first}<br>reference {label(c)}<br>FRAC {v:.4f}" for c, v in cells])
     height = max(rows_height(len(rows), extra=110), 190)
     trace = {
         "type": "heatmap",
@@ -67,7 +64,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
     if frac.size == 1:
         trace["showscale"] = False
     if frac.size <= PRINTED_CELLS:
-        trace["text"] = [[label(w.figure_of_agreement(v)) for v in line] for line in frac]
+        trace["text"] = [labels(map(figure_of_agreement, values)) for values in frac]
         trace["texttemplate"] = "%{text}"
     return {
         "data": [trace],
@@ -80,7 +77,7 @@ def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | Non
 
 
 def csac_lines(data: ReportData) -> Figure | None:
-    """CSAC over frequency, before and after."""
+    """Return CSAC over frequency, before and after."""
     if data.csac_before is None and data.csac_after is None:
         return None
     traces: list[dict[str, Any]] = []
@@ -116,30 +113,53 @@ def csac_lines(data: ReportData) -> Figure | None:
 def level_difference(
     measured: NDArray[np.complex128], computed: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
-    """Return 20 log10 |computed / measured| in dB as a flat array, without values where either is zero."""
+    """Return 20 log10 |computed / measured| in dB, flat, without values where either is zero."""
     a, b = np.abs(computed).ravel(), np.abs(measured).ravel()
     there = (a > 0) & (b > 0)
     return np.asarray(20.0 * np.log10(a[there] / b[there]))
 
 
 def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
-    """Return the figures of agreement of the result; where it has none, those of this page's own comparison."""
-    held = result.correlation.get("validation") or {}
-    out = {when: dict(result.correlation.get(when) or {}) for when in ("before", "after")}
-    out["validation"] = dict(held.get("after") or {})
-    fitted = ~np.array(data.held_out, dtype=np.bool_)
-    for when, frac, values in (
-        ("before", data.frac_before, data.before),
-        ("after", data.frac_after, data.after),
-    ):
-        if not out[when] and frac is not None and values is not None and fitted.any():
-            level = level_difference(
-                data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
-            )
-            out[when] = {"frac_median": float(np.median(frac[fitted]))}
-            if level.size:
-                out[when]["db_error_median"] = float(np.median(np.abs(level)))
+    """Return the figures of agreement ``before``, ``after`` and of the ``validation`` set.
+
+    Those of the result; where it has none, those of the FRFs that were computed for the page.
+    """
+    validation = result.correlation.get("validation") or {}
+    computed = {
+        "before": (data.frac_before, data.before),
+        "after": (data.frac_after, data.after),
+    }
+    out = {"validation": dict(validation.get("after") or {})}
+    for when, (frac, values) in computed.items():
+        out[when] = dict(result.correlation.get(when) or {})
+        if not out[when] and frac is not None and values is not None:
+            out[when] = _computed_agreement(data, frac, values)
     return out
+
+
+def _computed_agreement(
+    data: ReportData, frac: NDArray[np.float64], values: NDArray[np.complex128]
+) -> dict[str, float]:
+    """Return the medians of FRAC and level difference over the responses of the fit."""
+    fitted = ~np.array(data.held_out, dtype=np.bool_)
+    if not fitted.any():
+        return {}
+    out = {"frac_median": float(np.median(frac[fitted]))}
+    level = level_difference(
+        data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
+    )
+    if level.size:
+        out["db_error_median"] = float(np.median(np.abs(level)))
+    return out
+
+
+def _scores(
+    before: Mapping[str, float] | None, after: Mapping[str, float] | None
+) -> list[tuple[str, float | None, float | None]]:
+    """Return name, value before and value after of each figure of agreement."""
+    before, after = before or {}, after or {}
+    names = dict.fromkeys([*before, *after])
+    return [(name, before.get(name), after.get(name)) for name in names]
 
 
 class Agreement(Section):
@@ -149,6 +169,7 @@ class Agreement(Section):
     name = "Agreement"
     heading = "Agreement channel by channel"
     place = 200
+    template = "updyn.report/agreement.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the maps of FRAC, and CSAC over frequency."""
@@ -161,136 +182,55 @@ class Agreement(Section):
             }
         )
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words, maps, the table of figures, and CSAC."""
-        parts = [
-            m.paragraph(
-                "FRAC (frequency response assurance criterion) compares the shape of a measured and a"
-                " computed FRF over frequency: 1 where they are proportional, 0 where they have nothing"
-                " in common. It does not see a wrong level; the level difference in dB does."
-            ),
-        ]
-        span = content.data.freq[content.data.compared]
-        over = (
-            f"Over {len(span)} lines from {w.number(float(span[0]))} to {w.number(float(span[-1]))} Hz"
-            if len(span)
-            else ""
-        )
-        held = " ◆ marks responses held out of the fit." if any(content.data.held_out) else ""
-        maps = []
-        for when in ("before", "after"):
-            if f"frac-{when}" in figures:
-                caption = f"{over}. Choose a cell to see its FRF above.{held}"
-                plot = m.figure(
-                    f"frac-{when}",
-                    f"FRAC of every channel {when} the update",
-                    caption,
-                    height=figures[f"frac-{when}"]["height"],
-                )
-                maps.append(f"<div><h3>FRAC {when}</h3>{plot}</div>")
-        parts.append(
-            f'<div class="pair">{"".join(maps)}</div>'
-            if maps
-            else m.paragraph("There is no FRAC to show.", "muted")
-        )
-        parts.append(_agreement_table(content.result))
-        if "csac" in figures:
-            caption = (
-                "CSAC (cross signature assurance criterion) compares, line by line, the deflection over"
-                " all channels: dips show the frequencies at which the model moves in a different"
-                " shape."
-            )
-            parts.append("<h3>CSAC over frequency</h3>")
-            parts.append(
-                m.figure(
-                    "csac",
-                    "CSAC over frequency before and after",
-                    caption,
-                    height=figures["csac"]["height"],
-                )
-            )
-        elif len(content.data.responses) * len(content.data.references) == 1:
-            parts.append(
-                m.paragraph(
-                    "CSAC compares shapes over several channels; with one channel it is always 1.",
-                    "muted",
-                )
-            )
-        return "".join(parts)
-
-
-AGREEMENT = Agreement()
-
-
-def _agreement_table(result: UpdateResult) -> str:
-    before, after = (dict(result.correlation.get(k) or {}) for k in ("before", "after"))
-    names = list(dict.fromkeys([*before, *after]))
-    rows = [
-        m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))]) for n in names
-    ]
-    return (
-        m.table(["figure", "before", "after"], rows, caption="Figures of the fit") if rows else ""
-    )
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the lines compared and the figures of agreement of the fit."""
+        data, correlation = content.data, content.result.correlation
+        lines = data.freq[data.compared]
+        return {
+            "n_lines": len(lines),
+            "low": lines.min(initial=np.inf),
+            "high": lines.max(initial=-np.inf),
+            "held_out": any(data.held_out),
+            "scores": _scores(correlation.get("before"), correlation.get("after")),
+            "one_channel": len(data.responses) * len(data.references) == 1,
+        }
 
 
 class Validation(Section):
-    """Agreement with the data held out of the fit."""
+    """Agreement with the validation set, the data held out of the fit."""
 
     anchor = "validation"
     name = "Validation"
-    heading = "Validation on what was held out"
+    heading = "Validation on data held out"
     place = 900
+    template = "updyn.report/validation.html"
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return what was held out, and how well it is predicted."""
-        parts = []
-        what = w.held_out(content.result)
-        if not what:
-            text = (
-                "Nothing was held out of the fit, so these data cannot say how well the updated model"
-                " predicts what it has not seen. Hold out a response or a band to find out."
-            )
-            return m.paragraph(text)
-        parts.append(m.paragraph(f"Held out of the fit, and used only to judge it: {what}."))
-        scores = content.result.correlation.get("validation") or {}
-        before, after = (dict(scores.get(k) or {}) for k in ("before", "after"))
-        names = list(dict.fromkeys([*before, *after]))
-        if names:
-            rows = [
-                m.row([w.agreement_name(n), w.number(before.get(n)), w.number(after.get(n))])
-                for n in names
-            ]
-            parts.append(
-                m.table(
-                    ["figure", "before", "after"], rows, caption="Figures over the data held out"
-                )
-            )
-        else:
-            parts.append(m.paragraph("There are no figures for it.", "muted"))
-        rows = [
-            m.row(
-                [
-                    f"{response} / {reference}",
-                    _cell(content.data.frac_before, i, j),
-                    _cell(content.data.frac_after, i, j),
-                ]
-            )
-            for i, (response, held) in enumerate(
-                zip(content.data.responses, content.data.held_out, strict=True)
-            )
-            if held
-            for j, reference in enumerate(content.data.references)
-        ]
-        if rows:
-            shown = m.table(["response / reference", "FRAC before", "FRAC after"], rows)
-            parts.append(
-                shown if len(rows) <= 20 else m.details(f"All {len(rows)} channels held out", shown)
-            )
-        return "".join(parts)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return which data were held out, and how well they are predicted."""
+        result = content.result
+        scores = result.correlation.get("validation") or {}
+        return {
+            "held_out": held_out(result),
+            "scores": _scores(scores.get("before"), scores.get("after")),
+            "channels": _validation_channels(content.data),
+        }
 
 
+def _validation_channels(data: ReportData) -> list[tuple[str, str, str]]:
+    """Return name, FRAC before and FRAC after of each channel held out."""
+    out = []
+    for i in np.flatnonzero(data.held_out).tolist():
+        for j, reference in enumerate(data.references):
+            name = f"{data.responses[i]} / {reference}"
+            out.append((name, _cell(data.frac_before, i, j), _cell(data.frac_after, i, j)))
+    return out
+
+
+def _cell(frac: NDArray[np.float64] | None, i: int, j: int) -> str:
+    if frac is None:
+        return "–"
+    return figure_of_agreement(float(frac[i, j]))
+
+
+AGREEMENT = Agreement()
 VALIDATION = Validation()
-
-
-def _cell(frac: NDArray[Any] | None, i: int, j: int) -> str:
-    return "–" if frac is None else w.figure_of_agreement(float(frac[i, j]))

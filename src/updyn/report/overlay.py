@@ -1,19 +1,16 @@
-"""The section of measured and computed FRFs over each other, with a channel picker."""
+"""The section with measured and computed FRFs over each other, and a channel picker."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
-from string import Template
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.report import formats as w
-from updyn.report import markup as m
 from updyn.report.data import ReportData, keep_lines
-from updyn.report.plots import Figure, label, numbers
+from updyn.report.formats import unit
+from updyn.report.plots import labels, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset
 from updyn.updating.result import UpdateResult
@@ -23,6 +20,7 @@ __all__ = ["DRAWING_BUDGET", "FRFS", "overlay"]
 #: Bytes of FRFs that the page carries at most, before base64: about two thirds of the size of the
 #: largest page.
 DRAWING_BUDGET = 16_000_000
+_FEWEST_LINES = 50
 
 
 class Overlay(Section):
@@ -32,63 +30,45 @@ class Overlay(Section):
     name = "FRFs"
     heading = "Measured and computed FRFs"
     place = 100
+    template = "updyn.report/frfs.html"
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return the channel picker and the place of the overlay."""
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the channels to pick from, the bands and the notes."""
         data = content.data
-        responses = "".join(
-            f'<option value="{i}"'
-            f' data-label="{m.esc(r)}">{m.esc(r)}{" (held out)" if held else ""}</option>'
-            for i, (r, held) in enumerate(zip(data.responses, data.held_out, strict=True))
-        )
-        references = "".join(
-            f'<option value="{j}" data-label="{m.esc(r)}">{m.esc(r)}</option>'
-            for j, r in enumerate(data.references)
-        )
-        return Template(asset("overlay.html")).substitute(
-            responses=responses,
-            references=references,
-            height=640 if data.coherence is not None else 560,
-            bands=_bands(content.result),
-            notes=m.note(_thinned(data, DRAWING_BUDGET)[1], *data.notes),
-        )
+        thinned = _drawn_lines(data, DRAWING_BUDGET)[1]
+        return {
+            "responses": list(zip(data.responses, data.held_out, strict=True)),
+            "references": data.references,
+            "height": 560 if data.coherence is None else 640,
+            "fit_band": _fit_band(content.result),
+            "held_band": content.result.validation_band,
+            "n_lines": len(content.result.lines),
+            "notes": [thinned, *data.notes],
+        }
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return the FRFs that are drawn."""
         return {"updyn-frf": overlay(content.result, content.data)[0]}
 
     def script(self) -> str:
-        """Return the channel picker's script."""
+        """Return the script of the channel picker."""
         return asset("overlay.js")
 
 
 FRFS = Overlay()
 
 
-def _bands(result: UpdateResult) -> str:
-    said = ""
-    if len(result.lines):
-        low, high = w.number(float(result.lines.min())), w.number(float(result.lines.max()))
-        said = (
-            f"{m.swatch('fit')}band used in the fit, {low} to {high} Hz, {len(result.lines)} lines"
-        )
-    if result.validation_band is not None:
-        low, high = (w.number(v) for v in result.validation_band)
-        said += f" {m.swatch('held')}band held out, {low} to {high} Hz"
-    return said
-
-
 def overlay(
     result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
 ) -> tuple[dict[str, Any], str]:
-    """Return what the FRF overlay draws, and a note where lines were thinned to keep the page small.
+    """Return the arrays of the FRF overlay, and a note where lines were thinned.
 
     Parameters
     ----------
     result : UpdateResult
         The result.
     data : ReportData
-        What `gather` made of it.
+        Its measured and computed FRFs, from `updyn.report.data.gather`.
     budget : int
         Bytes of arrays at most.
 
@@ -101,43 +81,34 @@ def overlay(
     str
         The note, or an empty text.
     """
-    keep, note = _thinned(data, budget)
-    used = data.used[keep]
+    keep, note = _drawn_lines(data, budget)
     payload: dict[str, Any] = {
         "freq": _packed(data.freq[keep], "<f8"),
-        "measured": _channels(data.measured, keep),
-        "before": _channels(data.before, keep),
-        "after": _channels(data.after, keep),
-        "coherence": (
-            None
-            if data.coherence is None
-            else _packed(data.coherence[keep].transpose(1, 2, 0), "<f4")
-        ),
-        "responses": [label(r) for r in data.responses],
-        "references": [label(r) for r in data.references],
-        "fracBefore": None if data.frac_before is None else numbers(data.frac_before, packed=False),
-        "fracAfter": None if data.frac_after is None else numbers(data.frac_after, packed=False),
+        "measured": _channels(data.measured, keep, "<c8"),
+        "before": _channels(data.before, keep, "<c8"),
+        "after": _channels(data.after, keep, "<c8"),
+        "coherence": _channels(data.coherence, keep, "<f4"),
+        "responses": labels(data.responses),
+        "references": labels(data.references),
+        "fracBefore": _frac(data.frac_before),
+        "fracAfter": _frac(data.frac_after),
         "heldOut": list(data.held_out),
         "quantity": data.quantity,
-        "units": [[w.unit(data.quantity, r, c) for c in data.references] for r in data.responses],
-        "used": np.flatnonzero(used).tolist(),
-        "fitBand": (
-            [float(result.lines.min()), float(result.lines.max())] if len(result.lines) else None
-        ),
+        "units": _units(data),
+        "used": np.flatnonzero(data.used[keep]).tolist(),
+        "fitBand": _fit_band(result),
         "everyLineUsed": _every_line(data),
-        "validationBand": (
-            None if result.validation_band is None else list(map(float, result.validation_band))
-        ),
+        "validationBand": _floats(result.validation_band),
     }
     return payload, note
 
 
-def _thinned(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
+def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     """Return which lines are drawn, and a note where these are not all."""
     n_channels = len(data.responses) * len(data.references)
     n_sets = 1 + (data.before is not None) + (data.after is not None)
     line_bytes = n_channels * (8 * n_sets + 4 * (data.coherence is not None))
-    keep = keep_lines(data.measured, data.used, max(budget // line_bytes, 50))
+    keep = keep_lines(data.measured, data.used, max(budget // line_bytes, _FEWEST_LINES))
     if keep.size == len(data.freq):
         return keep, ""
     note = (
@@ -147,14 +118,44 @@ def _thinned(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     return keep, note
 
 
+def _units(data: ReportData) -> list[list[str]]:
+    """Return the unit of each channel, by response and reference."""
+    out = []
+    for response in data.responses:
+        out.append([unit(data.quantity, response, reference) for reference in data.references])
+    return out
+
+
+def _fit_band(result: UpdateResult) -> list[float] | None:
+    """Return the first and the last line of the fit in Hz; None where it used none."""
+    if not len(result.lines):
+        return None
+    return [float(result.lines.min()), float(result.lines.max())]
+
+
+def _floats(band: tuple[float, float] | None) -> list[float] | None:
+    if band is None:
+        return None
+    return [float(band[0]), float(band[1])]
+
+
+def _frac(values: NDArray[np.float64] | None) -> Any:
+    if values is None:
+        return None
+    return numbers(values, packed=False)
+
+
 def _every_line(data: ReportData) -> bool:
     """Whether the lines of the fit are all lines between the first and the last of them."""
     at = np.flatnonzero(data.used)
     return bool(at.size > 1 and at[-1] - at[0] + 1 == at.size)
 
 
-def _channels(values: NDArray[np.complex128] | None, keep: NDArray[np.intp]) -> str | None:
-    return None if values is None else _packed(values[keep].transpose(1, 2, 0), "<c8")
+def _channels(values: NDArray[Any] | None, keep: NDArray[np.intp], dtype: str) -> str | None:
+    """Return the lines to keep, channel by channel, as base64."""
+    if values is None:
+        return None
+    return _packed(values[keep].transpose(1, 2, 0), dtype)
 
 
 def _packed(array: NDArray[Any], dtype: str) -> str:

@@ -29,6 +29,7 @@ __all__ = ["asset", "embedded_json", "render_template", "write_page"]
 #: Functions of `updyn.report.formats` that templates use as filters.
 _FILTERS = (
     "agreement_name",
+    "combination",
     "counted",
     "decibels",
     "extent",
@@ -37,6 +38,7 @@ _FILTERS = (
     "plain",
     "quantity_words",
     "unknown",
+    "weighted_sum",
 )
 
 
@@ -81,7 +83,7 @@ def render_template(name: str, **context: Any) -> str:
 
 
 def asset(name: str) -> str:
-    """Return the text of a script or style of the package, safe inside the element that holds it."""
+    """Return a script or style of the package, safe inside the element that holds it."""
     text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
     return (
         text.replace("</script", "<\\/script")

@@ -1,8 +1,7 @@
-"""The section of the report on uncertainty: intervals by profile, bootstrap or sampling beside those of Laplace."""
+"""The section on uncertainty: intervals by profile, bootstrap or sampling beside Laplace's."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,40 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import UpdynError
-from updyn.report import formats as w
-from updyn.report import markup as m
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
-from updyn.report.formats import quantity_words
-from updyn.report.plots import Figure, error_bars, labels, log_step, numbers, rows_height
+from updyn.report.formats import number, quantity_words
+from updyn.report.plots import (
+    Figure,
+    error_bars,
+    labels,
+    log_step,
+    names_font,
+    numbers,
+    rows_height,
+)
 from updyn.report.section import Content, Section
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.prediction import Band, predict
 from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = [
-    "UNCERTAINTY",
-    "band_figure",
-    "ends_of",
-    "intervals_figure",
-    "level_of",
-]
+__all__ = ["UNCERTAINTY", "band_figure", "ends_of", "intervals_figure", "level_of"]
 
-_ABOUT = {
-    "profile": (
-        "Profile likelihood: each unknown is held at one value after the other and all others are"
-        " fitted again; the interval holds the values at which the fit is not clearly worse. It"
-        " follows curvature, and keeps within the bounds."
-    ),
-    "bootstrap": (
-        "Bootstrap: data are made anew from the updated model and the noise, and the unknowns are"
-        " fitted to each; the interval holds the middle of what comes out."
-    ),
-    "sampling": (
-        "Sampling of the posterior: the interval holds the middle of all values that data and"
-        " priors leave, by their probability."
-    ),
-}
+#: Lines of the band on the page, and draws that it is computed from.
+_LINES = 400
+_DRAWS = 200
+#: Lines x DOFs x solves beyond which the page has no band.
+_AFFORDED = 20 * EVALUATION_BUDGET
+#: Intervals are drawn up to so many standard deviations.
+_SHOWN = 8.0
+#: Distance of the bars of an unknown from the middle of its row.
+_OFFSET = 0.14
 
 
 class Uncertainty(Section):
@@ -53,6 +46,7 @@ class Uncertainty(Section):
     name = "Uncertainty"
     heading = "Uncertainty"
     place = 500
+    template = "updyn.report/uncertainty.html"
 
     def applies(self, content: Content) -> bool:
         """Whether the page shows an update."""
@@ -68,125 +62,101 @@ class Uncertainty(Section):
             out["uncertainty-intervals"] = intervals
         band = band_figure(update, found) if isinstance(update, UpdateResult) else None
         if band is not None:
-            out["uncertainty-band"] = band[0] | {"channel": band[1]}
+            figure, channel = band
+            out["uncertainty-band"] = figure | {"channel": channel}
         return out
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words, intervals and the band."""
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the kind of the intervals and the rows of their table."""
         found: Draws | Profiles = content.further["uncertainty"]
-        kind = "profile" if isinstance(found, Profiles) else found.kind
-        parts = [
-            m.paragraph(_ABOUT[kind]),
-            m.note(found.message),
-        ]
-        if "uncertainty-intervals" in figures:
-            caption = (
-                f"{100 * level_of(found):g} % intervals about the estimate, in units of its standard"
-                " deviation (in the logarithm of a factor): where both bars are alike, the standard"
-                " deviation says it all."
-            )
-            height = figures["uncertainty-intervals"]["height"]
-            parts.append(
-                m.figure(
-                    "uncertainty-intervals",
-                    "Intervals beside those of Laplace",
-                    caption,
-                    height=height,
-                )
-            )
-        parts.append(_table(content, found))
-        if "uncertainty-band" in figures:
-            figure = figures["uncertainty-band"]
-            caption = (
-                f"{figure['channel']}: of what was measured, the FRF that the updated model knows"
-                " least. The band is about the structure, without the noise of a measurement."
-            )
-            parts.append(
-                m.figure("uncertainty-band", "FRF with its band", caption, height=figure["height"])
-            )
-        return "".join(parts)
+        percent = f"{100 * level_of(found):g} %"
+        diagnosed = isinstance(found, Draws) and "r_hat" in found.diagnostics
+        diagnostics = ["R-hat", "effective draws"] if diagnosed else []
+        head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper", *diagnostics, "note"]
+        return {
+            "kind": "profile" if isinstance(found, Profiles) else found.kind,
+            "message": found.message,
+            "percent": percent,
+            "head": head,
+            "kinds": ("", *[""] * (len(head) - 2), "note-cell"),
+            "rows": _rows(content.result, found),
+        }
 
 
 UNCERTAINTY = Uncertainty()
 
 
-def _table(c: Content, found: Draws | Profiles) -> str:
-    ends = ends_of(found)
-    percent = f"{100 * level_of(found):g} %"
-    head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper"]
-    head += ["R-hat", "effective draws"] if _diagnosed(found) else []
-    head.append("note")
-    kinds = ("", *[""] * (len(head) - 2), "note-cell")
-    rows = [m.row(_row(c, found, name, span, len(head)), kinds) for name, span in ends.items()]
-    return m.table(head, rows, caption=f"{percent} intervals", kinds=kinds) if rows else ""
-
-
-def _diagnosed(found: Draws | Profiles) -> bool:
-    return isinstance(found, Draws) and "r_hat" in found.diagnostics
-
-
-def _row(
-    c: Content, found: Draws | Profiles, name: str, span: tuple[float, float], columns: int
-) -> list[str]:
-    cells = [
-        name,
-        w.number(c.result.values[name]),
-        w.number(c.result.std[name]),
-        *(w.number(e) for e in span),
-    ]
-    note = found[name].note if isinstance(found, Profiles) else ""
-    if isinstance(found, Draws) and _diagnosed(found):
-        k = found.names.index(name)
-        cells += [w.number(float(found.diagnostics[key][k])) for key in ("r_hat", "ess_bulk")]
-    return [*cells, *[""] * (columns - 1 - len(cells)), note]
-
-
-#: Lines, and draws, that the band of the page is made of.
-_LINES, _DRAWS = 400, 200
-#: Lines x DOFs x solves beyond which the page has no band.
-_AFFORDED = 20 * EVALUATION_BUDGET
-#: Intervals are drawn up to so many standard deviations.
-_SHOWN = 8.0
+def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
+    """Return the cells of each unknown."""
+    out = []
+    for name, (low, high) in ends_of(found).items():
+        values = [result.values[name], result.std[name], low, high]
+        note = ""
+        if isinstance(found, Profiles):
+            note = found[name].note
+        elif "r_hat" in found.diagnostics:
+            k = found.names.index(name)
+            values.append(float(found.diagnostics["r_hat"][k]))
+            values.append(float(found.diagnostics["ess_bulk"][k]))
+        out.append([name, *map(number, values), note])
+    return out
 
 
 def level_of(found: Draws | Profiles) -> float:
-    """Return the level of the intervals that are shown: that of profiles; 95 % of draws."""
-    return found.level if isinstance(found, Profiles) else float(found.options.get("level", 0.95))
+    """Return the level of the intervals that are shown, by default 0.95."""
+    if isinstance(found, Profiles):
+        return found.level
+    return float(found.options.get("level", 0.95))
 
 
 def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
-    """Return the interval of each unknown; nothing where there are too few draws."""
+    """Return the interval of each unknown; empty where there are too few draws."""
     if isinstance(found, Profiles):
         return found.intervals()
-    return found.intervals(level_of(found)) if len(found) > 1 else {}
+    if len(found) < 2:
+        return {}
+    return found.intervals(level_of(found))
 
 
+# -- intervals -----------------------------------------------------------------------------------
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
-    """Return the intervals in standard deviations of Laplace from the estimate, in the logarithm of factors."""
-    ends = {
-        n: e for n, e in ends_of(found).items() if np.isfinite(result.std[n]) and result.std[n] > 0
-    }
-    chosen = [p for p in result.parameters if p.name in ends]
+    """Return the intervals of the unknowns in standard deviations from the estimate.
+
+    Those of factors are shown in the logarithm.
+
+    Parameters
+    ----------
+    result : UpdateResult or JointResult
+        The estimates and standard deviations (Laplace).
+    found : Draws or Profiles
+        The intervals.
+
+    Returns
+    -------
+    Figure or None
+        None where no unknown has both.
+    """
+    ends = ends_of(found)
+    chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
     if not chosen:
         return None
-    spans = np.array([ends[p.name] for p in chosen])
-    value, std = (
-        np.array([table[p.name] for p in chosen]) for table in (result.values, result.std)
-    )
-    factor = np.array([p.is_factor for p in chosen])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(spans / value[:, None]) * (value / std)[:, None]
-    at = np.where(factor[:, None], logs, (spans - value[:, None]) / std[:, None])
+    at = np.empty((len(chosen), 2))
+    for i, p in enumerate(chosen):
+        value, std = result.values[p.name], result.std[p.name]
+        span = np.array(ends[p.name])
+        at[i] = (span - value) / std
+        if p.is_factor:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at[i] = np.log(span / value) * (value / std)
     low, high = np.clip(at, -_SHOWN, _SHOWN).T
-    z = float(-_quantile(0.5 - 0.5 * level_of(found)))
     rows = np.arange(len(chosen), dtype=np.float64)
-    zero = np.zeros(len(chosen))
+    z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * level_of(found)))
     names = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
-    words = "profile" if isinstance(found, Profiles) else found.kind
+    kind = "profile" if isinstance(found, Profiles) else found.kind
     return {
         "data": [
-            _bars("Laplace", zero, zero + z, zero + z, np.asarray(rows - 0.14), "@before", names),
-            _bars(words, zero, -low, high, np.asarray(rows + 0.14), "@after", names),
+            _bars("Laplace", z, z, rows - _OFFSET, "@before", names),
+            _bars(kind, -low, high, rows + _OFFSET, "@after", names),
         ],
         "height": rows_height(len(chosen), extra=130),
         "layout": {
@@ -196,14 +166,14 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
                 "ticktext": names,
                 "range": [len(chosen) - 0.4, -0.6],
                 "zeroline": False,
-                "tickfont": {"size": 12 if len(chosen) <= 40 else 9},
+                "tickfont": names_font(names),
             },
             "showlegend": True,
         },
     }
 
 
-def _quantile(p: float) -> float:
+def _normal_quantile(p: float) -> float:
     from scipy.special import ndtri
 
     return float(ndtri(p))
@@ -211,7 +181,6 @@ def _quantile(p: float) -> float:
 
 def _bars(
     name: str,
-    at: NDArray[np.float64],
     minus: NDArray[np.float64],
     plus: NDArray[np.float64],
     rows: NDArray[np.float64],
@@ -222,7 +191,7 @@ def _bars(
         "type": "scatter",
         "mode": "markers",
         "name": name,
-        "x": numbers(at),
+        "x": numbers(np.zeros(len(rows))),
         "y": rows.tolist(),
         "text": names,
         "marker": {
@@ -236,74 +205,82 @@ def _bars(
     }
 
 
+# -- band ----------------------------------------------------------------------------------------
 def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, str] | None:
-    """Return the measured FRF that is known least with the band of the updated model, and which it is.
+    """Return the most uncertain of the measured FRFs with the band of the updated model.
 
-    None where the band would take too long, or there is none.
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    found : Draws or Profiles
+        Its uncertainty. The band is that of the draws; with profiles that of Laplace.
+
+    Returns
+    -------
+    Figure, str
+        The figure, and its channel; None where the band takes too long or cannot be computed.
     """
     frf = result.frf
     lines = frf.freq[frf.freq > 0]
-    lines = lines[
-        keep_lines(frf.select(lines=lines).values, np.ones(len(lines), dtype=np.bool_), _LINES)
-    ]
-    draws = isinstance(found, Draws) and len(found) > 1
-    solves = min(len(found), _DRAWS) if draws else 3
-    if solves * len(lines) * result.model.n_dofs > _AFFORDED:
-        return None
+    every = np.ones(len(lines), dtype=np.bool_)
+    lines = lines[keep_lines(frf.select(lines=lines).values, every, _LINES)]
     source: UpdateResult | Draws = result
-    if isinstance(found, Draws) and draws:
+    solves = 3
+    if isinstance(found, Draws) and len(found) > 1:
+        solves = min(len(found), _DRAWS)
         at = np.unique(np.linspace(0, len(found) - 1, solves).round().astype(np.intp))
         source = replace(found, chains=found.values[at][None], result=result)
+    if solves * len(lines) * result.model.n_dofs > _AFFORDED:
+        return None
     try:
         band = predict(source, lines, frf.responses, frf.references, level=level_of(found))
     except UpdynError:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         width = np.median(np.log(band.upper / band.lower), axis=0)
-    i, j = np.unravel_index(int(np.argmax(np.where(np.isfinite(width), width, -1.0))), width.shape)
+    widest = int(np.argmax(np.where(np.isfinite(width), width, -1.0)))
+    i, j = map(int, np.unravel_index(widest, width.shape))
     if not np.isfinite(width[i, j]):
         return None
-    return (
-        _drawn(band, result, int(i), int(j)),
-        f"{frf.responses[int(i)]} / {frf.references[int(j)]}",
-    )
+    return _drawn(band, result, i, j), f"{frf.responses[i]} / {frf.references[j]}"
 
 
 def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
+    """Return the band of one channel, with the updated model and the data."""
     freq = band.frf.freq
     measured = np.abs(result.frf.select(lines=freq).values[:, i, j])
+    tiny = np.finfo(np.float32).tiny
     line = {"type": "scatter", "mode": "lines", "x": numbers(freq), "hoverinfo": "skip"}
-    low, high = (
-        np.maximum(v[:, i, j], np.finfo(np.float32).tiny) for v in (band.lower, band.upper)
-    )
-    traces: list[dict[str, Any]] = [
-        line | {"y": numbers(low), "line": {"width": 0, "color": "@after"}, "showlegend": False},
-        line
-        | {
-            "name": f"{100 * band.level:g} % band",
-            "y": numbers(high),
-            "line": {"width": 0, "color": "@after"},
-            "fill": "tonexty",
-            "fillcolor": "@after-faint",
-        },
-        line
-        | {
-            "name": "updated model",
-            "y": numbers(np.abs(band.frf.values[:, i, j])),
-            "line": {"color": "@after"},
-        },
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "measured",
-            "x": numbers(freq),
-            "y": numbers(measured),
-            "marker": {"color": "@measured", "size": 3},
-            "hovertemplate": "%{x:.5g} Hz: %{y:.4g}<extra></extra>",
-        },
-    ]
+    edge = {"width": 0, "color": "@after"}
+    lower = {
+        "y": numbers(np.maximum(band.lower[:, i, j], tiny)),
+        "line": edge,
+        "showlegend": False,
+    }
+    upper = {
+        "name": f"{100 * band.level:g} % band",
+        "y": numbers(np.maximum(band.upper[:, i, j], tiny)),
+        "line": edge,
+        "fill": "tonexty",
+        "fillcolor": "@after-faint",
+    }
+    model = {
+        "name": "updated model",
+        "y": numbers(np.abs(band.frf.values[:, i, j])),
+        "line": {"color": "@after"},
+    }
+    data = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "measured",
+        "x": numbers(freq),
+        "y": numbers(measured),
+        "marker": {"color": "@measured", "size": 3},
+        "hovertemplate": "%{x:.5g} Hz: %{y:.4g}<extra></extra>",
+    }
     return {
-        "data": traces,
+        "data": [line | lower, line | upper, line | model, data],
         "height": 380,
         "layout": {
             "xaxis": {"title": {"text": "frequency (Hz)"}},

@@ -1,18 +1,24 @@
-"""The sections of the report about the unknowns: their values, what the data determine, the way of the fit."""
+"""The sections of the report about the unknowns: their values, identifiability, convergence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.group import VALUES
-from updyn.report import formats as w
-from updyn.report import markup as m
-from updyn.report.formats import axis_title, interval, quantity_words
+from updyn.report.formats import (
+    axis_title,
+    change,
+    estimate,
+    figure_name,
+    interval,
+    number,
+    quantity_words,
+)
 from updyn.report.plots import (
     PRINTED_CELLS,
     Figure,
@@ -22,10 +28,13 @@ from updyn.report.plots import (
     label,
     labels,
     log_step,
+    names_font,
     numbers,
     rows_height,
 )
 from updyn.report.section import Content, Section
+from updyn.updating.fit.methods import METHODS
+from updyn.updating.fit.monitor import Iteration
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -41,314 +50,12 @@ __all__ = [
     "value_paths",
 ]
 
-_STAGE_WORDS = {
-    "search": "trials from several starts, each jump up is the next",
-    "log": "fit of logarithmic level and phase",
-    "maximum-likelihood": "fit weighted with the noise",
-    "output-error": "fit of the unweighted FRFs",
-    "equation-error": "fit of the condensed force equation",
-    "rfm": "response function equation",
-    "complex-rfm": "response function equation, complex stiffnesses",
-    "frf-sensitivity": "linearised FRFs",
-    "reduced-frf": "force equation of the reduced model",
-}
-
-
-class Unknowns(Section):
-    """The values of the unknowns."""
-
-    anchor = "unknowns"
-    name = "Unknowns"
-    heading = "Unknowns"
-    place = 400
-
-    def applies(self, content: Content) -> bool:
-        """Whether the page shows an update."""
-        return content.update is not None
-
-    def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the estimates of each kind of unknown."""
-        result = content.result
-        return existing(
-            {
-                name: estimates(result, chosen)
-                for name, chosen in _by_figure(result, "factors", "s", "calibrations").items()
-            }
-        )
-
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return table and figures of the unknowns."""
-        kinds = ("", "text", "", "", "", "", "", "", "note-cell")
-        sensors = [
-            _parameter_row(content.result, p, kinds)
-            for p in content.result.parameters
-            if p.is_channel
-        ]
-        rows = [
-            _parameter_row(content.result, p, kinds)
-            for p in content.result.parameters
-            if not p.is_channel
-        ]
-        caption = (
-            "Stiffness, mass and viscous damping are factors on the start model (1 = unchanged); loss"
-            " factors, mass damping (1/s) and stiffness damping (s) are values, relative to the updated"
-            " stiffness or mass. The 95 % interval is symmetric in the logarithm for factors and cut at"
-            " 0 for values; it covers the noise in the data, not errors of the model's form."
-        )
-        head = [
-            "group",
-            "quantity",
-            "start",
-            "value",
-            "change",
-            "std. dev.",
-            "95 % interval",
-            "bounds",
-            "note",
-        ]
-        parts = []
-        if rows:
-            parts.append(m.table(head, rows, caption=caption, kinds=kinds))
-        legend = (
-            "Points: estimates with 95 % interval; short ticks: start; long grey ticks: bounds, where"
-            " they lie in the range drawn; crosses: not determined by the data."
-        )
-        for name, title in (("factors", "Factors, relative to their start"), *_kinds("s")):
-            parts += _estimates(figures, name, title, legend)
-        if sensors:
-            caption = (
-                "Factors on what a sensor reads: above 1 it reads too much. They belong to the"
-                " measurement: the updated model is without them, and its FRFs are shown and scored as"
-                " the sensors would read them."
-            )
-            parts.append("<h3>Calibration of the sensors</h3>")
-            parts.append(m.table(["sensor", *head[1:]], sensors, caption=caption, kinds=kinds))
-            parts += _estimates(figures, "calibrations", "", legend)
-        return "".join(parts)
-
-
-UNKNOWNS = Unknowns()
-
-
-def _by_figure(
-    result: UpdateResult, factors: str, end: str, calibrations: str
-) -> dict[str, list[Parameter]]:
-    """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
-    out = {factors: [p for p in result.parameters if p.is_factor and not p.is_channel]}
-    for kind in VALUES:
-        out[w.figure_name(kind) + end] = [p for p in result.parameters if p.value_of == kind]
-    out[calibrations] = [p for p in result.parameters if p.is_channel]
-    return out
-
-
-def _kinds(end: str) -> list[tuple[str, str]]:
-    """Return name and title of the figures of each kind of value."""
-    return [(w.figure_name(kind) + end, w.quantity_words(kind).capitalize()) for kind in VALUES]
-
-
-def _estimates(figures: Mapping[str, Figure], name: str, title: str, legend: str) -> list[str]:
-    if name not in figures:
-        return []
-    what = f"{title or 'Calibration factors'}: estimates, intervals and bounds"
-    plot = m.figure(name, what, legend, height=figures[name]["height"])
-    return [f"<h3>{title}</h3>", plot] if title else [plot]
-
-
-def _parameter_row(result: UpdateResult, p: Parameter, kinds: tuple[str, ...]) -> str:
-    value, std = result.values[p.name], result.std[p.name]
-    span = w.interval(p, value, std)
-    notes = []
-    if p.name in result.at_bound:
-        notes.append(f"at its {result.at_bound[p.name]} bound")
-    if not math.isfinite(std):
-        notes.append("not determined by the data")
-    if p.nominal is not None:
-        notes.insert(0, f"{p.physical(value, std)}, from {p.physical(p.start)}")
-    if p.drives:
-        notes.append(f"acts on {p.law}")
-    if p.prior_std is not None:
-        notes.append(f"prior standard deviation {w.number(p.prior_std, 3)}")
-    cells = [
-        p.group,
-        w.quantity_words(p.quantity) + (f" ({p.value_unit})" if p.value_unit else ""),
-        w.number(p.start),
-        w.estimate(value, std),
-        w.change(p, value),
-        w.number(std, 2) if math.isfinite(std) else "–",
-        f"{w.estimate(span[0], std)} to {w.estimate(span[1], std)}" if span else "open",
-        f"{w.number(p.lower, 3)} to {w.number(p.upper, 3)}",
-        "; ".join(notes),
-    ]
-    return m.row(
-        cells,
-        kinds,
-        "open" if notes and (p.name in result.at_bound or not math.isfinite(std)) else "",
-    )
-
-
-class DeterminedUnknowns(Section):
-    """The combinations of unknowns that the data determine."""
-
-    anchor = "identifiability"
-    name = "What is determined"
-    heading = "What the data determine"
-    place = 600
-
-    def applies(self, content: Content) -> bool:
-        """Whether the page shows an update."""
-        return content.update is not None
-
-    def figures(self, content: Content) -> dict[str, Figure]:
-        """Return singular values and correlations."""
-        return existing(
-            {
-                "singular-values": singular_values(content.result),
-                "correlation": correlation_map(content.result),
-            }
-        )
-
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return what the data determine, in words and figures."""
-        ident = content.result.identifiability
-        parts = [
-            m.paragraph(
-                f"The data determine all of the {w.counted(ident.n_parameters, 'unknown')}."
-                if ident.complete
-                else (
-                    f"The data determine {ident.rank} independent combinations of the"
-                    f" {ident.n_parameters} unknowns. The rest is open: the fit left it where it"
-                    " happened to be."
-                )
-            ),
-        ]
-        if ident.advice:
-            parts.append(m.note(ident.advice))
-        if ident.null_directions:
-            parts.append(
-                "<h3>Open combinations</h3><p>These move together without changing anything measured."
-                " In brackets: how far, against the first (relative to itself for a factor; for damping"
-                " in the loss factor that it amounts to in the middle of the band).</p>"
-            )
-            parts.append(_directions(ident.null_directions, w.combination))
-        if ident.determined_directions:
-            parts.append(
-                "<h3>What is still known about them</h3><p>Of these unknowns the data determine, by"
-                " weights too:</p>"
-            )
-            parts.append(_directions(ident.determined_directions, w.weighted_sum))
-        if "singular-values" in figures:
-            caption = (
-                "Singular values of the Jacobian with columns scaled to unit length: how strongly the"
-                " data react to each independent combination of unknowns. Condition number"
-                f" {w.number(ident.condition, 3)}, collinearity index {w.number(ident.collinearity, 3)}"
-                " (above 10 to 15 the unknowns are hard to tell apart)."
-            )
-            parts.append("<h3>How strongly</h3>")
-            parts.append(
-                m.figure(
-                    "singular-values",
-                    "Singular values, falling",
-                    caption,
-                    height=figures["singular-values"]["height"],
-                )
-            )
-        if "correlation" in figures:
-            caption = (
-                "Correlation of the estimates: near +1 or −1 the data see two unknowns together and"
-                " hardly tell them apart. Blank: not determined, so there is no correlation to give."
-            )
-            plot = m.figure(
-                "correlation",
-                "Correlation matrix of the unknowns",
-                caption,
-                height=figures["correlation"]["height"],
-            )
-            title = "Which unknowns the data confuse"
-            parts.append(
-                f"<h3>{title}</h3>{plot}"
-                if len(content.result.parameters) <= 24
-                else m.details(title, plot)
-            )
-        return "".join(parts)
-
-
-IDENTIFIABILITY = DeterminedUnknowns()
-
-
-def _directions(directions: list[dict[str, float]], say: Callable[[dict[str, float]], str]) -> str:
-    items = "".join(f"<li>{m.esc(say(d))}</li>" for d in directions)
-    return f'<ol class="directions">{items}</ol>'
-
-
-class Convergence(Section):
-    """Cost and unknowns over the iterations."""
-
-    anchor = "convergence"
-    name = "Convergence"
-    heading = "Convergence"
-    place = 800
-
-    def applies(self, content: Content) -> bool:
-        """Whether the page shows an update."""
-        return content.update is not None
-
-    def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the cost and the path of each kind of unknown."""
-        result = content.result
-        paths = {
-            name: value_paths(result, chosen)
-            for name, chosen in _by_figure(
-                result, "factor-paths", "-paths", "calibration-paths"
-            ).items()
-        }
-        return existing({"cost": cost_path(result), **paths})
-
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return cost and unknowns over the iterations."""
-        parts: list[str] = []
-        if "cost" not in figures:
-            return "".join(parts) + m.paragraph("No iterations were recorded.", "muted")
-        stages = list(dict.fromkeys(h.stage for h in content.result.history))
-        last = [h for h in content.result.history if h.accepted and h.stage == stages[-1]]
-        refused = sum(not h.accepted for h in content.result.history)
-        said = f"{w.counted(content.result.iterations, 'step')} taken, {refused} refused."
-        if last:
-            where = f"In the last stage, {stages[-1]}, the" if len(stages) > 1 else "The"
-            said += f" {where} cost went from {w.number(last[0].cost, 3)} to {w.number(last[-1].cost, 3)}."
-        parts.append(m.paragraph(said))
-        caption = "Cost: half the sum of squared weighted residuals."
-        if len(stages) > 1:
-            explained = "; ".join(f"{s}: {_STAGE_WORDS[s]}" for s in stages if s in _STAGE_WORDS)
-            caption += (
-                " Each stage weighs the residuals in its own way: compare costs within a stage only. "
-                + explained
-            )
-            caption = caption.strip().removesuffix(".") + "."
-        parts.append(
-            m.figure("cost", "Cost by iteration", caption, height=figures["cost"]["height"])
-        )
-        paths = [
-            ("factor-paths", "Paths of the factors"),
-            ("calibration-paths", "Paths of the calibration factors"),
-        ]
-        for name, title in (
-            *paths,
-            *((name, f"Paths: {title.lower()}") for name, title in _kinds("-paths")),
-        ):
-            if name in figures:
-                parts.append(f"<h3>{title}</h3>")
-                parts.append(
-                    m.figure(
-                        name, f"{title} over the iterations", "", height=figures[name]["height"]
-                    )
-                )
-        return "".join(parts)
-
-
-CONVERGENCE = Convergence()
-
-
+#: Explanation of the search for a start.
+_SEARCH = "trials from several starts, each jump up is the next"
+#: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
+#: Steps up to which each is drawn as a point of its own.
+_SINGLE_STEPS = 60
 _DIVERGING = [
     [0.0, "#b35806"],
     [0.25, "#f1a340"],
@@ -357,41 +64,172 @@ _DIVERGING = [
     [1.0, "#08519c"],
 ]
 _STAGE_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "star")
-_PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 _STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
+_PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 
 
-# -- unknowns ----------------------------------------------------------------------------------------------
+class _OfUnknowns(Section):
+    """A section that one test and several tests have alike."""
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update."""
+        return content.update is not None
+
+
+def _by_figure(
+    result: UpdateResult, factors: str, end: str, calibrations: str
+) -> dict[str, list[Parameter]]:
+    """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
+    out: dict[str, list[Parameter]] = {factors: []}
+    for kind in VALUES:
+        out[figure_name(kind) + end] = []
+    out[calibrations] = []
+    for p in result.parameters:
+        if p.is_channel:
+            out[calibrations].append(p)
+        elif p.value_of is None:
+            out[factors].append(p)
+        else:
+            out[figure_name(p.value_of) + end].append(p)
+    return out
+
+
+def _names(chosen: Sequence[Parameter]) -> list[str]:
+    """Return names of unknowns for the axis of a figure."""
+    return labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
+
+
+# -- values --------------------------------------------------------------------------------------
+class Unknowns(_OfUnknowns):
+    """The values of the unknowns, with their uncertainty."""
+
+    anchor = "unknowns"
+    name = "Unknowns"
+    heading = "Unknowns"
+    place = 400
+    template = "updyn.report/unknowns.html"
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the estimates of each kind of unknown."""
+        result = content.result
+        chosen = _by_figure(result, "factors", "s", "calibrations")
+        return existing({name: estimates(result, some) for name, some in chosen.items()})
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the rows of the tables, and the titles of the figures."""
+        parts: list[dict[str, Any]] = []
+        sensors: list[dict[str, Any]] = []
+        for parameter in content.result.parameters:
+            rows = sensors if parameter.is_channel else parts
+            rows.append(_parameter_row(content.result, parameter))
+        titles = [("factors", "Factors, relative to their start")]
+        for kind in VALUES:
+            titles.append((f"{figure_name(kind)}s", quantity_words(kind).capitalize()))
+        return {
+            "head": [
+                "quantity",
+                "start",
+                "value",
+                "change",
+                "std. dev.",
+                "95 % interval",
+                "bounds",
+                "note",
+            ],
+            "kinds": ("", "text", "", "", "", "", "", "", "note-cell"),
+            "parts": parts,
+            "sensors": sensors,
+            "titles": titles,
+        }
+
+
+UNKNOWNS = Unknowns()
+
+
+def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]:
+    """Return the cells of an unknown, and the class of its row."""
+    p = parameter
+    value, std = result.values[p.name], result.std[p.name]
+    determined = math.isfinite(std)
+    quantity = quantity_words(p.quantity)
+    if p.value_unit:
+        quantity += f" ({p.value_unit})"
+    span = interval(p, value, std)
+    spanned = "open"
+    if span is not None:
+        spanned = f"{estimate(span[0], std)} to {estimate(span[1], std)}"
+    cells = [
+        p.group,
+        quantity,
+        number(p.start),
+        estimate(value, std),
+        change(p, value),
+        number(std, 2) if determined else "–",
+        spanned,
+        f"{number(p.lower, 3)} to {number(p.upper, 3)}",
+        "; ".join(_parameter_notes(result, p)),
+    ]
+    marked = p.name in result.at_bound or not determined
+    return {"cells": cells, "kind": "open" if marked else ""}
+
+
+def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
+    """Return the remarks on an unknown."""
+    p = parameter
+    value, std = result.values[p.name], result.std[p.name]
+    notes = []
+    if p.nominal is not None:
+        notes.append(f"{p.physical(value, std)}, from {p.physical(p.start)}")
+    if p.name in result.at_bound:
+        notes.append(f"at its {result.at_bound[p.name]} bound")
+    if not math.isfinite(std):
+        notes.append("not determined by the data")
+    if p.drives:
+        notes.append(f"acts on {p.law}")
+    if p.prior_std is not None:
+        notes.append(f"prior standard deviation {number(p.prior_std, 3)}")
+    return notes
+
+
 def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Estimates of one kind with 95 % intervals and bounds; factors relative to their start on a log axis."""
+    """Return the estimates of one kind of unknown with 95 % intervals and bounds.
+
+    Factors are shown relative to their start, on a logarithmic axis.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    chosen : sequence of Parameter
+        Unknowns of one kind.
+
+    Returns
+    -------
+    Figure or None
+        None without unknowns.
+    """
     if not chosen:
         return None
     relative = chosen[0].is_factor
-    unit = np.array([p.start if relative else 1.0 for p in chosen])
-    values = np.array([result.values[p.name] for p in chosen]) / unit
-    spans = [interval(p, result.values[p.name], result.std[p.name]) for p in chosen]
-    low = np.array([np.nan if s is None else s[0] for s in spans]) / unit
-    high = np.array([np.nan if s is None else s[1] for s in spans]) / unit
     rows = np.arange(len(chosen))
-    known = np.array([s is not None for s in spans])
-    bound = np.array([p.name in result.at_bound for p in chosen])
-    names = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
-    traces: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "start",
-            "x": numbers(np.array([p.start for p in chosen]) / unit),
-            "y": rows.tolist(),
-            "marker": {
-                "symbol": "line-ns-open",
-                "color": "@before",
-                "size": 14,
-                "line": {"width": 2},
-            },
-            "hovertemplate": "start %{x:.4g}<extra></extra>",
-        }
-    ]
+    start, values, low, high = np.full((4, len(chosen)), np.nan)
+    limits = np.empty((len(chosen), 2))
+    bound = np.empty(len(chosen), dtype=np.bool_)
+    for i, p in enumerate(chosen):
+        start[i] = p.start
+        values[i] = result.values[p.name]
+        limits[i] = p.lower, p.upper
+        bound[i] = p.name in result.at_bound
+        span = interval(p, result.values[p.name], result.std[p.name])
+        if span is not None:
+            low[i], high[i] = span
+    known = ~np.isnan(low)
+    unit = start.copy() if relative else np.ones(len(chosen))
+    values, low, high = values / unit, low / unit, high / unit
+    limits /= unit[:, None]
+    names = _names(chosen)
+    view = _view(np.concatenate([values, low, high, start / unit]), log=relative)
+    traces = [_start_trace(start / unit), _bound_trace(limits, view, rows)]
     styles = (
         ("estimate, 95 % interval", known & ~bound, "circle"),
         ("estimate at a bound", known & bound, "diamond"),
@@ -399,33 +237,48 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     )
     for name, where, symbol in styles:
         if where.any():
-            traces.append(
-                _estimate_trace(name, values, low, high, np.flatnonzero(where), symbol, names)
-            )
-    limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
-    view = _view(
-        np.concatenate([values, low, high, [p.start for p in chosen] / unit]), log=relative
-    )
-    traces.insert(1, _bound_trace(limits, view, rows))
-    title = axis_title(chosen[0]) + (" (log scale)" if relative else "")
-    axis: dict[str, Any] = {
-        "title": {"text": title},
-        "range": np.log10(view).tolist() if relative else list(view),
-    }
+            at = np.flatnonzero(where)
+            traces.append(_estimate_trace(name, values, low, high, at, symbol, names))
+    title = axis_title(chosen[0])
+    axis: dict[str, Any] = {"title": {"text": title}, "range": list(view)}
+    if relative:
+        axis = {
+            "title": {"text": f"{title} (log scale)"},
+            "range": np.log10(view).tolist(),
+            "type": "log",
+            "tickvals": _log_ticks(view),
+        }
     return {
         "data": traces,
         "height": rows_height(len(chosen), extra=130),
         "layout": {
-            "xaxis": axis | ({"type": "log", "tickvals": _log_ticks(view)} if relative else {}),
+            "xaxis": axis,
             "yaxis": {
                 "tickvals": rows.tolist(),
                 "ticktext": names,
                 "range": [len(chosen) - 0.4, -0.6],
                 "zeroline": False,
-                "tickfont": {"size": 12 if len(chosen) <= 40 else 9},
+                "tickfont": names_font(names),
             },
             "showlegend": True,
         },
+    }
+
+
+def _start_trace(start: NDArray[np.float64]) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "start",
+        "x": numbers(start),
+        "y": list(range(len(start))),
+        "marker": {
+            "symbol": "line-ns-open",
+            "color": "@before",
+            "size": 14,
+            "line": {"width": 2},
+        },
+        "hovertemplate": "start %{x:.4g}<extra></extra>",
     }
 
 
@@ -444,7 +297,7 @@ def _estimate_trace(
         "name": name,
         "x": numbers(values[at]),
         "y": at.tolist(),
-        "text": [names[i] for i in at],
+        "text": np.take(names, at).tolist(),
         "marker": {
             "symbol": symbol,
             "color": "@after",
@@ -458,12 +311,29 @@ def _estimate_trace(
     return trace
 
 
+def _bound_trace(
+    limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]
+) -> dict[str, Any]:
+    inside = (limits > view[0]) & (limits < view[1])
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "bound",
+        "x": limits[inside].tolist(),
+        "y": rows[np.nonzero(inside)[0]].tolist(),
+        "marker": {"symbol": "line-ns-open", "color": "@muted", "size": 20, "line": {"width": 3}},
+        "hovertemplate": "bound %{x:.4g}<extra></extra>",
+    }
+
+
 def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
-    """Return the range of the axis: what is shown, with a margin; intervals beyond 100 times are cut."""
-    finite = shown[np.isfinite(shown) & ((shown > 0) | (not log))]
-    low, high = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
-    if not low <= high:
+    """Return the range of the axis, with a margin; a logarithmic one is cut at 0.001 and 1000."""
+    finite = shown[np.isfinite(shown)]
+    if log:
+        finite = finite[finite > 0]
+    if not finite.size:
         return (0.5, 2.0) if log else (0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
     if log:
         low, high = max(low, 1e-3), min(high, 1e3)
         margin = max((high / low) ** 0.06, 1.03)
@@ -473,94 +343,91 @@ def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
 
 
 def _log_ticks(view: tuple[float, float]) -> list[float]:
-    """Return round values to mark on a log axis, about 5 to 12 of them whatever its range."""
+    """Return round values to mark on a logarithmic axis, about 5 to 12 of them."""
     low, high = view
-    if high / low < 2.0:  # nearly linear: steps of 1, 2 or 5
-        rough = (high - low) / 6.0
-        unit = 10.0 ** np.floor(np.log10(rough))
-        step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
-        return [
-            float(round(v, 10))
-            for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-        ]
-    per_decade = (
-        (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-        if high / low < 12
-        else (1, 2, 5)
-        if high / low < 1e3
-        else (1,)
-    )
-    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    ticks = [float(f"{s * 10.0**p:.6g}") for p in powers for s in per_decade]
-    return [t for t in ticks if low <= t <= high]
+    if high / low < 2.0:  # nearly linear
+        return _even_ticks(low, high)
+    steps: tuple[float, ...] = (1,)
+    if high / low < 12:
+        steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    elif high / low < 1e3:
+        steps = (1, 2, 5)
+    ticks = []
+    for power in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
+        for step in steps:
+            tick = float(f"{step * 10.0**power:.6g}")
+            if low <= tick <= high:
+                ticks.append(tick)
+    return ticks
 
 
-def _bound_trace(
-    limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]
-) -> dict[str, Any]:
-    inside = (limits > view[0]) & (limits < view[1])
-    x = [
-        float(v)
-        for pair, keep in zip(limits, inside, strict=True)
-        for v, k in zip(pair, keep, strict=True)
-        if k
-    ]
-    y = [int(row) for row, keep in zip(rows, inside, strict=True) for k in keep if k]
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "bound",
-        "x": x,
-        "y": y,
-        "marker": {"symbol": "line-ns-open", "color": "@muted", "size": 20, "line": {"width": 3}},
-        "hovertemplate": "bound %{x:.4g}<extra></extra>",
-    }
+def _even_ticks(low: float, high: float) -> list[float]:
+    """Return multiples of 1, 2 or 5 times a power of 10, about six of them."""
+    rough = (high - low) / 6.0
+    unit = 10.0 ** np.floor(np.log10(rough))
+    step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
+    first, last = np.ceil(low / step), np.floor(high / step)
+    return np.round(np.arange(first, last + 1) * step, 10).tolist()  # type: ignore[no-any-return]
 
 
-# -- what the data determine -------------------------------------------------------------------------------
+# -- identifiability -----------------------------------------------------------------------------
+class IdentifiabilitySection(_OfUnknowns):
+    """Which unknowns, or combinations of them, the data determine."""
+
+    anchor = "identifiability"
+    name = "Identifiability"
+    heading = "Identifiability"
+    place = 600
+    template = "updyn.report/identifiability.html"
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return singular values and correlations."""
+        return existing(
+            {
+                "singular-values": singular_values(content.result),
+                "correlation": correlation_map(content.result),
+            }
+        )
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the identifiability of the unknowns."""
+        return {"ident": content.result.identifiability}
+
+
+IDENTIFIABILITY = IdentifiabilitySection()
+
+
 def singular_values(result: UpdateResult) -> Figure | None:
-    """Singular values of the scaled Jacobian, determined and open ones apart; zeros at the foot of the axis."""
+    """Return the singular values of the scaled Jacobian, determined and undetermined ones apart.
+
+    Zeros stand at the foot of the logarithmic axis.
+    """
     ident = result.identifiability
     values = np.array(ident.singular_values, dtype=np.float64)
     values = values[np.isfinite(values)]
     if values.size < 2:
         return None
-    positive = values[values > 0]
-    foot = float(max(positive.min() / 10.0, 1e-18)) if positive.size else 1e-16
-    order = np.arange(1, values.size + 1)
-    shown = np.maximum(values, foot)
+    foot = 1e-16
+    if (values > 0).any():
+        foot = max(float(values[values > 0].min()) / 10.0, 1e-18)
+    determined = np.arange(values.size) < ident.rank
+    lost = "undetermined: lost in the noise, or exactly"
     traces = []
-    for name, where, colour, symbol in (
-        ("determined", order <= ident.rank, "@after", "circle"),
-        ("open: lost in the noise or exactly undetermined", order > ident.rank, "@before", "x"),
-    ):
-        if where.any():
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "name": name,
-                    "x": order[where].tolist(),
-                    "y": numbers(shown[where]),
-                    "text": [f"{v:.3g}" for v in values[where]],
-                    "marker": {"color": colour, "symbol": symbol, "size": 9},
-                    "hovertemplate": "number %{x}: %{text}<extra></extra>",
-                }
-            )
-    ticks: dict[str, Any] = (
-        {"tickmode": "linear", "tick0": 1, "dtick": 1} if values.size <= 20 else {}
-    )
+    if determined.any():
+        traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
+    if not determined.all():
+        traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
+    axis: dict[str, Any] = {
+        "title": {"text": "combination number, best determined first"},
+        "zeroline": False,
+    }
+    if values.size <= 20:
+        axis |= {"tickmode": "linear", "tick0": 1, "dtick": 1}
     return {
         "data": traces,
         "height": 320,
         "layout": {
-            "xaxis": (
-                {
-                    "title": {"text": "combination number, best determined first"},
-                    "zeroline": False,
-                }
-                | ticks
-            ),
+            "xaxis": axis,
             "yaxis": {
                 "title": {"text": "singular value"},
                 "type": "log",
@@ -571,8 +438,39 @@ def singular_values(result: UpdateResult) -> Figure | None:
     }
 
 
+def _singular_trace(
+    name: str,
+    values: NDArray[np.float64],
+    where: NDArray[np.bool_],
+    foot: float,
+    colour: str,
+    symbol: str,
+) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": (np.flatnonzero(where) + 1).tolist(),
+        "y": numbers(np.maximum(values[where], foot)),
+        "text": [f"{v:.3g}" for v in values[where]],
+        "marker": {"color": colour, "symbol": symbol, "size": 9},
+        "hovertemplate": "number %{x}: %{text}<extra></extra>",
+    }
+
+
 def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return correlation coefficients from a covariance; NaN in rows that are not finite or have no variance."""
+    """Return correlation coefficients from a covariance.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (n, n)
+        Of n unknowns.
+
+    Returns
+    -------
+    ndarray of float, shape (n, n)
+        Between -1 and 1; NaN in rows that are not finite or have no variance.
+    """
     variance = np.diag(covariance)
     known = np.isfinite(variance) & (variance > 0)
     out = np.full(covariance.shape, np.nan)
@@ -583,20 +481,19 @@ def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def correlation_map(result: UpdateResult) -> Figure | None:
-    """Correlation coefficients of the unknowns, blank where an unknown is not determined."""
-    names = result.parameters.names
+    """Return the correlation of the unknowns, blank where an unknown is not determined."""
+    names = _names(tuple(result.parameters))
     if len(names) < 2 or result.covariance.shape != (len(names), len(names)):
         return None
     matrix = correlations(np.asarray(result.covariance, dtype=np.float64))
     if not np.isfinite(matrix).any():
         return None
-    shown = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in result.parameters)
     height = max(rows_height(len(names), extra=220), 320)
     trace = {
         "type": "heatmap",
         "z": numbers(matrix),
-        "x": shown,
-        "y": shown,
+        "x": names,
+        "y": names,
         "zmin": -1.0,
         "zmax": 1.0,
         "colorscale": _DIVERGING,
@@ -606,72 +503,130 @@ def correlation_map(result: UpdateResult) -> Figure | None:
         "colorbar": colour_bar("correlation", (-1, -0.5, 0, 0.5, 1), height - 100),
     }
     if matrix.size <= PRINTED_CELLS:
-        trace["text"] = [
-            [
-                (
-                    f"{v + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−")
-                    if np.isfinite(v)
-                    else ""
-                )
-                for v in row
-            ]
-            for row in matrix
-        ]
+        trace["text"] = [list(map(_coefficient, row)) for row in matrix]
         trace["texttemplate"] = "%{text}"
-    font = {"size": 12 if len(names) <= 40 else 9}
     axis: dict[str, Any] = {
         "type": "category",
         "showgrid": False,
         "zeroline": False,
-        "tickfont": font,
+        "tickfont": names_font(names),
     }
-    rows = {**axis, "autorange": "reversed", "dtick": 1}
-    columns = {**axis, "tickangle": -50} | ({"dtick": 1} if len(names) <= 40 else {})
+    columns = axis | {"tickangle": -50}
+    if len(names) <= 40:
+        columns["dtick"] = 1
+    rows = axis | {"autorange": "reversed", "dtick": 1}
     return {"data": [trace], "height": height, "layout": {"xaxis": columns, "yaxis": rows}}
 
 
-# -- convergence -------------------------------------------------------------------------------------------
+def _coefficient(value: float) -> str:
+    """Return a correlation coefficient as text, blank where there is none."""
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")
+
+
+# -- convergence ---------------------------------------------------------------------------------
+class Convergence(_OfUnknowns):
+    """Cost and unknowns over the iterations."""
+
+    anchor = "convergence"
+    name = "Convergence"
+    heading = "Convergence"
+    place = 800
+    template = "updyn.report/convergence.html"
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the cost and the path of each kind of unknown."""
+        result = content.result
+        made = {"cost": cost_path(result)}
+        chosen = _by_figure(result, "factor-paths", "-paths", "calibration-paths")
+        for name, some in chosen.items():
+            made[name] = value_paths(result, some)
+        return existing(made)
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the stages, the costs of the last one, and the titles of the figures."""
+        history = content.result.history
+        stages: dict[str, list[float]] = {}
+        refused = 0
+        for step in history:
+            costs = stages.setdefault(step.stage, [])
+            if step.accepted:
+                costs.append(step.cost)
+            else:
+                refused += 1
+        last = list(stages.values())[-1:]
+        titles = [
+            ("factor-paths", "Paths of the factors"),
+            ("calibration-paths", "Paths of the calibration factors"),
+        ]
+        for kind in VALUES:
+            titles.append((f"{figure_name(kind)}-paths", f"Paths: {quantity_words(kind)}"))
+        return {
+            "taken": content.result.iterations,
+            "refused": refused,
+            "stages": list(stages),
+            "explained": _explained(list(stages)),
+            "last_costs": last[0] if last else [],
+            "titles": titles,
+        }
+
+
+CONVERGENCE = Convergence()
+
+
+def _explained(stages: Sequence[str]) -> list[str]:
+    """Return the stages with what each minimises, where that is stated."""
+    words = {"search": _SEARCH}
+    for stage in stages:
+        if stage in METHODS:
+            words[stage] = METHODS[stage].label
+    return [f"{stage}: {words[stage]}" for stage in stages if words.get(stage)]
+
+
 def cost_path(result: UpdateResult) -> Figure | None:
-    """Cost of each iteration, by stage; refused steps as crosses."""
-    steps = [h for h in result.history if np.isfinite(h.cost)]
+    """Return the cost of each iteration, by stage; refused steps as crosses."""
+    steps = [step for step in result.history if np.isfinite(step.cost)]
     if not steps:
         return None
-    positive = [h.cost for h in steps if h.cost > 0]
-    foot = min(positive, default=1.0) / 10.0
-    traces: list[dict[str, Any]] = []
-    for i, stage in enumerate(dict.fromkeys(h.stage for h in steps)):
-        taken = [h for h in steps if h.stage == stage and h.accepted]
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines+markers",
-                "name": label(stage),
-                "x": [h.number for h in taken],
-                "y": numbers([max(h.cost, foot) for h in taken]),
-                "text": [f"{h.cost:.4g}, largest step {h.step:.2g}" for h in taken],
-                "marker": {"symbol": _STAGE_SYMBOLS[i % 5], "size": 8 if len(steps) <= 60 else 5},
-                "line": {"color": _STAGE_COLOURS[i % 5]},
-                "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
-            }
-        )
-    refused = [h for h in steps if not h.accepted]
+    stages: dict[str, list[Iteration]] = {}
+    refused = []
+    for step in steps:
+        taken = stages.setdefault(step.stage, [])
+        if step.accepted:
+            taken.append(step)
+        else:
+            refused.append(step)
+    costs = np.array([step.cost for step in steps])
+    positive = costs[costs > 0]
+    foot = float(positive.min()) / 10.0 if positive.size else 0.1
+    traces = []
+    for i, (stage, taken) in enumerate(stages.items()):
+        style = {
+            "name": label(stage),
+            "mode": "lines+markers",
+            "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
+            "marker": {
+                "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
+                "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
+            },
+            "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
+            "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
+        }
+        traces.append(_cost_trace(taken, foot) | style)
     if refused:
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "step refused",
-                "x": [h.number for h in refused],
-                "y": numbers([max(h.cost, foot) for h in refused]),
-                "marker": {
-                    "symbol": "x-thin-open",
-                    "color": "@muted",
-                    "size": 9,
-                    "line": {"width": 2},
-                },
-                "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
-            }
-        )
+        style = {
+            "name": "step refused",
+            "mode": "markers",
+            "marker": {
+                "symbol": "x-thin-open",
+                "color": "@muted",
+                "size": 9,
+                "line": {"width": 2},
+            },
+            "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
+        }
+        traces.append(_cost_trace(refused, foot) | style)
     return {
         "data": traces,
         "height": 320,
@@ -688,8 +643,18 @@ def cost_path(result: UpdateResult) -> Figure | None:
     }
 
 
+def _cost_trace(steps: Sequence[Iteration], foot: float) -> dict[str, Any]:
+    """Return number and cost of some steps, costs below the foot of the axis at the foot."""
+    return {
+        "type": "scatter",
+        "x": [step.number for step in steps],
+        "y": numbers([max(step.cost, foot) for step in steps]),
+    }
+
+
 def _iterations(result: UpdateResult) -> dict[str, Any]:
-    last = max(h.number for h in result.history)
+    """Return the axis of iterations."""
+    last = max(step.number for step in result.history)
     return {
         "title": {"text": "iteration"},
         "range": [-0.02 * last - 0.2, 1.02 * last + 0.2],
@@ -698,39 +663,49 @@ def _iterations(result: UpdateResult) -> dict[str, Any]:
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Values of the unknowns over the iterations; of many, those that moved most are named, the rest are grey."""
-    steps = [h for h in result.history if h.accepted and h.values]
+    """Return the values of the unknowns over the iterations; of many, the most moved are named.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    chosen : sequence of Parameter
+        Unknowns of one kind; factors are shown relative to their start.
+
+    Returns
+    -------
+    Figure or None
+        None without unknowns or steps.
+    """
+    steps = [step for step in result.history if step.accepted and step.values]
     if not chosen or not steps:
         return None
-    relative = chosen[0].is_factor
-    paths = {
-        p.name: (
-            np.array([h.values.get(p.name, np.nan) for h in steps]) / (p.start if relative else 1.0)
-        )
-        for p in chosen
-    }
-    moved = sorted(paths, key=lambda n: -_excursion(paths[n]))
-    named = set(moved[:_LEGEND_ENTRIES])
+    paths = {}
+    for p in chosen:
+        path = np.array([step.values.get(p.name, np.nan) for step in steps])
+        paths[p.name] = path / p.start if p.is_factor else path
+    moved = sorted(paths, key=lambda name: -_excursion(paths[name]))
+    named = sorted(moved[:_LEGEND_ENTRIES], key=list(paths).index)
     traces = []
-    style = {p.name: i for i, p in enumerate(p for p in chosen if p.name in named)}
-    for p in sorted(chosen, key=lambda p: p.name in named):
+    for p in sorted(chosen, key=lambda p: p.name in named):  # named ones above the grey ones
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")
         trace: dict[str, Any] = {
             "type": "scatter",
-            "mode": "lines+markers" if p.name in named and len(steps) <= 60 else "lines",
+            "mode": "lines",
             "name": shown,
-            "x": [h.number for h in steps],
+            "x": [step.number for step in steps],
             "y": numbers(paths[p.name]),
             "marker": {"size": 5},
+            "line": {"color": "@faint", "width": 1},
             "showlegend": p.name in named,
             "hovertemplate": f"{shown}: %{{y:.5g}}<extra></extra>",
         }
         if p.name in named:
-            at = style[p.name]
-            trace["line"] = {"color": _PATH_COLOURS[at % 6], "dash": ("solid", "dash")[at // 6]}
-            trace["marker"]["color"] = _PATH_COLOURS[at % 6]
-        else:
-            trace["line"] = {"color": "@faint", "width": 1}
+            dash, colour = divmod(named.index(p.name), len(_PATH_COLOURS))
+            trace["line"] = {"color": _PATH_COLOURS[colour], "dash": ("solid", "dash")[dash]}
+            trace["marker"]["color"] = _PATH_COLOURS[colour]
+            if len(steps) <= _SINGLE_STEPS:
+                trace["mode"] = "lines+markers"
         traces.append(trace)
     return {
         "data": traces,
@@ -746,4 +721,6 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
 
 def _excursion(path: NDArray[np.float64]) -> float:
     finite = path[np.isfinite(path)]
-    return float(np.ptp(finite)) if finite.size else 0.0
+    if not finite.size:
+        return 0.0
+    return float(np.ptp(finite))

@@ -70,7 +70,7 @@ def take_fields(data: xr.Dataset, layout: Mapping[str, Kept], path: Path) -> dic
     return {name: kept.take(data, name, path) for name, kept in layout.items()}
 
 
-# -- how fields are kept -----------------------------------------------------------------------------------
+# -- how fields are kept ------------------------------------------------------------------------
 class Text:
     """A text, as an attribute.
 
@@ -270,7 +270,7 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
     return data[name].values
 
 
-# -- the file ----------------------------------------------------------------------------------------------
+# -- the file -----------------------------------------------------------------------------------
 def write_dataset(
     data: xr.Dataset,
     path: str | Path,

@@ -122,7 +122,7 @@ def read_result(path: str | Path) -> UpdateResult:
         return UpdateResult(frf=FRF.from_xarray(data), **models, **fields)
 
 
-# -- fields that are kept in ways of their own -------------------------------------------------------------
+# -- fields that are kept in ways of their own --------------------------------------------------
 class _Parameters:
     """The unknowns: columns over ``parameter``, with prior and link where one of them has any."""
 
@@ -330,7 +330,7 @@ def _take_rows(data: xr.Dataset, name: str, path: Path) -> list[dict[str, float]
     return rows
 
 
-# -- JSON --------------------------------------------------------------------------------------------------
+# -- JSON ---------------------------------------------------------------------------------------
 def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     """Return the outcome as a dict that `json.dumps` writes without inf or nan.
 

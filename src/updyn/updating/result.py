@@ -1,4 +1,4 @@
-"""What an update gives back: `UpdateResult` and its parts. Pure data, with advice; computes no physics."""
+"""Results of updates: `UpdateResult` for a test, `JointResult` for several. Pure data."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class UpdateResult:
     title : str
         For the record.
     adequacy : Adequacy or None
-        Whether what is left is noise, or what the model cannot follow, and what would explain it;
+        Whether the residual is noise, or what the model cannot follow, and what would explain it;
         None where it was not tested: the fit did not settle, rounding is seen, or the record is an
         old one.
     """
@@ -136,7 +136,7 @@ class UpdateResult:
         )
 
     def summary(self) -> str:
-        """Return the outcome as text: verdict, unknowns with their standard deviations, what is not determined."""
+        """Return the outcome as text: verdict, unknowns and identifiability."""
         width = max(28, *(len(p.name) + 2 for p in self.parameters))
         lines = [
             (
@@ -158,7 +158,8 @@ class UpdateResult:
                 note = f"in {p.value_unit}" + (f"; {note}" if note else "")
             shown = "-" if np.isinf(std) else f"{std:.3g}"
             lines.append(
-                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}  {note}".rstrip()
+                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}"
+                f"  {note}".rstrip()
             )
         ident = self.identifiability
         advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
@@ -174,7 +175,8 @@ class UpdateResult:
             error = self.options["error"]
             shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
             lines.append(
-                f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}."
+                f"Solved in a reduced model of {self.options['basis']} basis vectors; its error:"
+                f" {shown}."
             )
         if self.adequacy is not None:
             lines += _left_over(self.adequacy, self.message)
@@ -278,13 +280,15 @@ def _combination(direction: Mapping[str, float]) -> str:
 
 
 def _left_over(found: Adequacy | None, message: str) -> list[str]:
-    """Return what is said of the residual beyond the message: places, and what would explain them."""
+    """Return the lines on the residual that the message does not hold."""
     if found is None:
         return []
     lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
-        over = f", alike over {place.alike:.0f} lines" if place.kind == "structure" else ""
+        over = ""
+        if place.kind == "structure":
+            over = f", serially correlated over {place.alike:.0f} lines"
         where = (
             f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
         )
@@ -326,7 +330,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
 
 
 def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
-    """Return the estimated factor of each channel of a result's data, shape (n_i, n_j); None where there is none.
+    """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The run of an update: tests and unknowns in, one result for each test out."""
+"""The run of an update, from tests and unknowns to one result for each test."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
 from updyn.updating.fit.journal import Journal, fingerprint
 from updyn.updating.fit.method import Fit, Method
-from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.assessment import Judgement, judge
 from updyn.updating.judge.verdict import verdict
-from updyn.updating.problem.channels import check_method
 from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
@@ -48,7 +47,7 @@ _ASIDE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How an update is run, whatever the tests and the unknowns; each field is that of `updyn.update`.
+    """How an update is run; the fields are the arguments of `updyn.update` of the same name.
 
     Attributes
     ----------
@@ -118,7 +117,7 @@ def run(
     unknowns = selection.parameters
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
-    check_method(unknowns, options.method, strategy)
+    check_channels(unknowns, strategy)
     # A validation that can be iterated only once is read here, for the fit and for the fingerprint.
     tests = [
         test if test.validation is None else replace(test, validation=list(test.validation))  # type: ignore[arg-type]

@@ -53,7 +53,7 @@ def update(
     regularise: str | float | None = None,
     **options: Any,
 ) -> UpdateResult:
-    """Find the values of the unknowns with which the model answers as the structure does.
+    """Fit the unknowns of a model to measured FRFs.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def update_jointly(
     regularise: str | float | None = None,
     **options: Any,
 ) -> JointResult:
-    """Find the unknowns with which several models answer as one structure does in several tests.
+    """Fit the unknowns of several models to the FRFs of several tests of one structure.
 
     The same structure is tested in several configurations: rotor locked and free, dish up and down,
     with and without an added mass. Each has its model, with the same group names, its data and its
@@ -227,7 +227,7 @@ def identifiability(
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float | str] | str | None = None,
 ) -> Identifiability:
-    """Say what a measurement could determine, at the start of the unknowns and before any fit.
+    """Return what a measurement could determine, at the start of the unknowns and before any fit.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def identifiability(
 def joint_identifiability(
     tests: Sequence[Test], parameters: ParameterSet | Selection
 ) -> Identifiability:
-    """Say what several tests together could determine, at the start of the unknowns and before any fit.
+    """Return what several tests together could determine, at the start of the unknowns.
 
     Parameters
     ----------

@@ -16,15 +16,13 @@ from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
-    MARK,
-    check_folder,
-    check_inputs,
-    check_no_folder,
+    check_out,
+    create_folder,
     default_out,
-    made_folder,
-    put_in_place,
+    is_of_a_run,
+    move_outputs,
     resolved_job,
-    unfinished,
+    temporary_folder,
 )
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.schema import Job
@@ -62,7 +60,7 @@ def default_plant_out(job: Job) -> Path:
 
 def _written_by_run(job: Job) -> bool:
     """Whether a run wrote the job file."""
-    return job.path.read_bytes().startswith(f"# {MARK}".encode())
+    return is_of_a_run(job.path)
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
@@ -89,10 +87,7 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
     table = job.table(PlantTable)
     if table is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
-    out = check_folder(job, out)
-    check_inputs(job, out, plant_outputs(table))
-    check_no_folder(job, out, plant_outputs(table))
-    return out
+    return check_out(job, out, plant_outputs(table))
 
 
 def plant_job(
@@ -154,10 +149,10 @@ def plant_job(
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
         plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
-    with made_folder(out), unfinished(out) as temporary:
+    with create_folder(out), temporary_folder(out) as temporary:
         write_plant_files(plant_result, job, temporary)
         write_plant_page(plant_result, temporary / PLANT_PAGE)
-        put_in_place(plant_outputs(table), temporary, out)
+        move_outputs(plant_outputs(table), temporary, out)
     return plant_result
 
 

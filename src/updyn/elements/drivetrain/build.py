@@ -1,18 +1,18 @@
-"""`drivetrain`: a torsional drive train from its parts, a group each, and `mounted`: its place on a structure."""
+"""`drivetrain`: a torsional drive train from its parts; `mounted`: its place on a structure."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements.checks import check_keys, from_row, rows_of, whole
+from updyn.elements.checks import check_keys, is_whole, parts_of_table, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
 from updyn.elements.drivetrain.pieces import PARTS, Hold, Mass, Part, Piece, Spring, Tie, resolve
 from updyn.errors import ModelError, suggest
@@ -26,12 +26,15 @@ __all__ = [
     "mounted",
 ]
 
-_GROUP_OPTIONS = ("held", "keep", "title")
+_OPTIONS = ("held", "keep", "title")
+
+#: Nodes, and a matrix of their rotations.
+_Block: TypeAlias = tuple[tuple[int, ...], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
 class Train:
-    """The parts of a train, come down to springs, inertias, rigid ratios and holds.
+    """A train as springs, inertias, rigid ratios and holds.
 
     Parameters
     ----------
@@ -47,17 +50,22 @@ class Train:
     @property
     def springs(self) -> list[Spring]:
         """The springs."""
-        return [p for _, p in self.pieces if isinstance(p, Spring)]
+        return [piece for _, piece in self.pieces if isinstance(piece, Spring)]
+
+    @property
+    def masses(self) -> list[Mass]:
+        """The inertias."""
+        return [piece for _, piece in self.pieces if isinstance(piece, Mass)]
 
     @property
     def ties(self) -> list[Tie]:
         """The rigid ratios."""
-        return [p for _, p in self.pieces if isinstance(p, Tie)]
+        return [piece for _, piece in self.pieces if isinstance(piece, Tie)]
 
     @property
     def holds(self) -> list[Hold]:
-        """What cannot turn."""
-        return [p for _, p in self.pieces if isinstance(p, Hold)]
+        """The nodes that cannot turn."""
+        return [piece for _, piece in self.pieces if isinstance(piece, Hold)]
 
 
 def drivetrain(
@@ -92,17 +100,16 @@ def drivetrain(
         neither stiffness, inertia nor damping.
     """
     train = assemble(parts, held)
-    n = len(train.nodes)
-    at = {node: i for i, node in enumerate(train.nodes)}
-    groups = {name: _group(name, pieces, at) for name, pieces in _by_group(train).items()}
+    groups = {name: _group(name, pieces, train) for name, pieces in _by_group(train).items()}
     if not groups:
         raise ModelError("drive train: no part has stiffness, inertia or damping")
-    dofs = DofSet.from_arrays(np.array(train.nodes), np.full(n, DIRECTIONS.index("RZ")))
-    follow = resolve(train.ties, train.holds, _existing(keep, "keep", at))
-    equations = [
-        Equation(f"{node}:RZ", {f"{other}:RZ": c for other, c in terms.items()})
-        for node, terms in follow.items()
-    ]
+    direction = np.full(len(train.nodes), DIRECTIONS.index("RZ"))
+    dofs = DofSet.from_arrays(np.array(train.nodes), direction)
+    equations = []
+    kept = _existing(keep, "keep", train.nodes)
+    for node, ratios in resolve(train.ties, train.holds, kept).items():
+        terms = {f"{other}:RZ": ratio for other, ratio in ratios.items()}
+        equations.append(Equation(f"{node}:RZ", terms))
     tied = constrain(Model(groups, dofs), equations)
     return Model.from_groups(tied.groups, tied.dofs, title=title)
 
@@ -114,7 +121,7 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     ----------
     table : mapping
         ``kind`` (``"drivetrain"``, may be left out), ``held``, ``keep`` and ``title`` as for
-        `drivetrain`, and an array of tables for each kind of part with its fields as keys:
+        `drivetrain`, and an array of tables for each kind of part (`PARTS`) with its fields as keys:
         ``motors``, ``brakes``, ``inertias``, ``shafts``, ``couplings``, ``gear_pairs``,
         ``planetaries``, ``worms``, ``belts``, ``dual_drives``, ``grounds``.
 
@@ -131,11 +138,10 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     kind = data.pop("kind", "drivetrain")
     if kind != "drivetrain":
         raise ModelError(f"model: kind {kind!r}; expected 'drivetrain'")
-    check_keys("model", data, (), (*PARTS, *_GROUP_OPTIONS))
+    check_keys("model", data, (), (*PARTS, *_OPTIONS))
     parts: list[Part] = []
     for key, part in PARTS.items():
-        for number, row in enumerate(rows_of(data, key), 1):
-            parts.append(from_row(part, key, number, row))
+        parts += parts_of_table(data, key, part)
         data.pop(key, None)
     if not parts:
         raise ModelError(
@@ -164,20 +170,26 @@ def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
     ModelError
         If an object is no part, a name stands for two kinds, or a node to be held is not there.
     """
-    every = _checked(parts)
-    named = [n for part in every for n in _named_nodes(part)]
-    numbers = itertools.count(max(named, default=0) + 1)
-    pieces = [(part.name, piece) for part in every for piece in part.pieces(lambda: next(numbers))]
-    nodes = {n for _, piece in pieces for n in _nodes_of(piece)} | set(named)
-    holds = _existing(held, "held", nodes)
-    pieces += [(f"held {node}", Hold(f"held node {node}", node)) for node in holds]
+    checked = _checked(parts)
+    named: set[int] = set()
+    for part in checked:
+        named |= _named_nodes(part)
+    counter = itertools.count(max(named, default=0) + 1)
+    pieces: list[tuple[str, Piece]] = []
+    nodes = set(named)
+    for part in checked:
+        for piece in part.pieces(lambda: next(counter)):
+            pieces.append((part.name, piece))
+            nodes.update(piece.nodes)
+    for node in _existing(held, "held", nodes):
+        pieces.append((f"held {node}", Hold(f"held node {node}", node)))
     return Train(tuple(pieces), tuple(sorted(nodes)))
 
 
 def _checked(parts: Iterable[Part]) -> list[Part]:
-    every = list(parts)
+    checked = list(parts)
     kinds: dict[str, type[Any]] = {}
-    for part in every:
+    for part in checked:
         if not isinstance(part, Part):
             names = ", ".join(kind.__name__ for kind in PARTS.values())
             raise ModelError(f"drive train: {part!r} is no part; expected one of {names}")
@@ -189,11 +201,11 @@ def _checked(parts: Iterable[Part]) -> list[Part]:
                 f"{part.name!r} names a {kinds[part.name].__name__} and a {kind}; a group is of one"
                 " kind"
             )
-    return every
+    return checked
 
 
-def _named_nodes(part: Part) -> list[int]:
-    """Return the nodes that a part names; the part itself refuses values that are no whole number."""
+def _named_nodes(part: Part) -> set[int]:
+    """Return the nodes that a part names; the part itself checks that they are whole numbers."""
     values: list[Any] = []
     for field in part.node_fields:
         value = getattr(part, field)
@@ -201,29 +213,27 @@ def _named_nodes(part: Part) -> list[int]:
             values += value
         else:
             values.append(value)
-    return [int(v) for v in values if isinstance(v, int | np.integer) and not isinstance(v, bool)]
-
-
-def _nodes_of(piece: Piece) -> tuple[int, ...]:
-    return (piece.node,) if isinstance(piece, Hold) else piece.nodes
+    return {int(value) for value in values if is_whole(value)}
 
 
 def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
+    """Return nodes of the option `what`, after a check that parts have them."""
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
         raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
-    there = set(known)
-    out = [whole("drive train", what, n) for n in nodes]
-    for node in out:
-        if node not in there:
+    checked = [whole("drive train", what, node) for node in nodes]
+    choices = sorted(known)
+    for node in checked:
+        if node not in choices:
             raise ModelError(
                 f"drive train: {what} names node {node}, which no part has; "
-                f"{suggest(str(node), [str(n) for n in sorted(there)])}",
+                f"{suggest(str(node), map(str, choices))}",
                 key=(what,),
             )
-    return out
+    return checked
 
 
 def _by_group(train: Train) -> dict[str, list[Spring | Mass]]:
+    """Return springs and inertias by group; each group belongs to one part name."""
     out: dict[str, list[Spring | Mass]] = {}
     owner: dict[str, str] = {}
     for part, piece in train.pieces:
@@ -237,42 +247,50 @@ def _by_group(train: Train) -> dict[str, list[Spring | Mass]]:
     return out
 
 
-def _group(name: str, pieces: Sequence[Spring | Mass], at: Mapping[int, int]) -> Group:
-    springs = [p for p in pieces if isinstance(p, Spring)]
-    losses = {p.loss_factor for p in springs if p.stiffness}
+def _group(name: str, pieces: Iterable[Spring | Mass], train: Train) -> Group:
+    K: list[_Block] = []
+    M: list[_Block] = []
+    C: list[_Block] = []
+    losses = set()
+    for piece in pieces:
+        if isinstance(piece, Mass):
+            M.append((piece.nodes, piece.matrix))
+            continue
+        if piece.stiffness:
+            losses.add(piece.loss_factor)
+            K.append((piece.nodes, piece.stiffness * piece.pattern))
+        if piece.viscous:
+            C.append((piece.nodes, piece.viscous * piece.pattern))
     if len(losses) > 1:
         raise ModelError(f"{name!r}: loss factors {sorted(losses)} in one group; use two names")
-    K = [(p.nodes, p.stiffness * np.outer(p.row, p.row)) for p in springs if p.stiffness]
-    C = [(p.nodes, p.viscous * np.outer(p.row, p.row)) for p in springs if p.viscous]
-    M = [(p.nodes, p.matrix) for p in pieces if isinstance(p, Mass)]
-    return Group(
-        _sum(K, at), _sum(M, at), loss_factor=max(losses, default=0.0), viscous=_sum(C, at)
-    )
+    loss_factor = max(losses, default=0.0)
+    return Group(_sum(K, train), _sum(M, train), loss_factor, _sum(C, train))
 
 
-def _sum(
-    blocks: Sequence[tuple[tuple[int, ...], NDArray[np.float64]]], at: Mapping[int, int]
-) -> Any:
+def _sum(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
+    """Return the sum of matrices of some nodes each, shape (n, n); None where there is none."""
     if not blocks:
         return None
-    rows, columns, values = [], [], []
+    rows = []
+    columns = []
+    values = []
     for nodes, block in blocks:
-        index = np.array([at[n] for n in nodes])
+        index = np.searchsorted(train.nodes, nodes)
         rows.append(np.repeat(index, len(index)))
         columns.append(np.tile(index, len(index)))
         values.append(block.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sp.csr_array(sp.coo_array(entries, shape=(len(at), len(at))))
+    return sp.csr_array(sp.coo_array(entries, shape=(len(train.nodes),) * 2))
 
 
+# -- on a structure
 def mounted(
     drive: Model, structure: Model, at: Mapping[int, tuple[int, Sequence[float]]], title: str = ""
 ) -> Model:
-    """Couple a drive train to a structure: shafts of the one turn with nodes of the other.
+    """Couple a drive train to a structure: shafts of the train rotate with nodes of the structure.
 
-    A load that the structure carries, a wheel bolted to it, a motor's housing (`housing`) that
-    stands on it: each is a node of the train whose rotation is that of a structure node about an
-    axis.
+    A load that the structure carries, a wheel bolted to it, and a motor's housing (`housing`) on it
+    are nodes of the train whose rotation is that of a structure node about an axis.
 
     Parameters
     ----------
@@ -285,7 +303,7 @@ def mounted(
         For each node of the train: node of the structure, and axis in that node's own system, shape
         (3,), any length. A positive rotation of the train is right-handed about it.
     title : str
-        For the record; None stated: that of the structure.
+        For the record; empty: that of the structure.
 
     Returns
     -------
@@ -306,13 +324,13 @@ def mounted(
             "mounted: expected {node of the train: (node of the structure, axis)} with one entry or"
             " more"
         )
-    shared = [str(d) for d in drive.dofs if d in structure.dofs]
+    shared = [str(dof) for dof in drive.dofs if dof in structure.dofs]
     if shared:
         raise ModelError(
-            f"mounted: {', '.join(shared[:3])} {'is' if len(shared) == 1 else 'are'} in the train"
-            " and in the structure; number the nodes of the train otherwise"
+            f"mounted: DOFs in the train and in the structure: {', '.join(shared[:3])}; number the"
+            " nodes of the train otherwise"
         )
-    nodes = [str(d.node) for d in drive.dofs]
+    nodes = list(map(str, drive.dofs.nodes.tolist()))
     equations = []
     for node, place in at.items():
         if str(whole("mounted", "node", node)) not in nodes:
@@ -324,7 +342,7 @@ def mounted(
             raise ModelError(
                 f"mounted: node {node}: {place!r}; expected (node of the structure, axis)"
             )
-        equations.append(
-            about_axis(f"{node}:RZ", whole("mounted", f"node {node} on", place[0]), place[1])
-        )
+        master, axis = place
+        master = whole("mounted", f"node {node} on", master)
+        equations.append(about_axis(f"{node}:RZ", master, axis))
     return constrain(join([structure, drive], title=title or structure.title), equations)

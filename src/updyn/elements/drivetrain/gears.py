@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from updyn.elements.checks import not_negative, number, pair, positive, whole
+from updyn.elements.checks import not_negative, number, pair, positive, positive_or_none, whole
 from updyn.elements.drivetrain.pieces import (
     Mass,
     Part,
@@ -127,10 +127,10 @@ class GearPair(Part):
 
 @dataclass(frozen=True, slots=True)
 class DualDrive(Part):
-    """Two pinions on one gear, biased against each other so that the gear has no backlash.
+    """Two pinions on one gear, preloaded against each other so that the gear has no backlash.
 
-    As long as the bias keeps both meshes in contact each is a spring for either sense, and the gear
-    sees both. Beyond `opening_torque` one of them opens and the train is no longer linear.
+    As long as the preload keeps both meshes in contact, both act on the gear as springs in either
+    sense. Beyond `opening_torque` one of them opens and the train is no longer linear.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class DualDrive(Part):
     second_factor : float
         Stiffness of the second mesh over that of the first.
     preload : float, optional
-        Torque in N m with which each pinion is biased; None: not stated.
+        Torque in N m with which each pinion is preloaded; None: not stated.
     pressure_angle_deg, kind
         As of `GearPair`.
     inertia_a, inertia_b : float
@@ -197,13 +197,14 @@ class DualDrive(Part):
         for pinion, stiffness in ((self.first, k or 0.0), (self.second, (k or 0.0) * factor)):
             out.append(transmission(what, self, (pinion, self.gear), row, stiffness, along=along))
             out += halves(what, self, (pinion,))
-        if J := not_negative(what, "inertia_b", self.inertia_b):
+        J = not_negative(what, "inertia_b", self.inertia_b)
+        if J:
             out.append(lump(self.name, self.gear, J))
         return out
 
     @property
     def opening_torque(self) -> float:
-        """Load torque on the gear, in N m, at which one mesh opens while both pinions are held.
+        """Load torque on the gear in N m at which one mesh opens while both pinions are held.
 
         The meshes share a load torque T in proportion to their stiffness; the stiffer one is
         unloaded first, at T k / (k_1 + k_2) = ratio preload.
@@ -268,10 +269,9 @@ class Worm(Part):
         what = f"worm {self.name!r}"
         if number(what, "ratio", self.ratio) == 0.0:
             raise ModelError(f"{what}: ratio 0; expected a number other than 0")
-        k = None if self.stiffness is None else positive(what, "stiffness", self.stiffness)
-        mesh = transmission(
-            what, self, (self.worm, self.wheel), (-1.0 / self.ratio, 1.0), k, counts=1.0
-        )
+        k = positive_or_none(what, "stiffness", self.stiffness)
+        row = (-1.0 / self.ratio, 1.0)
+        mesh = transmission(what, self, (self.worm, self.wheel), row, k, housing_factor=1.0)
         return [mesh, *halves(what, self, mesh.nodes)]
 
 
@@ -322,7 +322,7 @@ class Belt(Part):
         if not isinstance(self.crossed, bool):
             raise ModelError(f"{what}: crossed {self.crossed!r}; expected true or false")
         r_a, r_b = pair(what, "radii", self.radii)
-        k = None if self.stiffness is None else positive(what, "stiffness", self.stiffness)
+        k = positive_or_none(what, "stiffness", self.stiffness)
         row = (r_a, r_b if self.crossed else -r_b)
         belt = transmission(what, self, (self.a, self.b), row, k, along=True)
         return [belt, *halves(what, self, belt.nodes)]
@@ -346,19 +346,19 @@ def line_of_action(what: str, pressure_angle_deg: float) -> float:
 def _mesh(
     what: str, part: Any, mesh: float | None, torsional: float | None, rigid: bool
 ) -> tuple[tuple[float, float], float | None, bool]:
-    """Return row, stiffness (None: rigid) and whether it is along a line."""
+    """Return row, stiffness (None: rigid), and whether the deformation is a length."""
     if part.kind not in _SENSES:
         raise ModelError(f"{what}: kind {part.kind!r}; {suggest(str(part.kind), _SENSES)}")
     if not isinstance(rigid, bool):
         raise ModelError(f"{what}: rigid {rigid!r}; expected true or false")
-    ways = ("mesh_stiffness", "torsional_stiffness", "rigid")
-    given = [
-        w
-        for w, there in zip(ways, (mesh is not None, torsional is not None, rigid), strict=True)
-        if there
-    ]
-    offered = [w for w in ways if hasattr(part, w)]
+    ways = {
+        "mesh_stiffness": mesh is not None,
+        "torsional_stiffness": torsional is not None,
+        "rigid": rigid,
+    }
+    given = [way for way, is_given in ways.items() if is_given]
     if len(given) != 1:
+        offered = [way for way in ways if hasattr(part, way)]
         raise ModelError(
             f"{what}: {' and '.join(given) or 'none'} given; expected one of {', '.join(offered)}"
         )
@@ -366,15 +366,12 @@ def _mesh(
     ratio, radii = _sizes(what, part)
     cosine = line_of_action(what, part.pressure_angle_deg)
     if mesh is None:
-        k = None if torsional is None else positive(what, "torsional_stiffness", torsional)
+        k = positive_or_none(what, "torsional_stiffness", torsional)
         return (1.0 / ratio, sense), k, False
     if radii is None:
         raise ModelError(f"{what}: mesh_stiffness asks for radii, or teeth and module")
-    return (
-        (cosine * radii[0], sense * cosine * radii[1]),
-        positive(what, "mesh_stiffness", mesh),
-        True,
-    )
+    row = (cosine * radii[0], sense * cosine * radii[1])
+    return row, positive(what, "mesh_stiffness", mesh), True
 
 
 def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
@@ -388,16 +385,19 @@ def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
         raise ModelError(f"{what}: module goes with teeth")
     if part.ratio is not None:
         return positive(what, "ratio", part.ratio), None
-    first, second = pair(what, given[0], part.radii if part.teeth is None else part.teeth)
-    if part.teeth is None:
-        return second / first, (first, second)
-    half = None if part.module is None else positive(what, "module", part.module) / 2.0
-    return second / first, None if half is None else (half * first, half * second)
+    if part.radii is not None:
+        r_a, r_b = pair(what, "radii", part.radii)
+        return r_b / r_a, (r_a, r_b)
+    z_a, z_b = pair(what, "teeth", part.teeth)
+    if part.module is None:
+        return z_b / z_a, None
+    half = positive(what, "module", part.module) / 2.0
+    return z_b / z_a, (half * z_a, half * z_b)
 
 
 @dataclass(frozen=True, slots=True)
 class Planetary(Part):
-    """A planetary stage. The inertias of sun, ring and carrier are parts of their own (`Inertia`).
+    """A planetary stage without the inertias of sun, ring and carrier, which are `Inertia` parts.
 
     Groups: ``NAME sun mesh`` and ``NAME ring mesh`` where the meshes are elastic, ``NAME planets``
     where the planets have inertia or mass.
@@ -422,9 +422,8 @@ class Planetary(Part):
     pressure_angle_deg : float
         Working pressure angle of both meshes, in degrees.
     planets : tuple of int, optional
-        Nodes of the planets: one (they all turn alike, which leaves out the motions in which they
-        differ) or `n_planets`. None: one, numbered after all nodes that the train names. Not for
-        rigid ratios.
+        Nodes of the planets: one for all, which leaves out motions in which they differ, or
+        `n_planets`. None: one, numbered after all nodes that the train names. Not for rigid ratios.
     planet_inertia : float
         Of each planet about its own axis, in kg m2.
     planet_mass : float
@@ -468,12 +467,15 @@ class Planetary(Part):
         axes, willis = relative(
             what, (self.sun, self.ring, self.carrier), (z_s, z_r, -(z_s + z_r)), None
         )
-        out: list[Piece] = self._carried(what, axes[2])
-        return out + (
-            self._rigid(what, axes, willis) if self.rigid else self._elastic(what, new_node)
-        )
+        out = self._carried(what, axes[2])
+        if self.rigid:
+            out += self._rigid(what, axes, willis)
+        else:
+            out += self._elastic(what, new_node)
+        return out
 
     def _carried(self, what: str, carrier: int) -> list[Piece]:
+        """Return the mass of the planets as an inertia of the carrier."""
         mass = not_negative(what, "planet_mass", self.planet_mass)
         if not mass:
             return []
@@ -489,20 +491,22 @@ class Planetary(Part):
         return f"{self.name} planets"
 
     def _rigid(self, what: str, axes: tuple[int, ...], willis: tuple[float, ...]) -> list[Piece]:
-        given = [k for k in ("sun_mesh", "ring_mesh", "planets") if getattr(self, k) is not None]
-        given += [k for k in ("loss_factor", "viscous") if getattr(self, k)]
+        given = [
+            key for key in ("sun_mesh", "ring_mesh", "planets") if getattr(self, key) is not None
+        ]
+        given += [key for key in ("loss_factor", "viscous") if getattr(self, key)]
         if given:
             raise ModelError(
                 f"{what} is rigid: {', '.join(given)} would have no effect; leave it out"
             )
         out: list[Piece] = [Tie(what, axes, willis, axes[2])]
-        if J := not_negative(what, "planet_inertia", self.planet_inertia):
+        J = not_negative(what, "planet_inertia", self.planet_inertia)
+        if J:
             # theta_p = theta_c + (z_s / z_p) (theta_c - theta_s)
             step = 2.0 * self.teeth[0] / (self.teeth[1] - self.teeth[0])
             turn = np.array([-step, 1.0 + step])
-            out.append(
-                Mass(self._planets, (axes[0], axes[2]), self.n_planets * J * np.outer(turn, turn))
-            )
+            matrix = self.n_planets * J * np.outer(turn, turn)
+            out.append(Mass(self._planets, (axes[0], axes[2]), matrix))
         return out
 
     def _elastic(self, what: str, new_node: Callable[[], int]) -> list[Piece]:
@@ -511,44 +515,34 @@ class Planetary(Part):
                 raise ModelError(
                     f"{what}: {key} is missing; expected sun_mesh, ring_mesh and module, or rigid"
                 )
-        half = (
-            positive(what, "module", self.module)
-            / 2.0
-            * line_of_action(what, self.pressure_angle_deg)
-        )
-        r_s, r_r = half * self.teeth[0], half * self.teeth[1]
+        half = positive(what, "module", self.module) / 2.0
+        half *= line_of_action(what, self.pressure_angle_deg)
+        r_s = half * self.teeth[0]
+        r_r = half * self.teeth[1]
         r_p = (r_r - r_s) / 2.0
-        k_s, k_r = (
-            positive(what, "sun_mesh", self.sun_mesh),
-            positive(what, "ring_mesh", self.ring_mesh),
-        )
+        k_s = positive(what, "sun_mesh", self.sun_mesh)
+        k_r = positive(what, "ring_mesh", self.ring_mesh)
         J = not_negative(what, "planet_inertia", self.planet_inertia)
         viscous, loss = quantities(what, self)
-        nodes = (new_node(),) if self.planets is None else self._planet_nodes(what)
-        alike = self.n_planets // len(nodes)
-        out: list[Piece] = []
+        planets = self._planet_nodes(what) or (new_node(),)
+        count = self.n_planets // len(planets)  # planets for which one node stands
         meshes = (("sun", self.sun, k_s, (r_s, r_p)), ("ring", self.ring, k_r, (r_r, -r_p)))
-        for planet in nodes:
-            for wheel, node, k, row in meshes:
-                at, seen = relative(what, (node, planet), row, self.carrier)
-                mesh = Spring(
-                    f"{self.name} {wheel} mesh",
-                    at,
-                    seen,
-                    alike * k,
-                    alike * viscous,
-                    loss,
-                    along=True,
-                )
-                out.append(mesh)
+        out: list[Piece] = []
+        for planet in planets:
+            for wheel, node, k, coefficients in meshes:
+                nodes, row = relative(what, (node, planet), coefficients, self.carrier)
+                group = f"{self.name} {wheel} mesh"
+                out.append(Spring(group, nodes, row, count * k, count * viscous, loss, along=True))
             if J:
-                out.append(lump(self._planets, planet, alike * J))
+                out.append(lump(self._planets, planet, count * J))
         return out
 
     def _planet_nodes(self, what: str) -> tuple[int, ...]:
         nodes = self.planets
+        if nodes is None:
+            return ()
         if not isinstance(nodes, tuple | list) or len(nodes) not in (1, self.n_planets):
             raise ModelError(f"{what}: planets {nodes!r}; expected one node, or {self.n_planets}")
         if len(set(nodes)) < len(nodes):
             raise ModelError(f"{what}: planets {nodes!r}; expected different nodes")
-        return tuple(whole(what, "planets", n) for n in nodes)
+        return tuple([whole(what, "planets", node) for node in nodes])

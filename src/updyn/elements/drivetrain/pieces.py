@@ -35,6 +35,9 @@ __all__ = [
 ]
 
 
+_CANCELLED = 1e-9  # of the largest term: what remains of terms that cancel but for rounding
+
+
 @dataclass(frozen=True, slots=True)
 class Spring:
     """A spring and a damper on delta = row . theta.
@@ -66,6 +69,11 @@ class Spring:
     anchor: bool = False
     along: bool = False
 
+    @property
+    def pattern(self) -> NDArray[np.float64]:
+        """Return row row^T, by which stiffness and damping are multiplied."""
+        return np.outer(self.row, self.row)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mass:
@@ -93,6 +101,11 @@ class Hold:
 
     what: str
     node: int
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The node."""
+        return (self.node,)
 
 
 Piece: TypeAlias = Spring | Mass | Tie | Hold
@@ -161,9 +174,8 @@ def quantities(what: str, part: Any) -> tuple[float, float]:
     ModelError
         If one is not a number of at least 0.
     """
-    return not_negative(what, "viscous", part.viscous), not_negative(
-        what, "loss_factor", part.loss_factor
-    )
+    viscous = not_negative(what, "viscous", part.viscous)
+    return viscous, not_negative(what, "loss_factor", part.loss_factor)
 
 
 def relative(
@@ -171,9 +183,9 @@ def relative(
     nodes: Sequence[int],
     row: Sequence[float],
     housing: int | None,
-    counts: float | None = None,
+    housing_factor: float | None = None,
 ) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Return nodes and row of a deformation seen from a housing that may turn itself.
+    """Return nodes and row of a deformation relative to a housing that may rotate.
 
     Parameters
     ----------
@@ -185,9 +197,9 @@ def relative(
         Their coefficients on a housing at rest.
     housing : int or None
         Node of the housing; None: the ground.
-    counts : float, optional
-        What the rotation of the housing takes off. None: the sum of `row`, all shafts being
-        parallel to its axis.
+    housing_factor : float, optional
+        Coefficient of the rotation of the housing that is subtracted. None: the sum of `row`, for
+        shafts that are all parallel to its axis.
 
     Returns
     -------
@@ -199,15 +211,17 @@ def relative(
     ModelError
         If a node is not a whole number, or stands twice.
     """
-    every = [whole(what, "node", n) for n in nodes]
-    values = [number(what, "coefficient", c) for c in row]
+    checked = [whole(what, "node", node) for node in nodes]
+    values = [number(what, "coefficient", value) for value in row]
     if housing is not None:
-        every.append(whole(what, "housing", housing))
-        values.append(-(sum(values) if counts is None else counts))
-    for node in every:
-        if every.count(node) > 1:
+        checked.append(whole(what, "housing", housing))
+        if housing_factor is None:
+            housing_factor = sum(values)
+        values.append(-housing_factor)
+    for node in checked:
+        if checked.count(node) > 1:
             raise ModelError(f"{what}: node {node} stands twice; expected different nodes")
-    return tuple(every), tuple(values)
+    return tuple(checked), tuple(values)
 
 
 def transmission(
@@ -218,7 +232,7 @@ def transmission(
     stiffness: float | None,
     *,
     along: bool = False,
-    counts: float | None = None,
+    housing_factor: float | None = None,
 ) -> Spring | Tie:
     """Return the spring or, without stiffness, the rigid ratio of a part that passes motion on.
 
@@ -234,7 +248,7 @@ def transmission(
         In N m/rad, or N/m with `along`; None: rigid.
     along : bool
         Whether the deformation is a length.
-    counts : float, optional
+    housing_factor : float, optional
         See `relative`.
 
     Returns
@@ -246,7 +260,7 @@ def transmission(
     ModelError
         If a number is not usable, or a rigid part has damping.
     """
-    every, values = relative(what, nodes, row, part.housing, counts)
+    every, values = relative(what, nodes, row, part.housing, housing_factor)
     viscous, loss = quantities(what, part)
     if stiffness is not None:
         return Spring(part.name, every, values, stiffness, viscous, loss, along=along)
@@ -257,13 +271,10 @@ def transmission(
     return Tie(what, every, values, every[1])
 
 
-_SAME = 1e-9  # of the terms of an equation: what is left of them is rounding
-
-
 def resolve(
     ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()
 ) -> dict[int, dict[int, float]]:
-    """Return the nodes that follow others, each as a combination of nodes that follow none.
+    """Solve the rigid ratios for the nodes that follow others.
 
     Gauss-Jordan elimination in the order of the train: the ratios first, then the holds, so that
     wheels whose ratios contradict each other are told from wheels that a hold stops.
@@ -275,12 +286,12 @@ def resolve(
     holds : iterable of Hold
         Nodes that cannot turn.
     keep : iterable of int
-        Nodes that are not to follow.
+        Nodes that do not follow.
 
     Returns
     -------
     dict of int to dict of int to float
-        For each node that follows, coefficients by node; none: it stands still.
+        For each node that follows, coefficients by node that follows none; empty: it is at rest.
 
     Raises
     ------
@@ -289,7 +300,7 @@ def resolve(
     """
     kept = set(keep)
     known: dict[int, dict[int, float]] = {}
-    # What stands on a housing (anchor) comes after what passes the motion on, and may stop it.
+    # Anchors come last: they may stop what the other ratios connect.
     for tie in sorted(ties, key=lambda t: t.anchor):
         row = _substituted(dict(zip(tie.nodes, tie.row, strict=True)), known)
         if len(row) == 1 and not tie.anchor:
@@ -297,39 +308,43 @@ def resolve(
                 f"{tie.what}: with the rigid ratios before it node {next(iter(row))} cannot turn:"
                 " their ratios contradict each other; correct one, or give one a stiffness"
             )
-        _follow(tie.what, row, tie.dependent, kept, known)
+        _eliminate(tie.what, row, tie.dependent, kept, known)
     for hold in holds:
-        _follow(hold.what, _substituted({hold.node: 1.0}, known), hold.node, kept, known)
+        _eliminate(hold.what, _substituted({hold.node: 1.0}, known), hold.node, kept, known)
     return known
 
 
 def _substituted(row: dict[int, float], known: dict[int, dict[int, float]]) -> dict[int, float]:
+    """Return an equation in the nodes that follow none; terms that cancel are left out."""
     total: dict[int, float] = {}
-    size: dict[int, float] = {}
+    largest: dict[int, float] = {}
     for node, factor in row.items():
-        for other, c in known.get(node, {node: 1.0}).items():
-            total[other] = total.get(other, 0.0) + factor * c
-            size[other] = max(size.get(other, 0.0), abs(factor * c))
-    return {node: c for node, c in total.items() if abs(c) > _SAME * size[node]}
+        for other, coefficient in known.get(node, {node: 1.0}).items():
+            term = factor * coefficient
+            total[other] = total.get(other, 0.0) + term
+            largest[other] = max(largest.get(other, 0.0), abs(term))
+    return {node: c for node, c in total.items() if abs(c) > _CANCELLED * largest[node]}
 
 
-def _follow(
+def _eliminate(
     what: str,
     row: dict[int, float],
     wanted: int,
     kept: set[int],
     known: dict[int, dict[int, float]],
 ) -> None:
+    """Solve an equation for one of its nodes, the wanted one if it may follow, and update `known`."""
     if not row:
         return
     free = [node for node in row if node not in kept]
     if not free:
-        nodes = ", ".join(str(n) for n in sorted(row))
+        nodes = ", ".join(map(str, sorted(row)))
         raise ModelError(
             f"{what} ties node {nodes}, all of which are to be kept; leave one out of keep"
         )
     node = wanted if wanted in free else free[-1]
-    known[node] = {other: -c / row[node] for other, c in row.items() if other != node}
+    pivot = row.pop(node)
+    known[node] = {other: -c / pivot for other, c in row.items()}
     for follower, terms in list(known.items()):
         if node in terms:
             known[follower] = _substituted(terms, {node: known[node]})

@@ -1,13 +1,14 @@
-"""`reflected`: what each part of a drive train is worth at one of its nodes.
+"""`reflected`: stiffnesses and inertias of a drive train, reflected to one of its nodes.
 
-With n_i the speed of a shaft over that of the node, all parts being rigid, a stiffness counts k_i
-n_i^2 and an inertia J_i n_i^2 there, and the stiffness of a row of parts follows from 1/k = sum
-1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010, section 9.6).
+With n_i the speed of a shaft over that of the node, all parts being rigid, a stiffness is worth
+k_i n_i^2 and an inertia J_i n_i^2 there, and the stiffness of a series of parts follows from
+1/k = sum 1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010,
+section 9.6).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,22 +20,24 @@ from updyn.elements.drivetrain.build import Train, assemble
 from updyn.elements.drivetrain.pieces import Mass, Part, Spring, Tie, resolve
 from updyn.elements.drivetrain.shafts import Shaft
 from updyn.errors import ModelError, suggest
+from updyn.text_table import text_table
 
 __all__ = ["Reflected", "ReflectedPart", "reflected"]
 
 _RIGID = 1e-9  # singular values below this, of rows of length 1, are motions without deformation
+_SOLVED = 1e-6  # largest residual of an equation that has a solution
 
 
 @dataclass(frozen=True, slots=True)
 class ReflectedPart:
-    """A line of the table.
+    """A row of the table of reflected parts.
 
     Attributes
     ----------
     group : str
         Name of its group.
     quantity : {"stiffness", "inertia"}
-        What is reflected.
+        The reflected quantity.
     nodes : tuple of int
         Its nodes.
     own : float
@@ -42,10 +45,10 @@ class ReflectedPart:
     unit : str
         ``N m/rad``, ``N/m`` (along a line) or ``kg m2``.
     ratio : float or None
-        Of a stiffness the deformation, in rad or m, for 1 rad at the node that all is reflected to
-        while the rest is rigid; of an inertia the speed of its first node over that of the node.
+        Of a stiffness the deformation, in rad or m, for 1 rad at the node of the table while the
+        rest is rigid; of an inertia the speed of its first node over that of the node.
     value : float or None
-        Worth at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None:
+        Value at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None:
         there is none (one of several meshes that share a planetary stage's load).
     share : float or None
         Of the compliance at the node, or of the inertia there; 0 to 1. None where the node is free
@@ -61,20 +64,31 @@ class ReflectedPart:
     value: float | None
     share: float | None
 
+    def cells(self) -> list[str]:
+        """Return the cells of its row in the table of `Reflected`."""
+        nodes = "-".join(map(str, self.nodes))
+        share = "-" if self.share is None else f"{100.0 * self.share:.1f} %"
+        ratio = _number(self.ratio)
+        return [self.group, nodes, _number(self.own), self.unit, ratio, _number(self.value), share]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
 
 @dataclass(frozen=True, slots=True)
 class Reflected:
-    """A drive train as seen from one node; `str` gives a table.
+    """A drive train reflected to one node; `str` gives a table.
 
     Attributes
     ----------
     node : int
-        Where all is reflected to.
+        Node that all is reflected to.
     parts : tuple of ReflectedPart
         Stiffnesses and inertias in the order of the train.
     stiffness : float or None
-        Static stiffness at the node in N m/rad, everything counted; of a plain row of parts that is
-        1 / sum(1 / value). None: the train is free to turn.
+        Static stiffness at the node in N m/rad; of a plain series of parts 1 / sum(1 / value).
+        None: the train is free to turn.
     inertia : float
         Sum of J n^2, in kg m2.
     ratios : mapping of int to float
@@ -88,31 +102,13 @@ class Reflected:
     ratios: dict[int, float]
 
     def __str__(self) -> str:
-        head = ("part", "nodes", "own", "unit", "ratio", f"at node {self.node}", "share")
-        lines = [head]
-        for quantity, total, unit in (
-            ("stiffness", self.stiffness, "N m/rad"),
-            ("inertia", self.inertia, "kg m2"),
-        ):
-            for p in self.parts:
-                if p.quantity == quantity:
-                    nodes = "-".join(str(n) for n in p.nodes)
-                    lines.append(
-                        (
-                            p.group,
-                            nodes,
-                            _g(p.own),
-                            p.unit,
-                            _g(p.ratio),
-                            _g(p.value),
-                            _percent(p.share),
-                        )
-                    )
-            shown = "free to turn" if total is None else _g(total)
-            lines.append((f"total {quantity}", "", "", unit, "", shown, ""))
-        widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-        left = (0, 1, 3)
-        return "\n".join(_padded(line, widths, left) for line in lines)
+        header = ["part", "nodes", "own", "unit", "ratio", f"at node {self.node}", "share"]
+        rows = [part.cells() for part in self.parts if part.quantity == "stiffness"]
+        stiffness = "free to turn" if self.stiffness is None else _number(self.stiffness)
+        rows.append(["total stiffness", "", "", "N m/rad", "", stiffness, ""])
+        rows += [part.cells() for part in self.parts if part.quantity == "inertia"]
+        rows.append(["total inertia", "", "", "kg m2", "", _number(self.inertia), ""])
+        return text_table(header, rows, left=(0, 1, 3))
 
 
 def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Reflected:
@@ -138,165 +134,198 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
         If the node is not there or held, if the ratios to it are not determined (a planetary stage
         none of whose members is held, separate trains), or as `drivetrain`.
     """
-    # A shaft's elements are in a row and turn alike: one line of the table stands for them.
-    train = assemble([replace(p, n_elements=1) if isinstance(p, Shaft) else p for p in parts], held)
+    train = _Rigid(assemble(_with_single_shafts(parts), held))
     if whole("reflected", "to", to) not in train.nodes:
-        near = suggest(str(to), [str(n) for n in train.nodes])
+        near = suggest(str(to), map(str, train.nodes))
         raise ModelError(f"reflected: no part has the node {to}; {near}")
-    n = _ratios(train, to)
-    motion = _under_torque(train, to)
-    stiffness = None if motion is None else 1.0 / float(motion[train.nodes.index(to)])
-    inertia = sum(_inertia(p, n) for _, p in train.pieces if isinstance(p, Mass))
+    speeds = train.speeds(to)
+    motion = train.under_torque(to)
+    inertia = sum(_inertia(mass, speeds) for mass in train.train.masses)
     rows = []
-    for _, piece in train.pieces:
+    for _, piece in train.train.pieces:
         if isinstance(piece, Spring) and piece.stiffness:
-            rows.append(_spring_row(train, piece, to, n, motion))
+            rows.append(_spring_row(train, piece, to, speeds, motion))
         elif isinstance(piece, Mass):
-            rows.append(_mass_row(piece, n, inertia))
-    return Reflected(to, tuple(rows), stiffness, inertia, n)
+            rows.append(_mass_row(piece, speeds, inertia))
+    stiffness = None
+    if motion is not None:
+        stiffness = 1.0 / motion[to]
+    return Reflected(to, tuple(rows), stiffness, inertia, speeds)
 
 
-def _inertia(mass: Mass, n: dict[int, float]) -> float:
-    speeds = np.array([n[node] for node in mass.nodes])
-    return float(speeds @ mass.matrix @ speeds)
+def _with_single_shafts(parts: Iterable[Part]) -> list[Part]:
+    """Return the parts with one element a shaft: its elements are in series and turn alike."""
+    out = []
+    for part in parts:
+        if isinstance(part, Shaft):
+            part = replace(part, n_elements=1)
+        out.append(part)
+    return out
 
 
-def _mass_row(mass: Mass, n: dict[int, float], total: float) -> ReflectedPart:
-    value = _inertia(mass, n)
-    own = float(mass.matrix.sum()) if len(mass.nodes) < 3 else float(np.trace(mass.matrix))
+def _inertia(mass: Mass, speeds: Mapping[int, float]) -> float:
+    n = np.array([speeds[node] for node in mass.nodes])
+    return float(n @ mass.matrix @ n)
+
+
+def _mass_row(mass: Mass, speeds: Mapping[int, float], total: float) -> ReflectedPart:
+    value = _inertia(mass, speeds)
+    own = float(np.trace(mass.matrix))
+    if len(mass.nodes) < 3:
+        own = float(mass.matrix.sum())
+    ratio = speeds[mass.nodes[0]]
     return ReflectedPart(
-        mass.group, "inertia", mass.nodes, own, "kg m2", n[mass.nodes[0]], value, value / total
+        mass.group, "inertia", mass.nodes, own, "kg m2", ratio, value, value / total
     )
 
 
 def _spring_row(
-    train: Train, spring: Spring, to: int, n: dict[int, float], motion: NDArray[np.float64] | None
+    train: _Rigid,
+    spring: Spring,
+    to: int,
+    speeds: Mapping[int, float],
+    motion: Mapping[int, float] | None,
 ) -> ReflectedPart:
     share = None
     if motion is not None:
-        at = [train.nodes.index(node) for node in spring.nodes]
-        delta = float(np.dot(spring.row, motion[at]))
-        share = spring.stiffness * delta**2 / float(motion[train.nodes.index(to)])
-    lever = _lever(train, spring, to, n, motion is not None)
-    value = None if lever is None else spring.stiffness * lever**2
+        delta = float(np.dot(spring.row, [motion[node] for node in spring.nodes]))
+        share = spring.stiffness * delta**2 / motion[to]
+    ratio = None
+    if motion is not None:
+        ratio = train.deformation(spring, to)
+    if ratio is None and len(spring.nodes) <= 2:
+        # One of several paths to the ground, a branch, or a free train: k n^2 of the part itself.
+        ratio = abs(spring.row[0] * speeds[spring.nodes[0]])
+    value = None
+    if ratio is not None:
+        value = spring.stiffness * ratio**2
     unit = "N/m" if spring.along else "N m/rad"
     return ReflectedPart(
-        spring.group, "stiffness", spring.nodes, spring.stiffness, unit, lever, value, share
+        spring.group, "stiffness", spring.nodes, spring.stiffness, unit, ratio, value, share
     )
 
 
-def _lever(
-    train: Train, spring: Spring, to: int, n: dict[int, float], resisted: bool
-) -> float | None:
-    """Return the deformation of a spring for 1 rad at the node, all other parts being rigid."""
-    if resisted:
-        others = [_row(train, p) for p in train.springs if p is not spring and p.stiffness]
-        others += [_row(train, t) for t in train.ties] + [_unit(train, h.node) for h in train.holds]
-        A = np.array([*others, _unit(train, to)])
+class _Rigid:
+    """Motions of a train whose parts are rigid, and its static deformation."""
+
+    def __init__(self, train: Train) -> None:
+        self.train = train
+        self.nodes = train.nodes
+        self._place = {node: i for i, node in enumerate(train.nodes)}
+
+    def deformation(self, spring: Spring, to: int) -> float | None:
+        """Return the deformation of a spring for 1 rad at the node, all other parts being rigid.
+
+        None: then the node cannot turn.
+        """
+        others = [self._row(s) for s in self.train.springs if s is not spring and s.stiffness]
+        others += [self._row(tie) for tie in self.train.ties]
+        others += [self._unit(hold.node) for hold in self.train.holds]
+        A = np.array([*others, self._unit(to)])
         b = np.zeros(len(A))
         b[-1] = 1.0
         theta = np.linalg.lstsq(A, b, rcond=_RIGID)[0]
-        if np.abs(A @ theta - b).max() < 1e-6:
-            return abs(float(_row(train, spring, scaled=False) @ theta))
-    # One of several ways to the ground, a branch beside the way, or a train that is free: k n^2 of
-    # the part itself.
-    if len(spring.nodes) > 2:
-        return None
-    return abs(spring.row[0] * n[spring.nodes[0]])
+        if np.abs(A @ theta - b).max() >= _SOLVED:
+            return None
+        return abs(float(self._coefficients(spring) @ theta))
 
+    def speeds(self, to: int) -> dict[int, float]:
+        """Return the speed of each node over that of `to`, with all parts rigid and all anchors free."""
+        rigid = [self._row(s) for s in self.train.springs if not s.anchor and s.stiffness]
+        rigid += [self._row(tie) for tie in self.train.ties if not tie.anchor]
+        motions = self._null_space(rigid)
+        for node in self._supports():
+            if motions.shape[1] <= 1:
+                break
+            if np.abs(motions[self._place[node]]).max() > _RIGID:
+                rigid.append(self._unit(node))
+                motions = self._null_space(rigid)
+        here = motions[self._place[to]]
+        if motions.shape[1] == 0 or np.abs(here).max() < _RIGID:
+            raise ModelError(f"reflected: node {to} cannot turn; reflect to one that can")
+        if motions.shape[1] > 1:
+            raise ModelError(
+                f"reflected: with all parts rigid the train has {motions.shape[1]} independent"
+                " motions, so that its ratios are not determined; hold the fixed member of each"
+                " planetary stage and reflect one train at a time"
+            )
+        ratios = motions[:, 0] / here[0]
+        ratios[np.abs(ratios) < _RIGID * np.abs(ratios).max()] = 0.0
+        return dict(zip(self.nodes, ratios.tolist(), strict=True))
 
-def _ratios(train: Train, to: int) -> dict[int, float]:
-    """Return the speed of each node over that of `to`, all parts being rigid and what anchors the train let go."""
-    rigid = [_row(train, p) for p in train.springs if not p.anchor and p.stiffness]
-    rigid += [_row(train, t) for t in train.ties if not t.anchor]
-    motions = _null(rigid, len(train.nodes))
-    for node in _supports(train):
-        if motions.shape[1] <= 1:
-            break
-        if np.abs(motions[train.nodes.index(node)]).max() > _RIGID:
-            motions = _null([*rigid, _unit(train, node)], len(train.nodes))
-            rigid.append(_unit(train, node))
-    here = motions[train.nodes.index(to)]
-    if motions.shape[1] == 0 or np.abs(here).max() < _RIGID:
-        raise ModelError(f"reflected: node {to} cannot turn; reflect to one that can")
-    if motions.shape[1] > 1:
-        raise ModelError(
-            f"reflected: with all parts rigid the train has {motions.shape[1]} independent motions,"
-            " so that its ratios are not determined; hold the fixed member of each planetary stage"
-            " and reflect one train at a time"
-        )
-    ratios = motions[:, 0] / here[0]
-    ratios[np.abs(ratios) < _RIGID * np.abs(ratios).max()] = 0.0
-    return dict(zip(train.nodes, ratios.tolist(), strict=True))
+    def _supports(self) -> list[int]:
+        """Return nodes to hold until the ratios are determined.
 
+        Housings come first, then anchored members of planetary stages.
+        """
+        springs = self.train.springs
+        ties = self.train.ties
+        housings = [s.nodes[1] for s in springs if s.anchor and len(s.nodes) == 2]
+        housings += [tie.nodes[1] for tie in ties if tie.anchor]
+        anchored = [s.nodes[0] for s in springs if s.anchor and s.stiffness]
+        anchored += [hold.node for hold in self.train.holds]
+        anchored += [tie.nodes[0] for tie in ties if tie.anchor]
+        members: set[int] = set()
+        passing: list[Spring | Tie] = [*springs, *ties]
+        for piece in passing:
+            if not piece.anchor and len(piece.nodes) > 2:
+                members.update(piece.nodes)
+        housings = list(dict.fromkeys(housings))
+        return housings + [node for node in dict.fromkeys(anchored) if node in members]
 
-def _supports(train: Train) -> list[int]:
-    """Return nodes whose rest makes the ratios definite: housings, then anchored members of planetary stages."""
-    housings = [p.nodes[1] for p in train.springs if p.anchor and len(p.nodes) == 2]
-    housings += [t.nodes[1] for t in train.ties if t.anchor]
-    anchored = [p.nodes[0] for p in train.springs if p.anchor and p.stiffness]
-    anchored += [h.node for h in train.holds] + [t.nodes[0] for t in train.ties if t.anchor]
-    passing: list[Spring | Tie] = [*train.springs, *train.ties]
-    members = {n for p in passing if not p.anchor and len(p.nodes) > 2 for n in p.nodes}
-    return [*dict.fromkeys(housings), *(n for n in dict.fromkeys(anchored) if n in members)]
+    def under_torque(self, to: int) -> dict[int, float] | None:
+        """Return the rotations of all nodes in rad per N m at `to`; None where nothing resists."""
+        T, free = self._transformation()
+        load = T[self._place[to]]
+        if not load.any():
+            raise ModelError(f"reflected: node {to} is held; reflect to one that can turn")
+        rows = []
+        for spring in self.train.springs:
+            if spring.stiffness:
+                rows.append(self._coefficients(spring) * np.sqrt(spring.stiffness))
+        R = np.array(rows).reshape(-1, len(self.nodes)) @ T
+        size = np.sqrt((R**2).sum(axis=0))
+        size[size == 0.0] = 1.0
+        # A motion that no spring resists bears no load: if the load works on one, nothing holds it.
+        loose = np.eye(free)
+        if len(R):
+            loose = sl.null_space(R / size, rcond=_RIGID)
+        work = np.abs((load / size) @ loose).max(initial=0.0)
+        if work > _SOLVED * np.abs(load / size).max():
+            return None
+        # Minimise |R q|^2 / 2 - load q by least squares on R itself: R^T R would square the
+        # condition number of a stiff train.
+        half = np.linalg.lstsq((R / size).T, load / size, rcond=_RIGID)[0]
+        q = np.linalg.lstsq(R / size, half, rcond=_RIGID)[0] / size
+        return dict(zip(self.nodes, (T @ q).tolist(), strict=True))
 
+    def _transformation(self) -> tuple[NDArray[np.float64], int]:
+        """Return all rotations from those that follow none, shape (nodes, free), and their number."""
+        follow = resolve(self.train.ties, self.train.holds)
+        free = [node for node in self.nodes if node not in follow]
+        T = np.zeros((len(self.nodes), len(free)))
+        for i, node in enumerate(self.nodes):
+            for other, coefficient in follow.get(node, {node: 1.0}).items():
+                T[i, free.index(other)] = coefficient
+        return T, len(free)
 
-def _under_torque(train: Train, to: int) -> NDArray[np.float64] | None:
-    """Return the rotations in rad per N m at `to`, shape (nodes,); None where nothing resists."""
-    follow = resolve(train.ties, train.holds)
-    free = [node for node in train.nodes if node not in follow]
-    T = np.zeros((len(train.nodes), len(free)))
-    for i, node in enumerate(train.nodes):
-        for other, c in follow.get(node, {node: 1.0}).items():
-            T[i, free.index(other)] = c
-    load = T[train.nodes.index(to)]
-    if not load.any():
-        raise ModelError(f"reflected: node {to} is held; reflect to one that can turn")
-    R = np.array(
-        [_row(train, p, scaled=False) * np.sqrt(p.stiffness) for p in train.springs if p.stiffness]
-    )
-    R = R.reshape(-1, len(train.nodes)) @ T
-    # Motions that no spring resists (a branch left free) bear no load; where the load works on one,
-    # nothing holds it.
-    size = np.sqrt((R**2).sum(axis=0))
-    size[size == 0.0] = 1.0
-    loose = sl.null_space(R / size, rcond=_RIGID) if len(R) else np.eye(len(free))
-    if np.abs((load / size) @ loose).max(initial=0.0) > 1e-6 * np.abs(load / size).max():
-        return None
-    # min |R q|^2 / 2 - load q by least squares on R itself: R^T R would square the condition of a
-    # stiff train
-    half = np.linalg.lstsq((R / size).T, load / size, rcond=_RIGID)[0]
-    q = np.linalg.lstsq(R / size, half, rcond=_RIGID)[0] / size
-    return np.asarray(T @ q)
+    def _coefficients(self, piece: Spring | Tie) -> NDArray[np.float64]:
+        out = np.zeros(len(self.nodes))
+        for node, coefficient in zip(piece.nodes, piece.row, strict=True):
+            out[self._place[node]] = coefficient
+        return out
 
+    def _row(self, piece: Spring | Tie) -> NDArray[np.float64]:
+        """Return the coefficients of a piece, scaled to length 1."""
+        row = self._coefficients(piece)
+        return row / np.linalg.norm(row)
 
-def _row(train: Train, piece: Spring | Tie, scaled: bool = True) -> NDArray[np.float64]:
-    out = np.zeros(len(train.nodes))
-    out[[train.nodes.index(n) for n in piece.nodes]] = piece.row
-    return out / np.linalg.norm(out) if scaled else out
+    def _unit(self, node: int) -> NDArray[np.float64]:
+        out = np.zeros(len(self.nodes))
+        out[self._place[node]] = 1.0
+        return out
 
-
-def _unit(train: Train, node: int) -> NDArray[np.float64]:
-    out = np.zeros(len(train.nodes))
-    out[train.nodes.index(node)] = 1.0
-    return out
-
-
-def _null(rows: Sequence[NDArray[np.float64]], n: int) -> NDArray[np.float64]:
-    return np.asarray(sl.null_space(np.array(rows), rcond=_RIGID)) if rows else np.eye(n)
-
-
-def _padded(cells: Sequence[str], widths: Sequence[int], left: Sequence[int]) -> str:
-    shown = (
-        c.ljust(w) if i in left else c.rjust(w)
-        for i, (c, w) in enumerate(zip(cells, widths, strict=True))
-    )
-    return "  ".join(shown).rstrip()
-
-
-def _g(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100.0 * share:.1f} %"
+    def _null_space(self, rows: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        if not rows:
+            return np.eye(len(self.nodes))
+        return np.asarray(sl.null_space(np.array(rows), rcond=_RIGID))

@@ -1,16 +1,16 @@
-"""Parts on one shaft: inertias, shafts and couplings, and what holds the train: motors, brakes, springs to ground."""
+"""Parts on one shaft: inertias, shafts, couplings, motors, brakes and springs to ground."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from updyn.elements.checks import not_negative, positive, whole
+from updyn.elements.checks import not_negative, positive, positive_or_none, whole
 from updyn.elements.drivetrain.pieces import (
     Hold,
     Mass,
@@ -62,14 +62,12 @@ class Inertia(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the inertia."""
         what = f"inertia {self.name!r}"
-        geometry = {k: getattr(self, k) for k in ("rho", "outer_diameter", "length")}
-        if not _one_way(what, "value", self.value, geometry, self.inner_diameter):
-            return [
-                lump(self.name, whole(what, "node", self.node), positive(what, "value", self.value))
-            ]
-        rho, length = positive(what, "rho", self.rho), positive(what, "length", self.length)
-        J = rho * length * _polar(what, self.outer_diameter, self.inner_diameter)
-        return [lump(self.name, whole(what, "node", self.node), J)]
+        node = whole(what, "node", self.node)
+        if not _is_from_geometry(what, self, "value", ("rho", "outer_diameter", "length")):
+            return [lump(self.name, node, positive(what, "value", self.value))]
+        rho = positive(what, "rho", self.rho)
+        length = positive(what, "length", self.length)
+        return [lump(self.name, node, rho * length * _polar_moment(what, self))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +131,9 @@ class Shaft(Part):
                 f"{what}: {count} elements of a shaft without mass; give rho or inertia, or one"
                 " element"
             )
-        nodes = [ends[0], *(new_node() for _ in range(count - 1)), ends[1]]
+        inner = [new_node() for _ in range(count - 1)]
         out: list[Piece] = []
-        for two in itertools.pairwise(nodes):
+        for two in itertools.pairwise([ends[0], *inner, ends[1]]):
             out.append(
                 Spring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss)
             )
@@ -144,20 +142,25 @@ class Shaft(Part):
         return out
 
     def _totals(self, what: str) -> tuple[float, float]:
-        geometry = {k: getattr(self, k) for k in ("G", "outer_diameter", "length")}
-        if not _one_way(what, "stiffness", self.stiffness, geometry, self.inner_diameter):
-            if self.rho is not None:
+        """Return stiffness in N m/rad and inertia in kg m2."""
+        if _is_from_geometry(what, self, "stiffness", ("G", "outer_diameter", "length")):
+            if self.inertia is not None:
                 raise ModelError(
-                    f"{what}: rho goes with the geometry; with a stiffness give inertia"
+                    f"{what}: inertia goes with a stiffness; with the geometry give rho"
                 )
-            J = 0.0 if self.inertia is None else not_negative(what, "inertia", self.inertia)
-            return positive(what, "stiffness", self.stiffness), J
+            G = positive(what, "G", self.G)
+            length = positive(what, "length", self.length)
+            section = _polar_moment(what, self)
+            rho = 0.0
+            if self.rho is not None:
+                rho = not_negative(what, "rho", self.rho)
+            return G * section / length, rho * section * length
+        if self.rho is not None:
+            raise ModelError(f"{what}: rho goes with the geometry; with a stiffness give inertia")
+        J = 0.0
         if self.inertia is not None:
-            raise ModelError(f"{what}: inertia goes with a stiffness; with the geometry give rho")
-        G, length = positive(what, "G", self.G), positive(what, "length", self.length)
-        section = _polar(what, self.outer_diameter, self.inner_diameter)
-        rho = 0.0 if self.rho is None else not_negative(what, "rho", self.rho)
-        return G * section / length, rho * section * length
+            J = not_negative(what, "inertia", self.inertia)
+        return positive(what, "stiffness", self.stiffness), J
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,18 +199,17 @@ class Coupling(Part):
         what = f"coupling {self.name!r}"
         nodes, row = relative(what, (self.a, self.b), (1.0, -1.0), None)
         k = positive(what, "stiffness", self.stiffness)
-        return [
-            Spring(self.name, nodes, row, k, *quantities(what, self)),
-            *halves(what, self, nodes),
-        ]
+        viscous, loss = quantities(what, self)
+        spring = Spring(self.name, nodes, row, k, viscous, loss)
+        return [spring, *halves(what, self, nodes)]
 
 
 @dataclass(frozen=True, slots=True)
 class Motor(Part):
-    """A motor: its rotor, free or locked, and what the drive does to it.
+    """A motor: its rotor, free or locked, and the stiffness and damping of its drive.
 
     Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the
-    groups stay.
+    groups are the same.
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ class Brake(Part):
     stiffness : float, optional
         Of the closed brake, in N m/rad; None: rigid.
     closed : bool
-        False: released; only inertia and drag are left.
+        False: released; only inertia and drag remain.
     inertia : float
         Of what turns with the shaft, in kg m2.
     viscous : float
@@ -299,12 +301,12 @@ class Brake(Part):
             out.append(lump(self.name, node, self.inertia))
         if self.closed and self.stiffness is None:
             out.append(_lock(what, self))
-        return out + _anchors(what, self, sprung=self.closed)
+        return out + _anchors(what, self, has_spring=self.closed)
 
 
 @dataclass(frozen=True, slots=True)
 class Ground(Part):
-    """A spring and a damper between a shaft and the ground or a housing: a bearing's drag, a held end.
+    """A spring and a damper between a shaft and the ground or a housing, such as a bearing's drag.
 
     Parameters
     ----------
@@ -350,12 +352,12 @@ def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
     ModelError
         If one is not a number of at least 0.
     """
-    sides = zip(nodes, ("inertia_a", "inertia_b"), strict=False)
-    return [
-        lump(part.name, n, J)
-        for n, key in sides
-        if (J := not_negative(what, key, getattr(part, key)))
-    ]
+    out: list[Piece] = []
+    for node, key in zip(nodes, ("inertia_a", "inertia_b"), strict=False):
+        J = not_negative(what, key, getattr(part, key))
+        if J:
+            out.append(lump(part.name, node, J))
+    return out
 
 
 def _lock(what: str, part: Any) -> Piece:
@@ -365,42 +367,43 @@ def _lock(what: str, part: Any) -> Piece:
     return Tie(what, nodes, row, nodes[0], anchor=True)
 
 
-def _anchors(what: str, part: Any, sprung: bool = True) -> list[Piece]:
+def _anchors(what: str, part: Any, has_spring: bool = True) -> list[Piece]:
+    """Return the spring and damper of a part to the ground or its housing, if it has any."""
     nodes, row = relative(what, (part.node,), (1.0,), part.housing)
     viscous, loss = quantities(what, part)
     if part.stiffness is None and loss:
         raise ModelError(f"{what}: a loss factor without stiffness has no effect")
-    k = 0.0 if part.stiffness is None else positive(what, "stiffness", part.stiffness)
-    k = k if sprung else 0.0
-    return (
-        [Spring(part.name, nodes, row, k, viscous, loss if k else 0.0, anchor=True)]
-        if k or viscous
-        else []
-    )
+    k = positive_or_none(what, "stiffness", part.stiffness)
+    if k is None or not has_spring:
+        k = 0.0
+        loss = 0.0
+    if not k and not viscous:
+        return []
+    return [Spring(part.name, nodes, row, k, viscous, loss, anchor=True)]
 
 
-def _one_way(
-    what: str, name: str, value: float | None, geometry: dict[str, Any], inner: float
-) -> bool:
-    """Return whether a quantity comes from the geometry, after a check that it comes from one of the two, whole."""
-    given = [key for key, v in geometry.items() if v is not None] + (
-        ["inner_diameter"] if inner != 0.0 else []
-    )
+def _is_from_geometry(what: str, part: Any, name: str, dimensions: Sequence[str]) -> bool:
+    """Return whether a quantity comes from the geometry; one of the two has to be given."""
+    value = getattr(part, name)
+    given = [key for key in dimensions if getattr(part, key) is not None]
+    missing = [key for key in dimensions if key not in given]
+    if part.inner_diameter != 0.0:
+        given.append("inner_diameter")
     if value is not None and given:
         raise ModelError(
             f"{what}: {name} and {', '.join(given)} are given; expected one or the other"
         )
-    missing = [key for key, v in geometry.items() if v is None]
     if value is None and missing:
         raise ModelError(
-            f"{what}: {', '.join(missing)} missing; expected {name}, or {', '.join(geometry)}"
+            f"{what}: {', '.join(missing)} missing; expected {name}, or {', '.join(dimensions)}"
         )
     return value is None
 
 
-def _polar(what: str, outer: float | None, inner: float) -> float:
+def _polar_moment(what: str, part: Any) -> float:
     """Return the polar second moment of area pi (D^4 - d^4) / 32, in m4."""
-    D, d = positive(what, "outer_diameter", outer), not_negative(what, "inner_diameter", inner)
+    D = positive(what, "outer_diameter", part.outer_diameter)
+    d = not_negative(what, "inner_diameter", part.inner_diameter)
     if d >= D:
         raise ModelError(
             f"{what}: inner_diameter {d:g} m; expected less than outer_diameter {D:g} m"

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from updyn.elements.checks import (
     check_keys,
     connectivity,
+    field_names,
     material,
     number,
+    poisson_ratio,
     positive,
     store,
     vector,
@@ -99,11 +101,12 @@ def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
     """
     h = positive("rectangle", "height", height)
     w = positive("rectangle", "width", width)
+    poisson_ratio("rectangle", nu)
     a = max(h, w)
     b = min(h, w)
     series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 40, 2))
     J = a * b * b * b / 3 * (1 - 192 / math.pi**5 * b / a * series)
-    kappa = 10 * (1 + _poisson("rectangle", nu)) / (12 + 11 * nu)
+    kappa = 10 * (1 + nu) / (12 + 11 * nu)
     return Section(h * w, h * w * w * w / 12, w * h * h * h / 12, J, kappa, kappa)
 
 
@@ -134,22 +137,17 @@ def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
             f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one,"
             f" {outer!r} m"
         )
-    v = _poisson("tube", nu)
+    v = poisson_ratio("tube", nu)
     m = (d / D) ** 2
     kappa = 6 * (1 + v) * (1 + m) ** 2 / ((7 + 6 * v) * (1 + m) ** 2 + (20 + 12 * v) * m)
     second = math.pi * (D * D + d * d) * (D * D - d * d) / 64
     return Section(math.pi * (D * D - d * d) / 4, second, second, 2 * second, kappa, kappa)
 
 
-def _poisson(what: str, nu: float) -> float:
-    if not -1.0 < number(what, "nu", nu) <= 0.5:
-        raise ModelError(f"{what}: nu {nu!r}; expected above -1 and at most 0.5")
-    return float(nu)
-
-
-_SHAPES: dict[str, tuple[Callable[..., Section], tuple[str, ...], tuple[str, ...]]] = {
-    "rectangle": (rectangle, ("height", "width"), ("nu",)),
-    "tube": (tube, ("outer",), ("inner", "nu")),
+#: Functions of the shapes, with their required and optional arguments.
+_SHAPES: dict[str, tuple[Callable[..., Section], list[str], list[str]]] = {
+    "rectangle": (rectangle, ["height", "width"], ["nu"]),
+    "tube": (tube, ["outer"], ["inner", "nu"]),
 }
 
 
@@ -175,14 +173,14 @@ def section_from_table(where: str, given: Any) -> Section:
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: section {given!r}; expected a table")
     if "shape" not in given:
-        own = [f.name for f in fields(Section)]
-        check_keys(f"{where}: section", given, own[:4], own)
+        names, required = field_names(Section)
+        check_keys(f"{where}: section", given, required, names)
         return Section(**given)
-    shape = given["shape"]
+    sizes = dict(given)
+    shape = sizes.pop("shape")
     if not isinstance(shape, str) or shape not in _SHAPES:
         raise ModelError(f"{where}: section.shape {shape!r}: {suggest(str(shape), _SHAPES)}")
     make, required, optional = _SHAPES[shape]
-    sizes = {k: v for k, v in given.items() if k != "shape"}
     check_keys(f"{where}: section, a {shape}", sizes, required, optional)
     return make(**sizes)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import check_keys, from_row, rows_of
+from updyn.elements.checks import check_keys, from_row, parts_of_table, read_rows
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
@@ -120,17 +121,10 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
         raise ModelError(f"model: kind {kind!r}; expected 'structure'")
     check_keys("model", data, ["nodes"], [*ELEMENTS, "link", "equation", "grounded", "title"])
     parts: list[Element] = []
-    for key, element in ELEMENTS.items():
-        for number, row in enumerate(rows_of(data, key), 1):
-            if isinstance(row, Mapping):
-                row = element.fields_of_row(f"model.{key}, number {number}", row)
-            parts.append(from_row(element, key, number, row))
-    links = []
-    for number, row in enumerate(rows_of(data, "link"), 1):
-        links.append(from_row(RigidLink, "link", number, row))
-    equations = []
-    for number, row in enumerate(rows_of(data, "equation"), 1):
-        equations.append(_equation(f"model.equation, number {number}", row))
+    for key, kind_of_element in ELEMENTS.items():
+        parts += read_rows(data, key, partial(_element, kind_of_element))
+    links = parts_of_table(data, "link", RigidLink)
+    equations = read_rows(data, "equation", _equation)
     grounded = data.get("grounded", [])
     if not isinstance(grounded, list | tuple):
         raise ModelError(
@@ -147,9 +141,11 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     )
 
 
-def _equation(where: str, row: Any) -> Equation:
-    if not isinstance(row, Mapping):
-        raise ModelError(f"{where}: expected a table, found {row!r}")
+def _element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
+    return from_row(kind, where, kind.fields_of_row(where, row))
+
+
+def _equation(where: str, row: Mapping[str, Any]) -> Equation:
     check_keys(where, row, ("dof", "terms"), ())
     if not isinstance(row["terms"], Mapping):
         raise ModelError(
@@ -327,8 +323,7 @@ def _held(
     out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
-            dof = Dof.parse(item)
-            out.append(dof if dof.sign > 0 else -dof)
+            out.append(abs(Dof.parse(item)))
             continue
         if isinstance(item, bool) or not isinstance(item, int | np.integer):
             raise ModelError(f"grounded {item!r}: expected a DOF such as '3:X', or a node number")

@@ -1,4 +1,4 @@
-"""Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by running MYSTRAN, geometry, and updated properties.
+"""Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by MYSTRAN, geometry, updated properties.
 
 Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their
 own property are a group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are those of all grids
@@ -10,7 +10,7 @@ doubled. What is not proportional to them shows, as the groups then do not add u
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +26,22 @@ from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import placed
-from updyn.io.nastran.cards import Card, lines_of
+from updyn.io.nastran.cards import Card, Line, lines_of
 from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
-from updyn.io.nastran.deck import OWN, TIES, Deck, geometry_of, materials_of, read_deck, values
-from updyn.io.nastran.mystran import Matrices, Program, adapted, executable, run
+from updyn.io.nastran.deck import (
+    ELEMENTS,
+    TIES,
+    Deck,
+    end_of,
+    geometry_of,
+    materials_of,
+    read_deck,
+    values,
+)
+from updyn.io.nastran.mystran import Matrices, Program, adapted, find_executable, run
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
-    "model_of",
     "read_geometry",
     "read_model",
     "write_deck",
@@ -52,7 +60,7 @@ def read_model(
     executable: str | Path | None = None,
     timeout: float = 600.0,
 ) -> Model:
-    """Read a model by running MYSTRAN: once on the deck as it stands, and once on the elements of each group.
+    """Read a model by running MYSTRAN on the deck, and on the elements of each group.
 
     Parameters
     ----------
@@ -87,16 +95,53 @@ def read_model(
     OptionError
         If the unit is not known.
     """
-    return model_of(
-        path,
-        unit=unit,
-        spc=spc,
-        mpc=mpc,
-        ignore=ignore,
-        massless=massless,
-        program=executable,
-        timeout=timeout,
-    )
+    deck = read_deck(path, ignore)
+    units = system(unit)
+    check_materials(_materials(deck), units, deck.path)
+    _check_masses(deck, list(massless))
+    sets = {"spc": deck.selected("SPC", spc), "mpc": deck.selected("MPC", mpc)}
+    losses = {name: loss_factor_of(deck, name) for name in deck.groups}
+    geometry = geometry_of(deck, unit)
+    program = Program(find_executable(deck.path, executable), timeout)
+    with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
+        runs = _Runs(deck, program, Path(folder))
+        total = runs.whole(sets)
+
+        def doubled(name: str) -> tuple[Any, Any]:
+            # A run of the group alone, doubled, gives what a run of the deck would grow by, in a
+            # fraction of the time.
+            alone = runs.alone(_alone(deck, name))
+            if alone.dofs != total.dofs:
+                raise FormatError(
+                    f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path
+                )
+            return total.stiffness + alone.stiffness / 2.0, total.mass + alone.mass / 2.0
+
+        solid = []
+        viscous = {}
+        for name, card in deck.groups.items():
+            if _is_stiff(deck, name) or values(card).mass:
+                solid.append(name)
+            if any(card.reals(values(card).viscous)):
+                viscous[name] = _damping(deck, name, total, runs)
+        sums = total.stiffness, total.mass
+        parts = groups_by_difference(solid, sums, doubled, total.dofs, deck.path)
+    groups = {}
+    for name in deck.groups:
+        K, M = parts.get(name, (None, None))
+        matrices: dict[str, Matrix] = {}
+        for what, found in (("stiffness", K), ("mass", M), ("viscous", viscous.get(name))):
+            if found is not None:
+                matrices[what] = units.to_si(found, total.dofs)
+        if not matrices:
+            raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
+        loss_factor = losses[name] if K is not None else 0.0
+        groups[name] = Group(**matrices, loss_factor=loss_factor)
+    with placed(deck.path):
+        free = Model(groups, total.dofs, geometry, _title(deck))
+        held, ties = _constraints(deck, total, units.length)
+        tied = constrain(free, ties, held)
+        return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
 
 
 def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = ()) -> Geometry:
@@ -154,17 +199,16 @@ def write_properties(
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
+    text = (
+        f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace"
+        " are named.\n"
+    )
+    for cards in _touched(source, revision):
+        text += _commented(cards, revision)
+    for card in revision.added:
+        text += "$ New: a copy of a material that other groups share\n" + card.large()
     with atomic_path(path) as temporary:
-        temporary.write_text(
-            f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace"
-            " are named.\n"
-            + "".join(_commented(cards, revision) for cards in _touched(source, revision))
-            + "".join(
-                "$ New: a copy of a material that other groups share\n" + c.large()
-                for c in revision.added
-            ),
-            encoding="ascii",
-        )
+        temporary.write_text(text, encoding="ascii")
 
 
 def write_deck(
@@ -184,44 +228,42 @@ def write_deck(
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
-    starts = {
-        (cards[0].lines[0].path, cards[0].lines[0].number): "".join(
-            c.large() for c in revision.cards(cards, ())
-        )
-        for cards in _touched(source, revision)
-    }
-    gone = {(line.path, line.number) for old in revision.replaced for line in old.lines}
-    lines = list(lines_of(source.path))
-    end = next(
-        (i for i, line in enumerate(lines) if line.text.strip().upper().startswith("ENDDATA")),
-        len(lines),
-    )
-    text = []
-    for line in lines[:end]:
-        at = (line.path, line.number)
-        if at in starts:
-            text.append(starts[at])
-        elif at not in gone:
-            text.append(line.text + "\n")
-    text += [card.large() for card in revision.added]
-    text += [line.text + "\n" for line in lines[end:]]
+    instead: dict[Line, str] = {}  # by line of the deck; empty for lines that go
+    for cards in _touched(source, revision):
+        lines = cards[0].lines
+        instead |= dict.fromkeys(lines, "")
+        instead[lines[0]] = _written(revision.cards(cards))
+    deck_lines = list(lines_of(source.path))
+    end = end_of(deck_lines)
+    text = ""
+    for line in deck_lines[:end]:
+        text += instead.get(line, line.text + "\n")
+    text += _written(revision.added)
+    for line in deck_lines[end:]:
+        text += line.text + "\n"
     with atomic_path(path) as temporary:
-        temporary.write_text("".join(text), encoding="latin-1")
+        temporary.write_text(text, encoding="latin-1")
 
 
 def _touched(deck: Deck, revision: Revision) -> list[list[Card]]:
-    """Return the cards that change, with those that stand on the same lines (two PELAS are one entry)."""
-    places = dict.fromkeys(old.lines for old in revision.replaced)
-    return [[card for card in deck.cards if card.lines == lines] for lines in places]
+    """Return the cards that change, each with those on the same lines (two PELAS, for instance)."""
+    touched: dict[tuple[Line, ...], list[Card]] = {old.lines: [] for old in revision.replaced}
+    for card in deck.cards:
+        if card.lines in touched:
+            touched[card.lines].append(card)
+    return list(touched.values())
+
+
+def _written(cards: Iterable[Card]) -> str:
+    return "".join(card.large() for card in cards)
 
 
 def _commented(cards: list[Card], revision: Revision) -> str:
     line = cards[0].lines[0]
     was = "".join(f"$   {_ascii(part.text)}\n" for part in cards[0].lines)
-    new = "".join(card.large() for card in revision.cards(cards, ()))
     return (
         f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_ascii(line.path.name)}, line"
-        f" {line.number}):\n{was}{new}"
+        f" {line.number}):\n{was}{_written(revision.cards(cards))}"
     )
 
 
@@ -229,148 +271,110 @@ def _ascii(text: str) -> str:
     return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
-def model_of(
-    path: str | Path,
-    *,
-    unit: str = "m",
-    spc: int | None = None,
-    mpc: int | None = None,
-    ignore: Iterable[str] = (),
-    massless: Iterable[str] = (),
-    program: str | Path | None = None,
-    timeout: float = 600.0,
-) -> Model:
-    """Return the model of a deck; see `updyn.io.nastran.bdf.read_model`."""
-    deck = read_deck(path, ignore)
-    units = system(unit)
-    check_materials(_materials(deck), units, deck.path)
-    _check_masses(deck, list(massless))
-    sets = {"spc": deck.selected("SPC", spc), "mpc": deck.selected("MPC", mpc)}
-    losses = {name: loss_factor_of(deck, name) for name in deck.groups}
-    geometry = geometry_of(deck, unit)
-    found = Program(executable(deck.path, program), timeout)
-    with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
-        total = _own(deck, _run(found, deck, adapted(deck, deck.cards), Path(folder), sets))
+class _Runs:
+    """Runs of MYSTRAN on a deck, each in a folder of its own below `folder`.
 
-        def doubled(name: str) -> tuple[Any, Any]:
-            # A run of the group alone, doubled, gives what a run of the deck would grow by, in a
-            # fraction of the time.
-            alone = _own(deck, _run(found, deck, _alone(deck, name), Path(folder), {}, links=1))
-            if alone.dofs != total.dofs:
-                raise FormatError(
-                    f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path
-                )
-            return total.stiffness + alone.stiffness / 2.0, total.mass + alone.mass / 2.0
+    The matrices are those of the grids and scalar points of the deck.
+    """
 
-        solid = [
-            name for name in deck.groups if _stiff(deck, name) or values(deck.group(name)).mass
-        ]
-        parts = groups_by_difference(
-            solid, (total.stiffness, total.mass), doubled, total.dofs, deck.path
-        )
-        viscous = {
-            name: _damping(
-                deck, name, total, lambda cards: _run(found, deck, cards, Path(folder), {}, links=1)
-            )
-            for name, card in deck.groups.items()
-            if any(card.real(i) for i in values(card).viscous)
-        }
-    groups = {}
-    for name in deck.groups:
-        matrices = (*parts.get(name, (None, None)), viscous.get(name))
-        if all(A is None for A in matrices):
-            raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
-        K, M, C = (None if A is None else units.to_si(A, total.dofs) for A in matrices)
-        groups[name] = Group(K, M, loss_factor=losses[name] if K is not None else 0.0, viscous=C)
-    with placed(deck.path):
-        free = Model(groups, total.dofs, geometry, _title(deck))
-        held, ties = _constraints(deck, total, units.length)
-        tied = constrain(free, ties, held)
-        return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
+    def __init__(self, deck: Deck, program: Program, folder: Path) -> None:
+        self._deck = deck
+        self._program = program
+        self._folder = folder
 
+    def whole(self, sets: Mapping[str, int]) -> Matrices:
+        """Run the deck with its supports and ties."""
+        return self._run(adapted(self._deck, self._deck.cards), 2, sets)
 
-def _run(
-    program: Program,
-    deck: Deck,
-    cards: list[Card],
-    folder: Path,
-    sets: dict[str, int],
-    links: int = 2,
-) -> Matrices:
-    with tempfile.TemporaryDirectory(dir=folder) as own:
-        return run(program, cards, Path(own), deck.path, links=links, **sets)
+    def alone(self, cards: list[Card]) -> Matrices:
+        """Run some cards without supports and ties."""
+        return self._run(cards, 1, {})
+
+    def _run(self, cards: list[Card], links: int, sets: Mapping[str, int]) -> Matrices:
+        path = self._deck.path
+        with tempfile.TemporaryDirectory(dir=self._folder) as own:
+            found = run(self._program, cards, Path(own), path, links=links, **sets)
+        return _own(self._deck, found)
 
 
 def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
     """Return the cards of one group, its stiffness and mass multiplied, on all grids of the deck."""
     change = {}
-    if _stiff(deck, name):
+    if _is_stiff(deck, name):
         change["stiffness"] = factor
     if has_mass(deck, name):
         change["mass"] = factor
     chosen = deck.group(name)
-    others = {
-        card
-        for card in deck.elements
-        if (card if card.name in OWN else deck.property_of(card)) != chosen
-    }
-    kept = [card for card in deck.cards if card not in others and card.name not in TIES]
-    cards = adapted(deck, revise(deck, {name: change}).cards(kept))
+    kept = []
+    for card in deck.cards:
+        is_other = card.name in ELEMENTS and deck.group_of(card) != chosen
+        if not is_other and card.name not in TIES:
+            kept.append(card)
+    revision = revise(deck, {name: change})
+    cards = adapted(deck, [*revision.cards(kept), *revision.added])
     # A spring between two grids of its own: MYSTRAN takes no deck without stiffness.
-    grids = [c.integer(0) for c in cards if c.name == "GRID"] + list(deck.points)
-    spring = max([c.integer(0) for c in deck.elements], default=0) + 1
-    ends = [str(max(grids) + 1), str(max(grids) + 2)]
-    line = chosen.lines
-    cards += [Card("GRID", (end, "", "0.", "0.", "0."), line) for end in ends]
-    return [*cards, Card("CELAS2", (str(spring), "1.", ends[0], "1", ends[1], "1"), line)]
+    last = max(deck.points, default=0)
+    for card in cards:
+        if card.name == "GRID":
+            last = max(last, card.integer(0))
+    spring = max([card.integer(0) for card in deck.elements], default=0) + 1
+    ends = str(last + 1), str(last + 2)
+    for end in ends:
+        cards.append(Card("GRID", (end, "", "0.", "0.", "0."), chosen.lines))
+    fields = (str(spring), "1.", ends[0], "1", ends[1], "1")
+    return [*cards, Card("CELAS2", fields, chosen.lines)]
 
 
-def _damping(
-    deck: Deck, name: str, total: Matrices, run_alone: Callable[[list[Card]], Matrices]
-) -> Matrix:
-    """Return the viscous matrix of a group, shape (N, N): dampers by their ends, bushings with B in place of K."""
+def _damping(deck: Deck, name: str, total: Matrices, runs: _Runs) -> Matrix:
+    """Return the viscous matrix of a group, shape (N, N)."""
     card = deck.group(name)
     if card.name == "PBUSH":
-        fields = values(card)
-        flags = range(1, len(card.fields), 8)
-        first = next((at for at in flags if card.text(at) == "K"), 1) + 1
-        cleared = dict.fromkeys(fields.stiffness, "")
-        start = min(fields.viscous) - (min(fields.viscous) - 2) % 8
-        moved = {first + i - start: card.text(i) for i in fields.viscous}
-        put = cleared | moved | {first - 1: "K"}
-        cards = [
-            c.with_fields(put) if (c.name, c.text(0)) == (card.name, card.text(0)) else c
-            for c in _alone(deck, name, 1.0)
-        ]
-        return _own(deck, run_alone(cards)).stiffness
-    rows: list[int] = []
-    columns: list[int] = []
-    entries: list[float] = []
-    for element in deck.elements:
-        if (element if element.name in OWN else deck.property_of(element)) != card:
-            continue
-        ends = [
-            (element.integer(i), max(element.integer(i + 1, 1), 1) - 1)
-            for i in (2, 4)
-            if element.text(i)
-        ]
-        labels = [Dof(node, DIRECTIONS[axis]) for node, axis in ends if node]
-        with placed(deck.path, f"{element.name} {element.text(0)}"):
-            at = total.dofs.match(labels).index.tolist()
-        b = card.real(1)
-        for i, sign in zip(at, (1.0, -1.0), strict=False):
-            for j, other in zip(at, (1.0, -1.0), strict=False):
-                rows.append(i)
-                columns.append(j)
-                entries.append(sign * other * b)
+        return _damping_of_pbush(deck, name, runs)
     n = len(total.dofs)
-    return sp.csr_array(sp.coo_array((entries, (rows, columns)), shape=(n, n)))
+    damping = sp.dok_array((n, n))
+    for element in deck.elements:
+        if deck.group_of(element) != card:
+            continue
+        labels = []
+        for at in element.filled((2, 4)):
+            node = element.integer(at)
+            component = max(element.integer(at + 1, 1), 1)
+            if node:
+                labels.append(Dof(node, DIRECTIONS[component - 1]))
+        with placed(deck.path, f"{element.name} {element.text(0)}"):
+            ends = total.dofs.match(labels).index.tolist()
+        b = card.real(1)
+        for i, sign in zip(ends, (1.0, -1.0), strict=False):
+            for j, other in zip(ends, (1.0, -1.0), strict=False):
+                damping[i, j] += sign * other * b
+    return sp.csr_array(damping)
+
+
+def _damping_of_pbush(deck: Deck, name: str, runs: _Runs) -> Matrix:
+    """Return the viscous matrix of a bushing: its stiffness matrix with B in place of K."""
+    bush = deck.group(name)
+    fields = values(bush)
+    flag = 1  # the field that says K; what it is about follows
+    for at in range(1, len(bush.fields), 8):
+        if bush.text(at) == "K":
+            flag = at
+            break
+    put = dict.fromkeys(fields.stiffness, "")
+    for at in fields.viscous:
+        put[flag + 1 + (at - 2) % 8] = bush.text(at)
+    put[flag] = "K"
+    cards = []
+    for card in _alone(deck, name, 1.0):
+        is_bush = (card.name, card.text(0)) == (bush.name, bush.text(0))
+        cards.append(card.with_fields(put) if is_bush else card)
+    return runs.alone(cards).stiffness
 
 
 def _own(deck: Deck, found: Matrices) -> Matrices:
-    """Leave out the degrees of freedom of grids that only the run had: they are held, or apart."""
+    """Return matrices without the DOFs of grids that only the run had: they are held, or apart."""
     mine = np.isin(found.dofs.nodes, [*deck.grids, *deck.points])
-    keep, new = np.flatnonzero(mine), np.cumsum(mine) - 1
+    keep = np.flatnonzero(mine)
+    new = np.cumsum(mine) - 1
     return Matrices(
         found.stiffness[keep][:, keep],
         found.mass[keep][:, keep],
@@ -381,7 +385,7 @@ def _own(deck: Deck, found: Matrices) -> Matrices:
     )
 
 
-def _stiff(deck: Deck, name: str) -> bool:
+def _is_stiff(deck: Deck, name: str) -> bool:
     card = deck.group(name)
     return bool(values(card).stiffness or materials_of(card))
 
@@ -396,13 +400,17 @@ def _title(deck: Deck) -> str:
 
 def _materials(deck: Deck) -> list[tuple[str, float | None, float | None]]:
     """Return name, modulus and density (as a mass) of the isotropic materials that groups use."""
-    used = {card.integer(i) for card in deck.groups.values() for i in materials_of(card)}
+    used: set[int] = set()
+    for card in deck.groups.values():
+        used.update(card.integers(materials_of(card)))
     factor = deck.parameter("WTMASS", 1.0)
-    return [
-        (f"MAT1 {n}", card.real(1, 0.0) or None, card.real(4, 0.0) * factor or None)
-        for n, card in deck.materials.items()
-        if n in used and card.name == "MAT1"
-    ]
+    found = []
+    for number, card in deck.materials.items():
+        if number in used and card.name == "MAT1":
+            modulus = card.real(1, 0.0)
+            density = card.real(4, 0.0) * factor
+            found.append((f"MAT1 {number}", modulus or None, density or None))
+    return found
 
 
 def _check_masses(deck: Deck, massless: list[str]) -> None:
@@ -416,8 +424,7 @@ def _check_masses(deck: Deck, massless: list[str]) -> None:
         if not springs and name not in massless and not has_mass(deck, name):
             raise card.error(
                 f"group {name} has no mass: neither its material nor its card gives one; if that is"
-                " meant, "
-                f'massless=["{name}"]'
+                f' meant, massless=["{name}"]'
             )
 
 
@@ -445,19 +452,21 @@ def _constraints(deck: Deck, found: Matrices, scale: float) -> tuple[list[str], 
     for k, i in enumerate(found.tied):
         row = slice(solved.indptr[k], solved.indptr[k + 1])
         terms = zip(solved.indices[row].tolist(), solved.data[row].tolist(), strict=True)
-        equations.append(Equation(labels[i], {labels[rest[j]]: x for j, x in terms}))
+        others = {labels[rest[j]]: factor for j, factor in terms}
+        equations.append(Equation(labels[i], others))
     return held, equations
 
 
 def _solved(factors: Any, right: Any, block: int = 256) -> Any:
-    """Return the solutions for sparse right-hand sides, some columns at a time, less what is rounding."""
+    """Return the solutions for sparse right-hand sides, `block` columns at a time."""
     used = np.flatnonzero(np.diff(right.indptr))
+    if not len(used):
+        return sp.csr_array(right.shape)
     parts = []
     for start in range(0, len(used), block):
         dense = factors.solve(right[:, used[start : start + block]].toarray())
-        dense[np.abs(dense) < 1e-13] = 0.0
+        dense[np.abs(dense) < 1e-13] = 0.0  # rounding
         parts.append(sp.coo_array(dense))
-    placed_at = sp.coo_array(
-        (np.ones(len(used)), (np.arange(len(used)), used)), shape=(len(used), right.shape[1])
-    )
-    return sp.csr_array(sp.hstack(parts) @ placed_at) if parts else sp.csr_array(right.shape)
+    entries = (np.ones(len(used)), (np.arange(len(used)), used))
+    placed_at = sp.coo_array(entries, shape=(len(used), right.shape[1]))
+    return sp.csr_array(sp.hstack(parts) @ placed_at)

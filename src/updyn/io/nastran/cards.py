@@ -1,15 +1,19 @@
-"""Numbers as Nastran writes them: exponents with D or without a letter (``1.5-3``), in 8 or 16 characters."""
+"""Bulk data as cards: small, large and free fields, continuations, INCLUDE, comments.
+
+Numbers are read and written as Nastran does: exponents with D or without a letter (``1.5-3``), in 8
+or 16 characters. No card is known here by name.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from updyn.errors import FormatError, suggest
+from updyn.errors import FormatError
+from updyn.io.items import nearest
 
 __all__ = [
     "Card",
@@ -20,7 +24,7 @@ __all__ = [
     "text_of",
 ]
 
-_PLAIN = 8  # characters up to which 0.001 is nicer than 1.-3
+_PLAIN = 8  # characters up to which 0.001 is preferred to 1.-3
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
 
 
@@ -49,17 +53,17 @@ def text_of(value: float, width: int = 16) -> str:
     ValueError
         If the number is not finite.
     """
-    if value != value or value in (float("inf"), float("-inf")):
+    if not math.isfinite(value):
         raise ValueError(f"{value!r} has no text in a deck")
-    significant = (
-        len(repr(float(value)).split("e")[0].strip("-0.").replace(".", "").rstrip("0")) or 1
-    )
+    mantissa = repr(float(value)).split("e")[0]
+    significant = len(mantissa.strip("-0.").replace(".", "").rstrip("0"))
     for digits in range(max(significant, 1), 0, -1):
         scientific = f"{value:.{digits - 1}e}"
         plain = _with_point(repr(float(scientific)))
         if len(plain) <= min(width, _PLAIN):
             return plain
-        if len(short := _with_point(scientific)) <= width:
+        short = _with_point(scientific)
+        if len(short) <= width:
             return short
     raise ValueError(f"{value!r} does not fit {width} characters")
 
@@ -69,7 +73,9 @@ def _with_point(text: str) -> str:
     mantissa, _, exponent = text.partition("e")
     if "." not in mantissa:
         mantissa += "."
-    return mantissa + (f"{int(exponent):+d}" if exponent else "")
+    if exponent:
+        mantissa += f"{int(exponent):+d}"
+    return mantissa
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
@@ -113,8 +119,14 @@ class Card:
         return self.lines[0].error(message)
 
     def text(self, at: int, default: str = "") -> str:
-        """Return a field (counted from 0, behind the name), upper case; `default` where it is empty."""
-        return (self.fields[at].upper() if at < len(self.fields) else "") or default
+        """Return a field, counted from 0 behind the name, in upper case; `default` if empty."""
+        if at >= len(self.fields):
+            return default
+        return self.fields[at].upper() or default
+
+    def filled(self, fields: Iterable[int]) -> tuple[int, ...]:
+        """Return those of some fields that are not empty."""
+        return tuple(at for at in fields if self.text(at))
 
     def integer(self, at: int, default: int | None = None) -> int:
         """Return a field as a whole number.
@@ -152,6 +164,14 @@ class Card:
                 f"{self.name}: field {at + 2} is {found!r}; expected a number"
             ) from error
 
+    def integers(self, fields: Iterable[int]) -> list[int]:
+        """Return some fields as whole numbers; errors as `integer`."""
+        return [self.integer(at) for at in fields]
+
+    def reals(self, fields: Iterable[int], default: float | None = None) -> list[float]:
+        """Return some fields as numbers; errors as `real`."""
+        return [self.real(at, default) for at in fields]
+
     def with_fields(self, changes: dict[int, str]) -> Card:
         """Return a copy with fields replaced; positions as in `text`."""
         fields = [*self.fields, *[""] * (max(changes, default=0) + 1 - len(self.fields))]
@@ -161,15 +181,16 @@ class Card:
 
     def large(self) -> str:
         """Return the card in large fields, to be written."""
-        fields = list(self.fields) + [""] * (-len(self.fields) % 4)
-        rows = [fields[i : i + 4] for i in range(0, len(fields), 4)] or [[""] * 4]
-        if len(rows) % 2:  # some readers want the two lines of eight fields, always
-            rows.append([""] * 4)
-        heads = [f"{self.name + '*':<8}", *["*       "] * (len(rows) - 1)]
-        return "".join(
-            (head + "".join(f"{c:>16}" for c in row)).rstrip() + "\n"
-            for head, row in zip(heads, rows, strict=True)
-        )
+        # Some readers always want both lines of eight fields.
+        missing = -len(self.fields) % 8 if self.fields else 8
+        fields = [*self.fields, *[""] * missing]
+        head = self.name + "*"
+        out = ""
+        for start in range(0, len(fields), 4):
+            row = "".join(cell.rjust(16) for cell in fields[start : start + 4])
+            out += (head.ljust(8) + row).rstrip() + "\n"
+            head = "*"
+        return out
 
 
 def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
@@ -192,14 +213,14 @@ def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
         if _INCLUDE.match(line.text) is None:
             yield line
             continue
-        name = line.text.split(None, 1)[1] if " " in line.text.strip() else line.text.strip()[7:]
+        name = line.text.strip()[len("INCLUDE") :].strip()
         quote = name[0]
         if quote in "'\"":
             while name.count(quote) < 2:  # a long name goes on in the next line
                 name += next(rest, (0, quote))[1].strip()
             name = name.split(quote)[1]
         target = _target(line, name.strip())
-        if target.resolve() in {p.resolve() for p in (*within, path)}:
+        if target.resolve() in [outer.resolve() for outer in (*within, path)]:
             raise line.error(f"INCLUDE {name!r}: the file includes itself")
         yield from lines_of(target, (*within, path))
 
@@ -209,15 +230,22 @@ def _target(line: Line, name: str) -> Path:
     target = line.path.parent / name.replace("\\", "/")
     if target.is_file():
         return target
-    near = (
-        sorted(p.name for p in target.parent.iterdir() if p.is_file())
-        if target.parent.is_dir()
-        else []
-    )
-    raise line.error(
-        f"INCLUDE: no such file {name!r}; "
-        + (suggest(target.name, near) if near else "its folder is not there")
-    )
+    raise line.error(f"INCLUDE: no such file {name!r}; {nearest(target)}")
+
+
+@dataclass(slots=True)
+class _Open:
+    """A card whose lines are being read."""
+
+    name: str
+    fields: list[str] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)
+    mark: str = ""  # of the continuation, as the last line has it
+
+    def card(self) -> Card:
+        while self.fields and not self.fields[-1]:
+            self.fields.pop()
+        return Card(self.name, tuple(self.fields), tuple(self.lines))
 
 
 def parse(lines: Iterator[Line]) -> Iterator[Card]:
@@ -228,61 +256,74 @@ def parse(lines: Iterator[Line]) -> Iterator[Card]:
     FormatError
         If a line is neither a card nor the continuation of the one before it.
     """
-    held: dict[str, Any] | None = None
+    held: _Open | None = None
     for line in lines:
-        first = line.text[:8] if "," not in line.text else line.text.split(",")[0]
+        first = line.text[:8]
+        if "," in line.text:
+            first = line.text.split(",")[0]
         mark = first.strip()
         continues = not mark or mark[0] in "+*"
         if not continues:
             if held is not None:
-                yield _card(held)
+                yield held.card()
             name = mark.rstrip("*")
             if _NAME.fullmatch(name) is None:
                 raise line.error(
                     f"{line.text.strip()[:40]!r}; expected the name of a card, or a continuation"
                 )
-            held = {"name": name.upper(), "fields": [], "lines": [], "next": ""}
+            held = _Open(name.upper())
         elif held is None:
             raise line.error("a continuation without a card before it")
-        data, tail, large = _data(line)
+        data, tail, width = _data(line)
         if continues:
-            _check_order(line, held["next"], mark)
-            held["fields"] += [""] * (-len(held["fields"]) % (4 if large else 8))
-        held["fields"] += data
-        held["lines"].append(line)
-        held["next"] = tail
+            _check_order(line, held.mark, mark)
+            held.fields += [""] * (-len(held.fields) % width)
+        held.fields += data
+        held.lines.append(line)
+        held.mark = tail
     if held is not None:
-        yield _card(held)
+        yield held.card()
 
 
-def _data(line: Line) -> tuple[list[str], str, bool]:
-    """Return the data fields of a line, its mark for the continuation, and whether fields are large."""
-    text = line.text
-    if "," in text:
-        cells = [c.strip() for c in text.split(",")]
-        large = cells[0].startswith("*") or cells[0].endswith("*")
-        n = 4 if large else 8
-        if len(cells) > n + 2:
-            raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
-        tail = cells[n + 1] if len(cells) == n + 2 else ""
-        if tail and _is_number(tail) and tail[0] not in "+*":
-            raise line.error(
-                f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a"
-                " continuation"
-            )
-        cells = cells[1 : n + 1]
-        if not tail and cells and cells[-1][:1] in ("+", "*") and not _is_number(cells[-1]):
-            tail = cells.pop()  # the mark may stand right behind the last field that is there
+def _data(line: Line) -> tuple[list[str], str, int]:
+    """Return the data fields of a line, its mark for the continuation, and their number."""
+    if "," in line.text:
+        cells, tail, n = _free_fields(line)
     else:
-        large = text[:1] == "*" or text[:8].rstrip().endswith("*")
-        width, n = (16, 4) if large else (8, 8)
-        if len(text) > 80:
-            raise line.error(
-                f"{len(text)} characters; a line has at most 80, comments after $ apart"
-            )
-        cells = [text[8 + i * width : 8 + (i + 1) * width].strip() for i in range(n)]
-        tail = text[72:80].strip()
-    return cells + [""] * (n - len(cells)), tail, large
+        cells, tail, n = _fixed_fields(line)
+    return cells + [""] * (n - len(cells)), tail, n
+
+
+def _free_fields(line: Line) -> tuple[list[str], str, int]:
+    """Return the cells of a line with commas, its continuation mark, and the number of fields."""
+    cells = [cell.strip() for cell in line.text.split(",")]
+    is_large = cells[0].startswith("*") or cells[0].endswith("*")
+    n = 4 if is_large else 8
+    if len(cells) > n + 2:
+        raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
+    tail = ""
+    if len(cells) == n + 2:
+        tail = cells[n + 1]
+    if tail and _is_number(tail) and tail[0] not in "+*":
+        raise line.error(
+            f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a"
+            " continuation"
+        )
+    cells = cells[1 : n + 1]
+    if not tail and cells and cells[-1][:1] in ("+", "*") and not _is_number(cells[-1]):
+        tail = cells.pop()  # the mark may stand right behind the last field that is there
+    return cells, tail, n
+
+
+def _fixed_fields(line: Line) -> tuple[list[str], str, int]:
+    """Return the cells of a line in columns, its continuation mark, and the number of fields."""
+    text = line.text
+    if len(text) > 80:
+        raise line.error(f"{len(text)} characters; a line has at most 80, comments after $ apart")
+    is_large = text[:1] == "*" or text[:8].rstrip().endswith("*")
+    width = 16 if is_large else 8
+    cells = [text[start : start + width].strip() for start in range(8, 72, width)]
+    return cells, text[72:80].strip(), len(cells)
 
 
 def _is_number(cell: str) -> bool:
@@ -294,15 +335,9 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_order(line: Line, expected: str, mark: str) -> None:
-    wanted, found = expected.strip("+* "), mark.strip("+* ")
+    wanted = expected.strip("+* ")
+    found = mark.strip("+* ")
     if wanted and found and wanted.upper() != found.upper():
         raise line.error(
             f"continuation {mark!r} follows a line that goes on at {expected!r}; sort the deck"
         )
-
-
-def _card(held: dict[str, Any]) -> Card:
-    fields = held["fields"]
-    while fields and not fields[-1]:
-        fields.pop()
-    return Card(held["name"], tuple(fields), tuple(held["lines"]))

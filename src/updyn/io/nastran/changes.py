@@ -1,4 +1,4 @@
-"""New values of properties: the cards of a deck that change when stiffness, mass or damping of groups do."""
+"""New values of properties: the cards of a deck that change with its groups."""
 
 from __future__ import annotations
 
@@ -30,11 +30,9 @@ class Revision:
     replaced: dict[Card, Card] = field(default_factory=dict)
     added: list[Card] = field(default_factory=list)
 
-    def cards(self, cards: Iterable[Card], added: Iterable[Card] | None = None) -> list[Card]:
-        """Return cards of a deck as they are after this; `added` stands in for those that are new."""
-        return [self.replaced.get(card, card) for card in cards] + list(
-            self.added if added is None else added
-        )
+    def cards(self, cards: Iterable[Card]) -> list[Card]:
+        """Return cards of a deck as they are after this, without those that are added."""
+        return [self.replaced.get(card, card) for card in cards]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,7 @@ class _Asked:
 
 
 def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
-    """Work out which cards change.
+    """Return the cards that change.
 
     Parameters
     ----------
@@ -79,20 +77,21 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
         asked = _asked(deck, name, card, change)
         found = out.replaced.get(card, card)
         new = _changed(found, _spread(found, asked.loss), asked)
-        for number in dict.fromkeys(card.integer(i) for i in materials_of(card)):
+        if card.name == "PCOMP":  # the loss factor of a laminate is on its own card
+            asked = replace(asked, loss=None)
+        for number in dict.fromkeys(card.integers(materials_of(card))):
             material = deck.materials[number]
-            # The loss factor of a laminate is on its own card.
-            own = replace(asked, loss=None) if card.name == "PCOMP" else asked
-            scaled = _changed(material, material, own)
+            scaled = _changed(material, material, asked)
             if scaled == material:
                 continue
             if len(users[number]) == 1:
                 out.replaced[material] = scaled
                 continue
-            out.added.append(scaled.with_fields({0: str(next_number)}))
-            new = new.with_fields(
-                {i: str(next_number) for i in materials_of(card) if card.integer(i) == number}
-            )
+            copy = str(next_number)
+            out.added.append(scaled.with_fields({0: copy}))
+            for at in materials_of(card):
+                if card.integer(at) == number:
+                    new = new.with_fields({at: copy})
             next_number += 1
         if new != card:
             out.replaced[card] = new
@@ -110,38 +109,37 @@ def loss_factor_of(deck: Deck, name: str) -> float:
     card = deck.group(name)
     holders = [card]
     if card.name != "PCOMP":
-        holders += [deck.materials[card.integer(i)] for i in materials_of(card)]
-    found = set()
+        holders += deck.materials_of(card)
+    found: set[float] = set()
     for holder in holders:
         fields = values(holder)
         if fields.loss and (fields.stiffness or holder.name == "PCOMP"):
-            found |= {holder.real(i, 0.0) for i in fields.loss}
+            found.update(holder.reals(fields.loss, 0.0))
         elif holder.name == "PBUSH":
             found.add(0.0)
     if len(found) > 1:
-        raise card.error(
-            f"group {name}: loss factors {', '.join(f'{g:g}' for g in sorted(found))}; expected one"
-        )
-    return (found.pop() if found else 0.0) + deck.parameter("G", 0.0)
+        shown = ", ".join(f"{loss:g}" for loss in sorted(found))
+        raise card.error(f"group {name}: loss factors {shown}; expected one")
+    return sum(found) + deck.parameter("G", 0.0)
 
 
 def has_mass(deck: Deck, name: str) -> bool:
     """Return whether a density, a mass or a non-structural mass of the group is not zero."""
     card = deck.group(name)
-    holders = [card, *(deck.materials[card.integer(i)] for i in materials_of(card))]
-    return any(h.text(i) and h.real(i) != 0.0 for h in holders for i in values(h).mass)
+    for holder in (card, *deck.materials_of(card)):
+        if any(holder.reals(values(holder).mass, 0.0)):
+            return True
+    return False
 
 
 def _users(deck: Deck) -> dict[int, set[str]]:
+    """Return the cards that name each material, by number."""
     out: dict[int, set[str]] = {number: set() for number in deck.materials}
-    for card in deck.groups.values():
-        for i in materials_of(card):
-            out[card.integer(i)].add(f"{card.name} {card.text(0)}")
-    # A property that no element uses still names its material: it must not change under it.
-    for card in deck.properties.values():
-        for i in materials_of(card):
-            if card.text(i).isdecimal() and card.integer(i) in out:
-                out[card.integer(i)].add(f"{card.name} {card.text(0)}")
+    # A property that no element uses still names its material, which must not change under it.
+    for card in (*deck.groups.values(), *deck.properties.values()):
+        for at in materials_of(card):
+            if card.text(at).isdecimal() and card.integer(at) in out:
+                out[card.integer(at)].add(f"{card.name} {card.text(0)}")
     return out
 
 
@@ -152,7 +150,9 @@ def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _A
                 f"group {name!r}: no quantity {quantity!r} in a deck; expected stiffness, mass,"
                 " viscous or loss_factor"
             )
-    stiffness, mass, viscous = (float(change.get(q, 1.0)) for q in ("stiffness", "mass", "viscous"))
+    stiffness = float(change.get("stiffness", 1.0))
+    mass = float(change.get("mass", 1.0))
+    viscous = float(change.get("viscous", 1.0))
     if viscous != 1.0 and not values(card).viscous:
         raise card.error(f"group {name} has no viscous damping to change")
     stiff = bool(values(card).stiffness or materials_of(card))
@@ -173,11 +173,12 @@ def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _A
 
 
 def _spread(card: Card, loss: float | None) -> Card:
-    """Give a PBUSH without a line of loss factors one."""
+    """Return a PBUSH with a line of loss factors, which it needs for a new value."""
     if card.name != "PBUSH" or loss is None or values(card).loss:
         return card
     start = len(card.fields) + (-len(card.fields) % 8)
-    return card.with_fields({start + 1: "GE", **{start + 2 + k: "0." for k in range(6)}})
+    zeros = dict.fromkeys(range(start + 2, start + 8), "0.")
+    return card.with_fields({start + 1: "GE", **zeros})
 
 
 def _changed(card: Card, laid_out: Card, asked: _Asked) -> Card:
@@ -188,12 +189,10 @@ def _changed(card: Card, laid_out: Card, asked: _Asked) -> Card:
         (fields.mass, asked.mass),
         (fields.viscous, asked.viscous),
     ):
-        if factor != 1.0:
-            new |= {
-                at: text_of(laid_out.real(at) * factor, _WIDTH)
-                for at in places
-                if laid_out.text(at)
-            }
+        if factor == 1.0:
+            continue
+        for at in laid_out.filled(places):
+            new[at] = text_of(laid_out.real(at) * factor, _WIDTH)
     if asked.loss is not None:
-        new |= {at: text_of(asked.loss, _WIDTH) for at in fields.loss}
+        new |= dict.fromkeys(fields.loss, text_of(asked.loss, _WIDTH))
     return laid_out.with_fields(new) if new else card

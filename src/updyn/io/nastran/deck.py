@@ -1,13 +1,14 @@
-"""What each card of a deck is: elements, their properties and materials, and which fields hold stiffness and mass.
+"""A Nastran deck: its cards by kind, checked against each other, its groups and its geometry.
 
-Field numbers here count from 0 behind the name of the card: field 2 of the manuals is 0 (MSC
-Nastran Quick Reference Guide, bulk data entries).
+The tables say what each card is: elements, their properties and materials, and which fields hold
+stiffness and mass. Fields are counted from 0 behind the name of the card: field 2 of the manuals is
+0 (MSC Nastran Quick Reference Guide, bulk data entries).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +32,7 @@ __all__ = [
     "Deck",
     "Element",
     "Values",
+    "end_of",
     "geometry_of",
     "materials_of",
     "read_deck",
@@ -173,9 +175,8 @@ def values(card: Card) -> Values:
     if card.name == "PBARL":
         return Values((), (8 + _section(card),))
     if card.name == "PBEAML":
-        n = (
-            _section(card) + 1
-        )  # the dimensions of a station and its mass; from the second on SO and X/XB before them
+        # A station has its dimensions and its mass; from the second one on SO and X/XB before them.
+        n = _section(card) + 1
         return Values((), (8 + n - 1, *range(8 + 2 * n + 1, len(card.fields), n + 2)))
     if card.name == "PBEAM":
         return Values((), _masses_of_pbeam(card))
@@ -210,14 +211,14 @@ def _values_of_pbush(card: Card) -> Values:
     viscous: tuple[int, ...] = ()
     for at in range(1, len(card.fields), 8):
         kind = card.text(at)
-        six = tuple(i for i in range(at + 1, at + 7) if card.text(i))
+        six = card.filled(range(at + 1, at + 7))
         if kind == "K":
             stiffness = six
         elif kind == "GE":
             loss = six
         elif kind == "B":
             viscous = six
-        elif kind == "M" and any(card.real(i) for i in six):
+        elif kind == "M" and any(card.reals(six)):
             raise card.error(
                 f"PBUSH {card.text(0)}: M (field {at + 2}) is not read; expected K, B and GE only"
             )
@@ -236,11 +237,11 @@ def materials_of(card: Card) -> tuple[int, ...]:
         fields = tuple(range(8, len(card.fields), 4))
     elif card.name == "CONROD":
         fields = (3,)
-    elif card.name in ("PBUSH", "PDAMP", "PELAS", *(n for n in OWN if n != "CONROD")):
+    elif card.name in ("PBUSH", "PDAMP", "PELAS", *OWN):
         fields = ()
     else:
         fields = (1,)
-    return tuple(i for i in fields if card.text(i))
+    return card.filled(fields)
 
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
@@ -252,7 +253,7 @@ _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
 _DOUBLE = {"PELAS": 4, "PDAMP": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
 
 
-@dataclass(frozen=True)  # no slots: what is derived is kept
+@dataclass(frozen=True)  # no slots, for the cached properties
 class Deck:
     """A deck whose cards fit together.
 
@@ -263,7 +264,7 @@ class Deck:
     case : tuple of Line
         Executive and case control.
     cards : tuple of Card
-        Bulk data in order, less what has no say in stiffness and mass.
+        Bulk data in order, without the cards that change neither stiffness nor mass.
     """
 
     path: Path
@@ -287,7 +288,7 @@ class Deck:
             if card.text(1) == "THRU":
                 numbers: Iterable[int] = range(card.integer(0), card.integer(2) + 1)
             else:
-                numbers = [card.integer(i) for i, cell in enumerate(card.fields) if cell]
+                numbers = card.integers(card.filled(range(len(card.fields))))
             out |= dict.fromkeys(numbers, card)
         return out
 
@@ -311,17 +312,24 @@ class Deck:
         """By name: the property card of a group, or its element where that is its own property."""
         found: dict[str, Card] = {}
         for card in self.elements:
-            own = card if card.name in OWN else self.property_of(card)
+            own = self.group_of(card)
             found[f"{own.name} {own.integer(0)}"] = own
         return found
 
-    def property_of(self, element: Card) -> Card:
-        """Return the property card of an element; a missing number is that of the element."""
+    def group_of(self, element: Card) -> Card:
+        """Return the card of the group of an element: its property, or itself if it has none."""
+        if element.name in OWN:
+            return element
+        # Where the number of the property is missing, it is that of the element.
         return self.properties[element.integer(1, element.integer(0))]
 
+    def materials_of(self, card: Card) -> list[Card]:
+        """Return the material cards that a property card (or a CONROD) names."""
+        return [self.materials[number] for number in card.integers(materials_of(card))]
+
     def nodes_of(self, element: Card) -> list[int]:
-        """Return the grids of an element, those that are there, in order."""
-        return [element.integer(i) for i in ELEMENTS[element.name].nodes if element.text(i)]
+        """Return the grids of an element that are given, in order."""
+        return element.integers(element.filled(ELEMENTS[element.name].nodes))
 
     def group(self, name: str) -> Card:
         """Return the card of a group.
@@ -339,8 +347,11 @@ class Deck:
 
     def parameter(self, name: str, default: float) -> float:
         """Return a number given by PARAM, the last one."""
-        cards = [c for c in self.named("PARAM") if c.text(0) == name]
-        return cards[-1].real(1) if cards else default
+        value = default
+        for card in self.named("PARAM"):
+            if card.text(0) == name:
+                value = card.real(1)
+        return value
 
     def selected(self, what: str, given: int | None) -> int:
         """Return the number of the SPC or MPC set that case control selects, 0 for none.
@@ -354,25 +365,27 @@ class Deck:
         kinds = {"SPC": ("SPC", "SPC1", "SPCADD"), "MPC": ("MPC", "MPCADD")}[what]
         sets = {card.integer(0) for card in self.named(*kinds)}
         option = f"{what.lower()}="
-        lines = [
-            (m, line)
-            for line in self.case
-            if (m := _SELECTED.match(line.text)) and m[1].upper() == what
-        ]
-        chosen = {m[2] for m, _ in lines} if given is None else {str(given)}
-        if len(chosen) > 1:
-            raise lines[-1][1].error(
+        chosen: dict[str, Line] = {}
+        for line in self.case:
+            found = _SELECTED.match(line.text)
+            if found and found[1].upper() == what:
+                chosen[found[2]] = line
+        if given is not None:
+            number = str(given)
+        elif len(chosen) > 1:
+            raise next(reversed(chosen.values())).error(
                 f"{what} sets {', '.join(sorted(chosen))} in one deck; say which with {option}"
             )
-        if not chosen:
-            if sets:
-                raise FormatError(
-                    f"{what} sets {_list(sets)}, but case control selects none; say which with"
-                    f" {option} (0 for none)",
-                    self.path,
-                )
+        elif chosen:
+            number = next(iter(chosen))
+        elif sets:
+            raise FormatError(
+                f"{what} sets {_list(sets)}, but case control selects none; say which with"
+                f" {option} (0 for none)",
+                self.path,
+            )
+        else:
             return 0
-        number = chosen.pop()
         if not number.isdecimal() or (int(number) and int(number) not in sets):
             raise FormatError(
                 f"no {what} set {number}; there are: {_list(sets) or 'none'}", self.path
@@ -423,22 +436,31 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
 
 
 def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
-    start = next((i for i, line in enumerate(lines) if _BULK.match(line.text)), None)
-    case, bulk = ([], lines) if start is None else (lines[:start], lines[start + 1 :])
-    end = next(
-        (i for i, line in enumerate(bulk) if line.text.strip().upper().startswith("ENDDATA")),
-        len(bulk),
-    )
-    return case, bulk[:end]
+    """Return the lines of executive and case control, and those of bulk data."""
+    case: list[Line] = []
+    bulk = lines
+    for i, line in enumerate(lines):
+        if _BULK.match(line.text):
+            case, bulk = lines[:i], lines[i + 1 :]
+            break
+    return case, bulk[: end_of(bulk)]
+
+
+def end_of(lines: Sequence[Line]) -> int:
+    """Return the position of the line ENDDATA; the number of lines where there is none."""
+    for i, line in enumerate(lines):
+        if line.text.strip().upper().startswith("ENDDATA"):
+            return i
+    return len(lines)
 
 
 def _single(card: Card) -> list[Card]:
+    """Return the entries of a card, of which some kinds have two."""
     n = _DOUBLE.get(card.name)
     if n is None or len(card.fields) <= n:
         return [card]
-    return [
-        Card(card.name, card.fields[i : i + n], card.lines) for i in range(0, len(card.fields), n)
-    ]
+    starts = range(0, len(card.fields), n)
+    return [Card(card.name, card.fields[i : i + n], card.lines) for i in starts]
 
 
 def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
@@ -453,7 +475,7 @@ def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
 
 
 def _list(numbers: Iterable[int]) -> str:
-    return ", ".join(str(n) for n in sorted(numbers))
+    return ", ".join(map(str, sorted(numbers)))
 
 
 def _near(number: int, known: Mapping[int, Card]) -> str:
@@ -468,18 +490,7 @@ def _check(deck: Deck) -> None:
         )
     places = deck.grids | deck.points
     for card in deck.elements:
-        kinds = ELEMENTS[card.name].properties
-        number = card.integer(1, card.integer(0)) if kinds else 0
-        if kinds and number not in deck.properties:
-            raise card.error(
-                f"{card.name} {card.text(0)}: no property {number};"
-                f" {_near(number, deck.properties)}"
-            )
-        if kinds and (found := deck.properties[number]).name not in kinds:
-            raise card.error(
-                f"{card.name} {card.text(0)}: property {number} is a {found.name}; expected"
-                f" {' or '.join(kinds)}"
-            )
+        _check_property(deck, card)
         for node in deck.nodes_of(card):
             if node and node not in places:
                 raise card.error(
@@ -487,8 +498,8 @@ def _check(deck: Deck) -> None:
                 )
     for card in deck.groups.values():
         values(card)
-        for field in materials_of(card):
-            if (number := card.integer(field)) not in deck.materials:
+        for number in card.integers(materials_of(card)):
+            if number not in deck.materials:
                 raise card.error(
                     f"{card.name} {card.text(0)}: no material {number} among"
                     f" {', '.join(MATERIALS)}; " + _near(number, deck.materials)
@@ -501,16 +512,34 @@ def _check(deck: Deck) -> None:
                 )
 
 
+def _check_property(deck: Deck, element: Card) -> None:
+    kinds = ELEMENTS[element.name].properties
+    if not kinds:
+        return
+    number = element.integer(1, element.integer(0))
+    found = deck.properties.get(number)
+    if found is None:
+        raise element.error(
+            f"{element.name} {element.text(0)}: no property {number};"
+            f" {_near(number, deck.properties)}"
+        )
+    if found.name not in kinds:
+        raise element.error(
+            f"{element.name} {element.text(0)}: property {number} is a {found.name}; expected"
+            f" {' or '.join(kinds)}"
+        )
+
+
 def _tied(card: Card) -> list[tuple[int, int]]:
     """Return (field, grid) of the grids that a tie or a support names."""
     n = len(card.fields)
     if card.name == "MPC":
-        at: list[int] = [start + k for start in range(1, n, 8) for k in (0, 3)]
+        at = [*range(1, n, 8), *range(4, n, 8)]
     elif card.name == "SPC":
         at = [1, 4]
     elif card.name == "RBE2":
-        last = n - 1 if _is_alpha(card, n - 1, 3) else n
-        at = [1, *range(3, last)]
+        has_alpha = n > 4 and "." in card.text(n - 1)  # the coefficient of expansion, a real number
+        at = [1, *range(3, n - has_alpha)]
     elif card.name == "RBE3":
         at = _grids_of_rbe3(card)
     elif card.name == "RBAR":
@@ -519,15 +548,13 @@ def _tied(card: Card) -> list[tuple[int, int]]:
         at = list(range(2, n))
     else:
         return []
-    return [(i, card.integer(i)) for i in at if card.text(i) and card.text(i) != "THRU"]
-
-
-def _is_alpha(card: Card, last: int, first: int) -> bool:
-    return last > first and "." in card.text(last)
+    return [(i, card.integer(i)) for i in card.filled(at) if card.text(i) != "THRU"]
 
 
 def _grids_of_rbe3(card: Card) -> list[int]:
-    """RBE3: EID, blank, REFGRID, REFC, then WT, C, grids, the next WT, C, grids, ..., UM or ALPHA and what follows."""
+    """Return the fields of an RBE3 that name grids."""
+    # EID, blank, REFGRID, REFC, then WT, C, grids, the next WT, C, grids, ..., UM or ALPHA and what
+    # follows.
     found = [2]
     at = 4
     while at < len(card.fields):
@@ -557,26 +584,31 @@ class _System:
         if self.kind == "C":
             given = np.array([a * np.cos(np.radians(b)), a * np.sin(np.radians(b)), c])
         elif self.kind == "S":
-            polar, turn = np.radians(b), np.radians(c)
+            polar = np.radians(b)
+            turn = np.radians(c)
             given = a * np.array(
                 [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)]
             )
         return self.origin + given @ self.axes
 
     def directions(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the unit vectors (rows) along the coordinates at a position in the basic system."""
+        """Return the unit vectors (rows) along the coordinates at a basic position."""
         if self.kind == "R":
             return self.axes
         x, y, z = self.axes @ (position - self.origin)
         reach = float(np.hypot(x, y))
         # On its axis the angle has no meaning; Nastran takes that of the x axis.
-        cos, sin = (x / reach, y / reach) if reach > 1e-9 * max(abs(z), 1e-30) else (1.0, 0.0)
-        outward, around = np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
+        cos, sin = 1.0, 0.0
+        if reach > 1e-9 * max(abs(z), 1e-30):
+            cos, sin = x / reach, y / reach
+        outward = np.array([cos, sin, 0.0])
+        around = np.array([-sin, cos, 0.0])
         if self.kind == "C":
             own = np.array([outward, around, [0.0, 0.0, 1.0]])
         else:
             size = float(np.hypot(reach, z)) or 1.0
-            up, flat = z / size, reach / size
+            up = z / size
+            flat = reach / size
             own = np.array([flat * outward + [0, 0, up], up * outward - [0, 0, flat], around])
         return np.asarray(own @ self.axes)
 
@@ -585,7 +617,7 @@ _BASIC = _System("R", np.zeros(3), np.eye(3))
 
 
 class _Systems:
-    """The systems and grids of a deck, each worked out when it is first asked for."""
+    """The systems and grids of a deck, each computed when it is first needed."""
 
     def __init__(self, deck: Deck) -> None:
         self._deck = deck
@@ -598,9 +630,11 @@ class _Systems:
         self._systems: dict[int, _System] = {0: _BASIC}
         self._positions: dict[int, NDArray[np.float64]] = {}
         self._open: set[int] = set()
-        sets = deck.named("GRDSET")
-        self._default_position = sets[0].integer(1, 0) if sets else 0
-        self._default_motion = sets[0].integer(5, 0) if sets else 0
+        self._default_position = 0
+        self._default_motion = 0
+        for card in deck.named("GRDSET")[:1]:
+            self._default_position = card.integer(1, 0)
+            self._default_motion = card.integer(5, 0)
 
     def position(self, node: int, asker: Card) -> NDArray[np.float64]:
         if node not in self._positions:
@@ -608,17 +642,17 @@ class _Systems:
             if card is None:
                 raise asker.error(f"{asker.name} {asker.text(0)}: no grid {node}")
             system = self.system(card.integer(1, self._default_position), card)
-            self._positions[node] = system.basic(np.array([card.real(i, 0.0) for i in (2, 3, 4)]))
+            self._positions[node] = system.basic(np.array(card.reals((2, 3, 4), 0.0)))
         return self._positions[node]
 
-    def motion(self, card: Card) -> _System | None:
-        """Return the system in which a grid moves; None: the basic one."""
+    def motion(self, card: Card) -> _System:
+        """Return the system in which a grid moves."""
         number = card.integer(5, self._default_motion)
         if number == -1:
             raise card.error(
                 f"GRID {card.text(0)}: a fluid point (field 7 is -1) has no displacements"
             )
-        return self.system(number, card) if number else None
+        return self.system(number, card)
 
     def system(self, number: int, asker: Card) -> _System:
         if number not in self._systems:
@@ -637,17 +671,18 @@ class _Systems:
 
     def _built(self, card: Card) -> _System:
         if card.name.startswith("CORD1"):
-            A, B, C = (self.position(card.integer(i), card) for i in (1, 2, 3))
+            A, B, C = (self.position(node, card) for node in card.integers((1, 2, 3)))
         else:
             within = self.system(card.integer(1, 0), card)
-            A, B, C = (
-                within.basic(np.array([card.real(i + k, 0.0) for k in range(3)])) for i in (2, 5, 8)
-            )
-        up, side = B - A, C - A
+            points = np.array(card.reals(range(2, 11), 0.0)).reshape(3, 3)
+            A, B, C = (within.basic(point) for point in points)
+        up = B - A
+        side = C - A
         across = np.cross(up, side)
         if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(up) * np.linalg.norm(side):
             raise card.error(f"{card.name} {card.text(0)}: its three points stand on one line")
-        z, y = up / np.linalg.norm(up), across / np.linalg.norm(across)
+        z = up / np.linalg.norm(up)
+        y = across / np.linalg.norm(across)
         return _System(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
@@ -668,13 +703,9 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
         positions = [systems.position(node, deck.grids[node]) for node in nodes]
         motions = [systems.motion(deck.grids[node]) for node in nodes]
         axes = None
-        if any(m is not None for m in motions):
-            axes = np.array(
-                [
-                    np.eye(3) if m is None else m.directions(p)
-                    for m, p in zip(motions, positions, strict=True)
-                ]
-            )
+        if any(motion is not _BASIC for motion in motions):
+            pairs = zip(motions, positions, strict=True)
+            axes = np.array([motion.directions(position) for motion, position in pairs])
     with placed(deck.path):
         return Geometry(nodes, np.array(positions).reshape(-1, 3) * scale, _edges(deck), axes)
 
@@ -683,11 +714,10 @@ def _edges(deck: Deck) -> list[tuple[int, int]]:
     found: dict[tuple[int, int], None] = {}
     for card in deck.elements:
         nodes = deck.nodes_of(card)
-        for a, b in ELEMENTS[card.name].edges:
-            if (
-                max(a, b) < len(nodes)
-                and nodes[a] != nodes[b]
-                and {nodes[a], nodes[b]} <= deck.grids.keys()
-            ):
-                found[min(nodes[a], nodes[b]), max(nodes[a], nodes[b])] = None
+        for first, second in ELEMENTS[card.name].edges:
+            if max(first, second) >= len(nodes):
+                continue
+            a, b = sorted((nodes[first], nodes[second]))
+            if a != b and a in deck.grids and b in deck.grids:
+                found[a, b] = None
     return list(found)

@@ -26,6 +26,7 @@ __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
 _SQUARE, _SYMMETRIC = 1, 6
 _SAME = 1e-6  # what is left of equal entries, rounded to the digits of a punch file
+_LAST_GRID = 99999999
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 #: Lines of a deck or of a punch file that are no bulk data.
 _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IGNORECASE)
@@ -97,42 +98,45 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
 
 
 def _bulk(lines: Iterable[Line]) -> Iterator[Line]:
-    return (line for line in lines if _TITLES.match(line.text.lstrip()) is None)
+    for line in lines:
+        if _TITLES.match(line.text.lstrip()) is None:
+            yield line
 
 
 def _check_header(card: Card) -> None:
-    form, kind = card.integer(2), card.integer(3)
+    form = card.integer(2)
+    kind = card.integer(3)
     if form not in (_SQUARE, _SYMMETRIC):
         raise card.error(f"DMIG {card.text(0)}: form {form}; expected 1 (square) or 6 (symmetric)")
     if kind not in (1, 2):
-        why = (
-            " (complex: damping goes into loss factors and viscous matrices)"
-            if kind in (3, 4)
-            else ""
-        )
+        why = ""
+        if kind in (3, 4):
+            why = " (complex: damping goes into loss factors and viscous matrices)"
         raise card.error(f"DMIG {card.text(0)}: type {kind}{why}; expected 1 or 2, real")
 
 
 def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
-    name, symmetric = header.text(0), header.integer(2) == _SYMMETRIC
+    name = header.text(0)
+    symmetric = header.integer(2) == _SYMMETRIC
     rows: list[int] = []
     at: list[int] = []
     values: list[float] = []
     where: list[Card] = []
     for card in columns:
         column = _key(card, 1)
-        start = 4
-        while start < len(card.fields) or start == 4:
+        for start in range(4, max(len(card.fields), 5), 4):
             rows.append(_key(card, start))
             at.append(column)
             values.append(card.real(start + 2))
             where.append(card)
-            start += 4
     keys = np.unique(np.array(rows + at, dtype=np.int64))
-    i, j = np.searchsorted(keys, rows), np.searchsorted(keys, at)
+    i = np.searchsorted(keys, rows)
+    j = np.searchsorted(keys, at)
     # Of a symmetric matrix an entry may stand on either side; one that stands on both has to be the
     # same.
-    key = np.maximum(i, j) * len(keys) + np.minimum(i, j) if symmetric else i * len(keys) + j
+    key = i * len(keys) + j
+    if symmetric:
+        key = np.maximum(i, j) * len(keys) + np.minimum(i, j)
     order = np.argsort(key, kind="stable")
     for one, two in pairwise(order.tolist()):
         if key[one] != key[two]:
@@ -146,9 +150,10 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
                 f"DMIG {name}: said to be symmetric (form 6), but entry {pair} is {b:g} and the one"
                 f" across {a:g}"
             )
-    kept = np.sort(order[np.flatnonzero(np.diff(key[order], prepend=-1))])
-    i, j, values = i[kept], j[kept], [values[k] for k in kept]
-    matrix = sp.csr_array(sp.coo_array((values, (i, j)), shape=(len(keys),) * 2), dtype=np.float64)
+    is_first = np.diff(key[order], prepend=-1) != 0
+    kept = np.sort(order[is_first])
+    entries = (np.array(values)[kept], (i[kept], j[kept]))
+    matrix = sp.csr_array(sp.coo_array(entries, shape=(len(keys),) * 2), dtype=np.float64)
     if symmetric:
         matrix = matrix + (sp.tril(matrix, -1) + sp.triu(matrix, 1)).T
     return DMIGMatrix(name, sp.csr_array(matrix), DofSet.from_arrays(keys // 6, keys % 6))
@@ -156,7 +161,8 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
 
 def _key(card: Card, at: int) -> int:
     """Return node * 6 + direction of the grid and component in two fields."""
-    node, component = card.integer(at), card.integer(at + 1, 0)
+    node = card.integer(at)
+    component = card.integer(at + 1, 0)
     if not 0 <= component <= 6:
         raise card.error(
             f"DMIG: component {component} of grid {node}; expected 1 to 6, or 0 for a scalar point"
@@ -169,7 +175,9 @@ def _label(key: Any) -> str:
 
 
 def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
-    """Write symmetric matrices as DMIG cards in large fields, the file replaced as a whole once it is complete.
+    """Write symmetric matrices as DMIG cards in large fields.
+
+    The file is replaced as a whole once it is complete.
 
     Parameters
     ----------
@@ -191,41 +199,44 @@ def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> N
     A field has 16 characters: numbers come back to 10 digits or more.
     """
     path = Path(path)
-    nodes, components = dofs.nodes, dofs.axes.astype(np.int64) + 1
-    if len(dofs) and (nodes.min() < 1 or nodes.max() > 99999999):
-        wrong = int(nodes.min()) if nodes.min() < 1 else int(nodes.max())
-        raise FormatError(f"node {wrong}; grids are numbered from 1 to 99999999", path)
-    with (
-        atomic_path(path) as temporary,
-        temporary.open("w", encoding="ascii", newline="\n") as file,
-    ):
-        for name, given in matrices.items():
-            if _NAME.fullmatch(name) is None:
-                raise FormatError(
-                    f"matrix name {name!r}; expected a letter, then up to 7 letters and digits",
-                    path,
-                )
-            matrix = sp.csc_array(given)
-            if matrix.shape != (len(dofs),) * 2:
-                raise FormatError(
-                    f"matrix {name!r} is {matrix.shape}; expected {len(dofs)} rows and columns",
-                    path,
-                )
-            difference = abs(matrix - matrix.T)
-            if difference.nnz and difference.max() > 1e-10 * abs(matrix).max():
-                raise FormatError(f"matrix {name!r} is not symmetric", path)
-            file.write(f"{'DMIG':<8}{name.upper():<8}{0:>8}{_SYMMETRIC:>8}{2:>8}{0:>8}\n")
-            for j in range(len(dofs)):
-                some = slice(matrix.indptr[j], matrix.indptr[j + 1])
-                entries = [
-                    (i, x)
-                    for i, x in zip(matrix.indices[some], matrix.data[some], strict=True)
-                    if i >= j and x != 0.0
-                ]
-                if not entries:
-                    continue
-                file.write(f"{'DMIG*':<8}{name.upper():<16}{nodes[j]:>16}{components[j]:>16}\n")
-                file.writelines(
-                    f"{'*':<8}{nodes[i]:>16}{components[i]:>16}{text_of(float(x)):>16}\n"
-                    for i, x in entries
-                )
+    wrong = dofs.nodes[(dofs.nodes < 1) | (dofs.nodes > _LAST_GRID)]
+    if len(wrong):
+        raise FormatError(f"node {wrong[0]}; grids are numbered from 1 to {_LAST_GRID}", path)
+    text = ""
+    for name, given in matrices.items():
+        matrix = _checked(name, given, len(dofs), path)
+        text += "".join(_cards(name.upper(), matrix, dofs))
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="ascii", newline="\n")
+
+
+def _checked(name: str, given: Any, n: int, path: Path) -> Any:
+    """Return a matrix that can be written, as CSC."""
+    if _NAME.fullmatch(name) is None:
+        raise FormatError(
+            f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path
+        )
+    matrix = sp.csc_array(given)
+    if matrix.shape != (n, n):
+        raise FormatError(f"matrix {name!r} is {matrix.shape}; expected {n} rows and columns", path)
+    difference = abs(matrix - matrix.T)
+    if difference.nnz and difference.max() > 1e-10 * abs(matrix).max():
+        raise FormatError(f"matrix {name!r} is not symmetric", path)
+    return matrix
+
+
+def _cards(name: str, matrix: Any, dofs: DofSet) -> Iterator[str]:
+    """Yield the cards of the lower triangle of a matrix."""
+    yield f"{'DMIG':<8}{name:<8}{0:>8}{_SYMMETRIC:>8}{2:>8}{0:>8}\n"
+    places = []
+    for node, axis in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True):
+        places.append(f"{node:>16}{axis + 1:>16}")
+    lower = sp.csc_array(sp.tril(matrix))
+    lower.eliminate_zeros()
+    for j, place in enumerate(places):
+        some = slice(lower.indptr[j], lower.indptr[j + 1])
+        if some.start == some.stop:
+            continue
+        yield f"{'DMIG*':<8}{name:<16}{place}\n"
+        for i, x in zip(lower.indices[some].tolist(), lower.data[some].tolist(), strict=True):
+            yield f"{'*':<8}{places[i]}{text_of(float(x)):>16}\n"

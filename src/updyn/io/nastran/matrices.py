@@ -23,7 +23,8 @@ scalar points, one each: the g-set as Nastran writes it where it has not been re
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, ModelError, UpdynWarning, suggest
+from updyn.errors import FormatError, ModelError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import system
 from updyn.io.damping import DAMPING, plain_damping
@@ -51,6 +52,7 @@ _WRITTEN = {"op4": ".op4", "dmig": ".pch"}
 _MATRICES = ("stiffness", "mass", "viscous")
 _TOP = (*GENERAL, "unit", "deck")
 _GROUP = ("name", *_MATRICES, *DAMPING)
+_NastranMatrix = OP4Matrix | DMIGMatrix
 
 
 def names_nastran_files(table: ModelTable) -> bool:
@@ -92,10 +94,12 @@ def read_table(table: ModelTable) -> Model:
     units = system(table.optional("unit", "m"))
     if "deck" in content:
         deck = read_deck(table.file(content, "deck"), None)
-        geometry = geometry_of(deck, units.name) if geometry is None else geometry
-        dofs = _dofs_of(deck) if dofs is None else dofs
-    files = _Files()
-    named: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
+        if geometry is None:
+            geometry = geometry_of(deck, units.name)
+        if dofs is None:
+            dofs = _dofs_of(deck)
+    files = _Files(table)
+    named: dict[str, dict[str, _NastranMatrix]] = {}
     for number, parts in enumerate(content["group"]):
         table.only_known(parts, _GROUP, "group", number)
         name = table.group_name(parts, number)
@@ -103,17 +107,20 @@ def read_table(table: ModelTable) -> Model:
             raise FormatError(
                 f"group name {name!r} stands twice", table.path, table.line("name", "group", number)
             )
-        found = {w: files.matrix(table, parts, w, number) for w in _MATRICES if w in parts}
-        named[name] = found, {what: parts[what] for what in DAMPING if what in parts}
-    dofs, used = _used(table, [m for found, _ in named.values() for m in found.values()], dofs)
+        named[name] = {}
+        for what in _MATRICES:
+            if what in parts:
+                named[name][what] = files.matrix(parts, what, number)
+    dofs, used = _used(table, list(chain(*(found.values() for found in named.values()))), dofs)
     groups = {}
-    for number, (name, (found, damping)) in enumerate(named.items()):
-        matrices = {}
+    for number, (name, found) in enumerate(named.items()):
+        parts = content["group"][number]
+        entries = {what: parts[what] for what in DAMPING if what in parts}
         for what, matrix in found.items():
             whole = _placed(matrix, dofs, table, table.line(what, "group", number))
-            matrices[what] = units.to_si(whole, dofs)[used][:, used]
+            entries[what] = units.to_si(whole, dofs)[used][:, used]
         try:
-            groups[name] = Group(**matrices, **damping)
+            groups[name] = Group(**entries)
         except ModelError as error:
             raise FormatError(
                 f"group {name!r}: {error}", table.path, table.line("name", "group", number)
@@ -132,15 +139,15 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 class _Files:
-    """The matrix files, each read once."""
+    """The matrix files that a TOML file names, each read once."""
 
-    def __init__(self) -> None:
-        self._op4: dict[Path, list[OP4Matrix]] = {}
-        self._dmig: dict[Path, list[DMIGMatrix]] = {}
+    def __init__(self, table: ModelTable) -> None:
+        self._table = table
+        self._read: dict[Path, Sequence[_NastranMatrix]] = {}
 
-    def matrix(
-        self, table: ModelTable, parts: Mapping[str, Any], key: str, number: int
-    ) -> OP4Matrix | DMIGMatrix:
+    def matrix(self, parts: Mapping[str, Any], key: str, number: int) -> _NastranMatrix:
+        """Return the matrix that a key of the `number`-th group names."""
+        table = self._table
         file, name = _split(table.text(parts, key, "group", number))
         path = table.file({key: file}, key, "group", number)
         kind = SUFFIXES.get(path.suffix.lower())
@@ -151,41 +158,35 @@ class _Files:
                 table.path,
                 table.line(key, "group", number),
             )
-        if kind == "op4":
-            if path not in self._op4:
-                self._op4[path] = read_op4(path)
-            return select(self._op4[path], name, path)
-        if path not in self._dmig:
-            self._dmig[path] = read_dmig(path)
-        names = [m.name for m in self._dmig[path]]
-        if name is None and len(names) == 1:
-            return self._dmig[path][0]
-        if name is None:
-            raise FormatError(
-                f"holds {len(names)} matrices ({', '.join(names)}); say which: FILE:NAME", path
-            )
-        if name.upper() not in names:
-            raise FormatError(f"no matrix {name!r}; {suggest(name.upper(), names)}", path)
-        return self._dmig[path][names.index(name.upper())]
+        if path not in self._read:
+            self._read[path] = read_op4(path) if kind == "op4" else read_dmig(path)
+        return select(self._read[path], name, path)
 
 
 def _dofs_of(deck: Deck) -> DofSet:
     nodes = np.array(sorted([*deck.grids, *deck.points]))
-    many = np.where(np.isin(nodes, list(deck.points)), 1, 6)
-    axes = np.concatenate([np.arange(n) for n in many])
-    return DofSet.from_arrays(np.repeat(nodes, many), axes)
+    axes = np.tile(np.arange(6), (len(nodes), 1))
+    is_point = np.isin(nodes, list(deck.points))
+    exists = (axes == 0) | ~is_point[:, None]
+    return DofSet.from_arrays(np.repeat(nodes, exists.sum(axis=1)), axes[exists])
 
 
-def _used(table: ModelTable, matrices: list[Any], dofs: DofSet | None) -> tuple[DofSet, Any]:
+def _used(
+    table: ModelTable, matrices: list[_NastranMatrix], dofs: DofSet | None
+) -> tuple[DofSet, Any]:
     """Return all DOFs, and the positions of those that have an entry in some matrix."""
     if dofs is None:
-        if not all(isinstance(m, DMIGMatrix) for m in matrices):
-            raise FormatError(
-                'OUTPUT4 matrices have no labels: say dofs = "dofs.csv" (a table), dofs = ["1:X",'
-                ' ...], or deck = "wing.bdf" (all its grids in ascending order, six DOFs each)',
-                table.path,
-            )
-        keys = np.unique(np.concatenate([m.dofs.nodes * 6 + m.dofs.axes for m in matrices]))
+        labelled = []
+        for m in matrices:
+            if not isinstance(m, DMIGMatrix):
+                raise FormatError(
+                    'OUTPUT4 matrices have no labels: say dofs = "dofs.csv" (a table), dofs ='
+                    ' ["1:X", ...], or deck = "wing.bdf" (all its grids in ascending order, six'
+                    " DOFs each)",
+                    table.path,
+                )
+            labelled.append(m.dofs.nodes * 6 + m.dofs.axes)
+        keys = np.unique(np.concatenate(labelled))
         return DofSet.from_arrays(keys // 6, keys % 6), np.arange(len(keys))
     used = np.zeros(len(dofs), dtype=np.bool_)
     for m in matrices:
@@ -205,9 +206,8 @@ def _used(table: ModelTable, matrices: list[Any], dofs: DofSet | None) -> tuple[
     return dofs, np.flatnonzero(used)
 
 
-def _placed(
-    matrix: OP4Matrix | DMIGMatrix, dofs: DofSet, table: ModelTable, line: int | None
-) -> Any:
+def _placed(matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int | None) -> Any:
+    """Return a matrix on all DOFs."""
     n = len(dofs)
     if isinstance(matrix, OP4Matrix):
         if matrix.matrix.shape != (n, n):

@@ -1,6 +1,7 @@
-"""What MYSTRAN reads otherwise than Nastran, or not at all.
+"""MYSTRAN: decks as it reads them, its runs, and the matrices that it leaves for a restart.
 
-Seen with version 18.0.0, which passes over cards that it does not know with no more than a warning.
+What it reads otherwise than Nastran, or not at all, is that of version 18.0.0, which passes over
+cards that it does not know with a warning only.
 """
 
 from __future__ import annotations
@@ -30,18 +31,16 @@ __all__ = [
     "Matrices",
     "Program",
     "adapted",
-    "executable",
+    "find_executable",
     "run",
 ]
 
 _WIDTH = 16
 #: Fields of first and second grid, and of their components.
 _ENDS = {"CELAS1": ((2, 3), (4, 5)), "CELAS2": ((2, 3), (4, 5)), "CMASS2": ((2, 3), (4, 5))}
-#: Cards that MYSTRAN passes over or has no code for, and what would do.
+#: Cards that MYSTRAN passes over or has no code for, and what to use instead.
 _NOT_READ = {
-    "CBEAM": (
-        "a CBAR, where its section is constant and shear centre and neutral axis fall together"
-    ),
+    "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis coincide",
     "CTUBE": "a CROD or a CBAR",
     "CQUADR": "a CQUAD4",
     "CTRIAR": "a CTRIA3",
@@ -57,7 +56,7 @@ _PARAMETERS = (
 
 
 def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
-    """Return the cards as MYSTRAN wants them.
+    """Return cards in the form that MYSTRAN reads.
 
     MYSTRAN has no springs with one end: the other is put on a grid of its own that is held.
 
@@ -76,7 +75,7 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
     Raises
     ------
     FormatError
-        If MYSTRAN has no such element; the message names what would do.
+        If MYSTRAN has no such element; the message names an alternative.
     """
     out: list[Card] = []
     grounds = max([*deck.grids, *deck.points], default=0)
@@ -88,15 +87,15 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
                 f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; {_NOT_READ[card.name]}"
                 " would do, or the matrices from Nastran itself (OUTPUT4, DMIG)"
             )
+        ground = None
+        changed = card
         if card.name in _ENDS:
             changed, ground = _spring(deck, card, grounds + 1)
         elif card.name == "CBUSH" and not card.text(3):
             ground = _ground(deck, card, card.integer(2), grounds + 1)
             changed = card.with_fields({3: str(grounds + 1)})
         elif card.name == "RBAR":
-            changed, ground = _bar(card), None
-        else:
-            changed, ground = card, None
+            changed = _bar(card)
         if ground is not None:
             grounds += 1
             out.append(ground)
@@ -105,49 +104,49 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
 
 
 def _spring(deck: Deck, card: Card, number: int) -> tuple[Card, Card | None]:
+    """Return a spring or mass, and the grid that its free end is put on, if it has one."""
     one, two = _ENDS[card.name]
-    if not card.text(one[0]) or card.text(one[0]) == "0":
+    if card.text(one[0]) in ("", "0"):
         one, two = two, one
     new = {}
     for node, component in (one, two):
         if card.text(node).isdecimal() and card.integer(node) in deck.points:
             new[component] = "1"
     ground = None
-    if card.name != "CMASS2" and (
-        not card.text(two[0]) or card.text(two[0]) == "0"
-    ):  # a mass has one end
+    is_mass = card.name == "CMASS2"  # which may have one end
+    if not is_mass and card.text(two[0]) in ("", "0"):
         ground = _ground(deck, card, card.integer(one[0]), number)
-        new |= {two[0]: str(number), two[1]: new.get(one[1], card.text(one[1]))}
+        new[two[0]] = str(number)
+        new[two[1]] = new.get(one[1], card.text(one[1]))
     return card.with_fields(new), ground
 
 
 def _bar(card: Card) -> Card:
     """Return a rigid bar, all of whose independent components are at one end, as an RBE2."""
-    own, other = card.text(3), card.text(4)
-    ends = ((1, 2, 6), (2, 1, 5))  # independent grid, dependent grid, dependent components
+    own = card.text(3)
+    other = card.text(4)
     if {own, other} != {"123456", ""}:
         raise card.error(
             f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'};"
             " expected 123456 at one end, as MYSTRAN has RBE2 only"
         )
-    independent, dependent, components = ends[0] if own else ends[1]
-    fields = (
-        card.text(0),
-        card.text(independent),
-        card.text(components, "123456"),
-        card.text(dependent),
-    )
+    first, second = card.text(1), card.text(2)
+    if own:
+        fields = (card.text(0), first, card.text(6, "123456"), second)
+    else:
+        fields = (card.text(0), second, card.text(5, "123456"), first)
     return Card("RBE2", fields, card.lines)
 
 
 def _ground(deck: Deck, card: Card, node: int, number: int) -> Card:
-    """Return a held grid where the given one stands, moving in the same system."""
+    """Return a held grid at the position and in the displacement system of a given one."""
     if node not in deck.grids:
         return Card("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)
     return deck.grids[node].with_fields({0: str(number), 6: "123456"})
 
 
 def _short(card: Card) -> Card:
+    """Return a card whose fields fit 16 characters."""
     new = {}
     for at, cell in enumerate(card.fields):
         if len(cell) > _WIDTH:
@@ -193,7 +192,7 @@ class Program:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matrices:
-    """What MYSTRAN says of a deck, in the units of the deck.
+    """The matrices of a deck, in the units of the deck.
 
     Parameters
     ----------
@@ -216,7 +215,7 @@ class Matrices:
     held: NDArray[np.intp]
 
 
-def executable(path: str | Path, given: str | Path | None = None) -> Path:
+def find_executable(path: str | Path, given: str | Path | None = None) -> Path:
     """Find MYSTRAN: as given, by UPDYN_MYSTRAN, in the package ``mystran``, or on PATH.
 
     Raises
@@ -224,12 +223,12 @@ def executable(path: str | Path, given: str | Path | None = None) -> Path:
     FormatError
         For the deck `path`, if it is not there or cannot be executed.
     """
-    named = given or os.environ.get("UPDYN_MYSTRAN")
-    found = Path(named) if named else _packaged() or Path(shutil.which("mystran") or "")
-    if not named and found == Path():
+    named = given or os.environ.get("UPDYN_MYSTRAN") or _packaged() or shutil.which("mystran")
+    if not named:
         raise FormatError(
             f"a deck becomes a model by running MYSTRAN, which is not there: {_HINT}", path
         )
+    found = Path(named)
     if not found.is_file() or not os.access(found, os.X_OK):
         raise FormatError(f"MYSTRAN: {str(found)!r} is not a program that can be run", path)
     return found.resolve()
@@ -283,9 +282,11 @@ def run(
         With MYSTRAN's own message if it stops at an error.
     """
     deck = folder / "run.bdf"
-    selected = "".join(
-        f"{what} = {number}\n" for what, number in (("SPC", spc), ("MPC", mpc)) if number
-    )
+    selected = ""
+    if spc:
+        selected += f"SPC = {spc}\n"
+    if mpc:
+        selected += f"MPC = {mpc}\n"
     bulk = "".join(card.large() for card in cards)
     deck.write_text(
         # Modes, although none is computed: for statics MYSTRAN lumps the mass of solids.
@@ -294,26 +295,20 @@ def run(
         encoding="latin-1",
     )
     reached, late = _execute(program, deck, links)
+    if late and not reached:
+        raise FormatError(f"MYSTRAN was stopped after {program.timeout:g} s", path)
     if not reached:
-        raise FormatError(
-            f"MYSTRAN was stopped after {program.timeout:g} s" if late else _said(deck), path
-        )
+        raise FormatError(_said(deck), path)
     dofs, table = _dofs(deck.with_suffix(".L1C"), path)
     n = len(dofs)
     dependent = np.flatnonzero(table[:, _M])
     tied = dependent[np.argsort(table[dependent, _M])]
-    return Matrices(
-        _symmetric(deck.with_suffix(".L1L"), n, path),
-        _symmetric(deck.with_suffix(".L1R"), n, path),
-        dofs,
-        (
-            _terms(deck.with_suffix(".L1J"), (len(tied), n), path)
-            if len(tied)
-            else sp.csr_array((0, n))
-        ),
-        tied,
-        np.flatnonzero(table[:, _S]),
-    )
+    ties = sp.csr_array((0, n))
+    if len(tied):
+        ties = _terms(deck.with_suffix(".L1J"), (len(tied), n), path)
+    stiffness = _symmetric(deck.with_suffix(".L1L"), n, path)
+    mass = _symmetric(deck.with_suffix(".L1R"), n, path)
+    return Matrices(stiffness, mass, dofs, ties, tied, np.flatnonzero(table[:, _S]))
 
 
 def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool]:
@@ -350,30 +345,28 @@ def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool]:
 def _said(deck: Path) -> str:
     """Return the first error that MYSTRAN wrote, in its own words."""
     report = deck.with_suffix(".F06")
-    lines = report.read_text(encoding="latin-1").splitlines() if report.is_file() else []
+    text = report.read_text(encoding="latin-1") if report.is_file() else ""
+    lines = text.splitlines()
+    echoed = ""  # the last card that is no comment
     for at, line in enumerate(lines):
-        if (found := _ERROR.search(line)) is None:
+        echo = _ECHO.search(line)
+        if echo and echo[1][0] != "*":
+            echoed = " ".join(echo[1].split())
+        found = _ERROR.search(line)
+        if found is None:
             continue
-        more = []
+        message = found[2]
         for further in lines[at + 1 : at + 4]:
             if not further.startswith("  ") or not further.strip() or "ECHO" in further:
                 break
-            more.append(further)
-        echoed = [e[1] for text in lines[:at] if (e := _ECHO.search(text)) and e[1][0] != "*"][-1:]
-        where = (
-            f" (at or before the card {' '.join(echoed[0].split())!r})"
-            if echoed not in ([], ["ENDDATA"])
-            else ""
-        )
-        return (
-            f"MYSTRAN error{' ' * bool(found[1])}{found[1]}: "
-            + " ".join(" ".join([found[2], *more]).split())
-            + where
-        )
-    last = [text for text in lines if text.strip()][-1:]
-    return "MYSTRAN ended before it had made the matrices; its last line is: " + " ".join(
-        "".join(last).split()
-    )
+            message += " " + further
+        number = f" {found[1]}" if found[1] else ""
+        where = ""
+        if echoed not in ("", "ENDDATA"):
+            where = f" (at or before the card {echoed!r})"
+        return f"MYSTRAN error{number}: {' '.join(message.split())}{where}"
+    last = " ".join(text.rstrip().rpartition("\n")[2].split())
+    return f"MYSTRAN ended before it had made the matrices; its last line is: {last}"
 
 
 def _records(path: Path, user: Path) -> bytes:
@@ -384,41 +377,43 @@ def _records(path: Path, user: Path) -> bytes:
 
 
 def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
-    """Read a sparse matrix: two records of one word, the second the number of terms, then the terms."""
+    """Read a sparse matrix: two records of one word, then the terms."""
     raw = _records(path, user)
-    count = struct.unpack_from("<i", raw, 16)[0] if len(raw) >= 24 else -1
+    count = -1
+    if len(raw) >= 24:
+        (count,) = struct.unpack_from("<i", raw, 16)  # the second word: the number of terms
     if count < 0 or len(raw) < 24 + count * _TERM.itemsize:
         raise FormatError(f"MYSTRAN's file {path.suffix} is cut short", user)
     terms = np.frombuffer(raw, _TERM, count, 24)
     if (terms["before"] != 16).any() or (terms["after"] != 16).any():
         raise FormatError(f"MYSTRAN's file {path.suffix} is not laid out as expected", user)
-    return sp.csr_array(
-        sp.coo_array((terms["value"], (terms["row"] - 1, terms["column"] - 1)), shape=shape)
-    )
+    places = (terms["row"] - 1, terms["column"] - 1)
+    return sp.csr_array(sp.coo_array((terms["value"], places), shape=shape))
 
 
 def _symmetric(path: Path, n: int, user: Path) -> Any:
     if not path.is_file():  # no mass at all
         return sp.csr_array((n, n))
-    upper = _terms(path, (n, n), user)
-    return upper if sp.tril(upper, -1).nnz else sp.csr_array(upper + sp.triu(upper, 1).T)
+    found = _terms(path, (n, n), user)
+    is_whole = bool(sp.tril(found, -1).nnz)
+    return found if is_whole else sp.csr_array(found + sp.triu(found, 1).T)
 
 
 def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
     """Read the table of degrees of freedom, in the order of the matrices."""
     raw = _records(path, user)
     title = raw.find(b"TDOFI")
-    start = title + struct.unpack_from("<i", raw, title - 4)[0] + 4 if title >= 4 else len(raw)
+    start = len(raw)
+    if title >= 4:
+        (length,) = struct.unpack_from("<i", raw, title - 4)
+        start = title + length + 4
     if start + 2 * _INTEGER.itemsize > len(raw):
         raise FormatError("MYSTRAN's file .L1C holds no table TDOFI", user)
     rows, columns = np.frombuffer(raw, _INTEGER, 2, start)["value"].tolist()
     start += 2 * _INTEGER.itemsize
     if columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
         raise FormatError("MYSTRAN's table TDOFI is not laid out as expected", user)
-    table = (
-        np.frombuffer(raw, _INTEGER, rows * columns, start)["value"]
-        .reshape(rows, columns)
-        .astype(np.int64)
-    )
+    entries = np.frombuffer(raw, _INTEGER, rows * columns, start)["value"]
+    table = entries.reshape(rows, columns).astype(np.int64)
     table = table[np.argsort(table[:, _G])]
     return DofSet.from_arrays(table[:, _GRID], np.maximum(table[:, _COMPONENT], 1) - 1), table

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, TypeAlias
+from typing import Any, BinaryIO, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
@@ -97,7 +98,18 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     ]
 
 
-def select(matrices: Iterable[OP4Matrix], name: str | None, path: str | Path) -> OP4Matrix:
+class Named(Protocol):
+    """A matrix with a name."""
+
+    @property
+    def name(self) -> str:
+        """The name, upper case."""
+
+
+Found = TypeVar("Found", bound=Named)
+
+
+def select(matrices: Iterable[Found], name: str | None, path: str | Path) -> Found:
     """Return the matrix of that name, or the only one.
 
     Raises
@@ -226,16 +238,17 @@ class Collector:
         """Return what was taken."""
         if not self._values:
             return sp.csc_array(self.shape, dtype=np.float64)
-        rows, columns, values = (
-            np.concatenate(p) for p in (self._rows, self._columns, self._values)
-        )
+        rows = np.concatenate(self._rows)
+        columns = np.concatenate(self._columns)
+        values = np.concatenate(self._values)
         keep = values != 0.0
         if not np.isfinite(values).all():
             raise FormatError(
                 f"matrix {self._name!r} holds a number that is not finite", self._path
             )
         key = np.sort(columns[keep] * self.shape[0] + rows[keep])
-        if (twice := np.flatnonzero(np.diff(key) == 0)).size:
+        twice = np.flatnonzero(np.diff(key) == 0)
+        if twice.size:
             column, row = divmod(int(key[twice[0]]), self.shape[0])
             raise FormatError(
                 f"matrix {self._name!r}: entry ({row + 1}, {column + 1}) stands twice", self._path
@@ -253,13 +266,15 @@ def _completed(path: Path, name: str, matrix: Any, form: int) -> Any:
             f"matrix {name!r} is {matrix.shape[0]} x {matrix.shape[1]} and said to be symmetric",
             path,
         )
-    lower, upper = sp.tril(matrix, -1), sp.triu(matrix, 1)
+    lower = sp.tril(matrix, -1)
+    upper = sp.triu(matrix, 1)
     if bool(lower.nnz) != bool(upper.nnz):
         return sp.csc_array(matrix + (lower + upper).T)
     difference = sp.coo_array(abs(matrix - matrix.T))
     if difference.nnz and difference.max() > 1e-6 * abs(matrix).max():
         worst = int(np.argmax(difference.data))
-        i, j = int(difference.row[worst]) + 1, int(difference.col[worst]) + 1
+        i = int(difference.row[worst]) + 1
+        j = int(difference.col[worst]) + 1
         raise FormatError(
             f"matrix {name!r} is said to be symmetric (form 6), but entries ({i}, {j}) and ({j},"
             f" {i}) differ by {difference.data[worst]:.3g}",
@@ -288,16 +303,55 @@ def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
         )
     if matrix.shape[0] != matrix.shape[1]:
         form = RECTANGULAR
+    elif (matrix != matrix.T).nnz:
+        form = _SQUARE
     else:
-        form = SYMMETRIC if (matrix != matrix.T).nnz == 0 else _SQUARE
+        form = SYMMETRIC
     return OP4Matrix(name.upper(), matrix, form)
 
 
+def _columns(matrix: Any) -> Iterator[tuple[int, Any, Any]]:
+    """Yield number from 1, rows and values of the columns of a CSC matrix that have entries."""
+    for j in range(matrix.shape[1]):
+        some = slice(matrix.indptr[j], matrix.indptr[j + 1])
+        if some.start != some.stop:
+            yield j + 1, matrix.indices[some], matrix.data[some]
+
+
+def _full(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
+    """Return the dense column from its first to its last entry."""
+    full = np.zeros(rows[-1] - rows[0] + 1, number)
+    full[rows - rows[0]] = values
+    return full
+
+
+# -- heads of strings: two words (length and row), or one with the length in its upper half -----------
+def _head_words(rows: int) -> int:
+    """Return the words of the head of a string, by the number of rows that the file gives."""
+    return 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
+
+
+def _row_and_length(head: Sequence[int]) -> tuple[int, int]:
+    """Return row and number of words of a string by its head, which counts itself."""
+    if len(head) == 2:
+        length, row = head
+    else:
+        length, row = head[0] >> 16, head[0] & 0xFFFF
+    return row, length - 1
+
+
+def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
+    """Return the head of a string of so many words."""
+    if layout == "bigmat":
+        return words + 1, row
+    return (row + ((words + 1) << 16),)
+
+
+# -- text ---------------------------------------------------------------------------------------------
+
 _TEXT_FORMAT = re.compile(r"(\d+)\s*[EDed]\s*(\d+)\s*\.\s*(\d+)")
-_TEXT_FIELDS = {
-    False: (3, 26, 16),
-    True: (5, 16, 8),
-}  # values a line, width, digits behind the point
+#: Values a line, width and digits behind the point, by whether they are of single precision.
+_TEXT_FIELDS = {False: (3, 26, 16), True: (5, 16, 8)}
 
 
 def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
@@ -310,13 +364,19 @@ def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
 
 
 class _Lines:
+    """The lines of a file, counted."""
+
     def __init__(self, path: Path, file: Iterable[str]) -> None:
-        self.path, self._file, self.number = path, iter(file), 0
+        self.path = path
+        self.number = 0
+        self._file = iter(file)
 
     def next(self) -> str | None:
         line = next(self._file, None)
-        self.number += line is not None
-        return None if line is None else line.rstrip("\r\n")
+        if line is None:
+            return None
+        self.number += 1
+        return line.rstrip("\r\n")
 
     def wanted(self, what: str) -> str:
         line = self.next()
@@ -331,10 +391,9 @@ class _Lines:
 
     def integers(self, line: str, n: int, width: int, what: str) -> list[int]:
         try:
-            found = [int(line[i * width : (i + 1) * width]) for i in range(n)]
+            return [int(line[i * width : (i + 1) * width]) for i in range(n)]
         except ValueError as error:
             raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
-        return found
 
 
 def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
@@ -351,8 +410,9 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     told = _TEXT_FORMAT.search(header, 4 * width + 8)
     if told is None:
         raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' behind the name")
-    a_line, field = int(told[1]), int(told[2])
-    head = 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
+    a_line = int(told[1])
+    field = int(told[2])
+    head = _head_words(rows)
     out = Collector(lines.path, name, abs(rows), columns)
     while True:
         line = lines.wanted(f"a column of matrix {name!r}")
@@ -379,7 +439,7 @@ def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
     """Return row and number of words of a string."""
     line = lines.wanted(f"a string of column {column}")
     try:
-        found = [int(word) for word in line.split()]
+        found = list(map(int, line.split()))
     except ValueError:
         found = []
     if len(found) != head:
@@ -387,18 +447,17 @@ def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
             f"{line.strip()[:60]!r}; expected the head of a string of column {column}: {head}"
             " integer(s)"
         )
-    return (found[1], found[0] - 1) if head == 2 else (found[0] & 0xFFFF, (found[0] >> 16) - 1)
+    return _row_and_length(found)
 
 
 def _text_values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
     out = np.empty(n)
     for first in range(0, n, a_line):
         line = lines.wanted("values")
-        if line[min(a_line, n - first) * width :].strip():
-            raise lines.error(
-                f"more than {min(a_line, n - first)} value(s) of {width} characters on the line"
-            )
-        for k in range(min(a_line, n - first)):
+        here = min(a_line, n - first)
+        if line[here * width :].strip():
+            raise lines.error(f"more than {here} value(s) of {width} characters on the line")
+        for k in range(here):
             cell = line[k * width : (k + 1) * width].strip()
             try:
                 out[first + k] = real(cell)
@@ -416,52 +475,59 @@ def _write_text(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, singl
     with path.open("w", encoding="ascii", newline="\n") as file:
         for m in matrices:
             rows, columns = m.matrix.shape
-            sign = -1 if layout == "bigmat" else 1
-            file.write(
-                f"{columns:8}{sign * rows:8}{m.form:8}{kind:8}{m.name:<8}1P,{a_line}E{width}.{digits}\n"
-            )
-            for j in range(columns):
-                some = slice(m.matrix.indptr[j], m.matrix.indptr[j + 1])
-                if len(m.matrix.indices[some]):
-                    _write_text_column(
-                        file, j + 1, m.matrix.indices[some], m.matrix.data[some], layout, single
-                    )
+            if layout == "bigmat":
+                rows = -rows
+            form = f"1P,{a_line}E{width}.{digits}"
+            file.write(f"{columns:8}{rows:8}{m.form:8}{kind:8}{m.name:<8}{form}\n")
+            for column, at, values in _columns(m.matrix):
+                file.writelines(_text_column(column, at, values, layout, single))
             file.write(f"{columns + 1:8}{1:8}{1:8}\n" + _cells([1.0], single))
 
 
-def _write_text_column(
-    file: Any, column: int, rows: Any, values: Any, layout: Layout, single: bool
-) -> None:
-    kind = 1 if single else 2
+def _text_column(
+    column: int, rows: Any, values: Any, layout: Layout, single: bool
+) -> Iterator[str]:
     if layout == "dense":
-        full = np.zeros(rows[-1] - rows[0] + 1)
-        full[rows - rows[0]] = values
-        file.write(f"{column:8}{rows[0] + 1:8}{len(full):8}\n" + _cells(full, single))
+        full = _full(rows, values)
+        yield f"{column:8}{rows[0] + 1:8}{len(full):8}\n"
+        yield _cells(full, single)
         return
+    a_number = 1 if single else 2  # words of a number
     strings = runs(rows)
-    head = 2 if layout == "bigmat" else 1
-    file.write(f"{column:8}{0:8}{head * len(strings) + kind * len(rows):8}\n")
+    heads = 2 if layout == "bigmat" else 1
+    yield f"{column:8}{0:8}{heads * len(strings) + a_number * len(rows):8}\n"
     for start, end in strings:
-        words, row = kind * (end - start) + 1, int(rows[start]) + 1
-        file.write(f"{words:8}{row:8}\n" if head == 2 else f"{row + (words << 16):12}\n")
-        file.write(_cells(values[start:end], single))
+        head = _head(int(rows[start]) + 1, a_number * (end - start), layout)
+        width = 8 if layout == "bigmat" else 12
+        yield "".join(f"{word:{width}}" for word in head) + "\n"
+        yield _cells(values[start:end], single)
 
 
 def _cells(values: Any, single: bool) -> str:
+    """Return lines of numbers."""
     a_line, width, digits = _TEXT_FIELDS[single]
-    cells = [f"{x:{width}.{digits}E}" for x in values]
-    return "".join("".join(cells[i : i + a_line]) + "\n" for i in range(0, len(cells), a_line))
+    out = ""
+    for start in range(0, len(values), a_line):
+        for x in values[start : start + a_line]:
+            out += f"{x:{width}.{digits}E}"
+        out += "\n"
+    return out
 
 
-_HEADER_WORDS = {24: 4, 48: 8}  # bytes of a header record: bytes of its words
+# -- binary: Fortran records of words of 4 or 8 bytes, in either byte order -----------------------------
+#: Bytes of a word by those of a header record.
+_HEADER_WORDS = {24: 4, 48: 8}
+#: Codes of `struct` for an integer of one word, by its bytes.
+_INTEGERS = {4: "i", 8: "q"}
 
 
 def _byte_order(start: bytes) -> tuple[str, int] | None:
-    """Return byte order and bytes a word of a binary file by its first bytes; None: not a binary file."""
+    """Return byte order and bytes a word by the first bytes of a file; None if it is not binary."""
     if len(start) < 4:
         return None
     for order in "<>":
-        if (length := struct.unpack(order + "i", start[:4])[0]) in _HEADER_WORDS:
+        (length,) = struct.unpack(order + "i", start[:4])
+        if length in _HEADER_WORDS:
             return order, _HEADER_WORDS[length]
     return None
 
@@ -478,8 +544,10 @@ class _Records:
     """The records of a Fortran unformatted file: each between two copies of its length."""
 
     def __init__(self, file: BinaryIO, path: Path, order: str) -> None:
-        self._file, self.path, self.order = file, path, order
+        self.path = path
+        self.order = order
         self.number = 0
+        self._file = file
         self._left = path.stat().st_size
 
     def next(self) -> bytes | None:
@@ -488,7 +556,9 @@ class _Records:
         if not marker:
             return None
         self.number += 1
-        length = struct.unpack(self.order + "i", marker)[0] if len(marker) == 4 else -1
+        length = -1
+        if len(marker) == 4:
+            (length,) = struct.unpack(self.order + "i", marker)
         self._left -= 8 + length
         if length < 0 or self._left < 0:
             raise self.error("the file is cut short or damaged")
@@ -502,7 +572,8 @@ class _Records:
 
 
 def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]:
-    order, integer = records.order, "i" if word == 4 else "q"
+    order = records.order
+    integer = _INTEGERS[word]
     if _HEADER_WORDS.get(len(header)) != word:
         raise records.error(
             f"{len(header)} bytes; expected the header of a matrix, {6 * word} bytes"
@@ -511,8 +582,9 @@ def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, An
     name = header[4 * word :].decode("ascii", "replace").replace("\x00", " ").strip().upper()
     check_header(records.path, None, name, columns, rows, kind)
     # Words of 8 bytes hold a number of either precision.
-    number = np.dtype(f"{order}f{4 if kind == 1 and word == 4 else 8}")
-    head = 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
+    is_short = kind == 1 and word == 4
+    number = np.dtype(f"{order}f4" if is_short else f"{order}f8")
+    head = _head_words(rows)
     out = Collector(records.path, name, abs(rows), columns)
     while True:
         body = records.next()
@@ -551,10 +623,8 @@ def _binary_string(
     start = at + head * word
     if start > len(data):
         raise records.error(f"column {column}: a string without its head")
-    found = struct.unpack(f"{records.order}{head}{'i' if word == 4 else 'q'}", data[at:start])
-    length, row = (
-        (found[0] - 1, found[1]) if head == 2 else ((found[0] >> 16) - 1, found[0] & 0xFFFF)
-    )
+    found = struct.unpack(f"{records.order}{head}{_INTEGERS[word]}", data[at:start])
+    row, length = _row_and_length(found)
     end = int(start + length * word)
     if length < 1 or end > len(data):
         raise records.error(
@@ -576,50 +646,35 @@ def _write_binary(
     matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool, order: str
 ) -> None:
     """Write checked matrices with words of 4 bytes."""
-    number = np.dtype(f"{order}f{4 if single else 8}")
+    number = np.dtype(f"{order}f4" if single else f"{order}f8")
+    kind = 1 if single else 2
     with path.open("wb") as file:
         for m in matrices:
             rows, columns = m.matrix.shape
-            sign = -1 if layout == "bigmat" else 1
-            header = struct.pack(
-                f"{order}4i8s",
-                columns,
-                sign * rows,
-                m.form,
-                1 if single else 2,
-                m.name.encode().ljust(8),
-            )
+            if layout == "bigmat":
+                rows = -rows
+            name = m.name.encode().ljust(8)
+            header = struct.pack(f"{order}4i8s", columns, rows, m.form, kind, name)
             _write_record(file, order, header)
-            pointer, indices, data = m.matrix.indptr, m.matrix.indices, m.matrix.data
-            for j in range(columns):
-                some = slice(pointer[j], pointer[j + 1])
-                if len(indices[some]):
-                    _write_record(
-                        file,
-                        order,
-                        _binary_column(j + 1, indices[some], data[some], layout, order, number),
-                    )
+            for column, at, values in _columns(m.matrix):
+                body = _binary_column(column, at, values, layout, order, number)
+                _write_record(file, order, body)
             one = np.ones(1, number).tobytes()
-            _write_record(
-                file, order, struct.pack(f"{order}3i", columns + 1, 1, len(one) // 4) + one
-            )
+            end = struct.pack(f"{order}3i", columns + 1, 1, len(one) // 4) + one
+            _write_record(file, order, end)
 
 
 def _binary_column(
     column: int, rows: Any, values: Any, layout: Layout, order: str, number: Any
 ) -> bytes:
     if layout == "dense":
-        full = np.zeros(rows[-1] - rows[0] + 1, number)
-        full[rows - rows[0]] = values
-        return struct.pack(f"{order}3i", column, rows[0] + 1, full.nbytes // 4) + full.tobytes()
+        data = _full(rows, values, number).tobytes()
+        return struct.pack(f"{order}3i", column, rows[0] + 1, len(data) // 4) + data
     parts = []
     for start, end in runs(rows):
-        words = (end - start) * number.itemsize // 4
-        row = int(rows[start]) + 1
-        head = (words + 1, row) if layout == "bigmat" else (row + ((words + 1) << 16),)
-        parts.append(
-            struct.pack(f"{order}{len(head)}i", *head) + values[start:end].astype(number).tobytes()
-        )
+        data = values[start:end].astype(number).tobytes()
+        head = _head(int(rows[start]) + 1, len(data) // 4, layout)
+        parts += [struct.pack(f"{order}{len(head)}i", *head), data]
     body = b"".join(parts)
     return struct.pack(f"{order}3i", column, 0, len(body) // 4) + body
 

@@ -16,7 +16,16 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 
-__all__ = ["Dataset", "bytes_expected", "datasets", "real_field", "text_of", "whole_field"]
+__all__ = [
+    "Dataset",
+    "bytes_expected",
+    "columns_of",
+    "datasets",
+    "real_field",
+    "text_of",
+    "whole_field",
+    "whole_fields",
+]
 
 _DELIMITER = re.compile(rb"^    -1[ \t\x00]*\r?(?:\n|\Z)", re.MULTILINE)
 _AFTER_BYTES = re.compile(rb"[\r\n]*    -1[ \t\x00]*\r?(?:\n|\Z)")
@@ -108,7 +117,10 @@ class _Cursor:
     """A place in the bytes of a file, with its line number."""
 
     def __init__(self, raw: bytes, path: str | Path) -> None:
-        self.raw, self.path, self.at, self.line = raw, path, 0, 1
+        self.raw = raw
+        self.path = path
+        self.at = 0
+        self.line = 1
 
     def move(self, to: int) -> None:
         self.line += self.raw.count(b"\n", self.at, to)
@@ -137,15 +149,16 @@ class _Cursor:
 
 
 def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
-    """Return a 58b; the cursor stands on its first line of text and is moved past its closing delimiter."""
+    """Return a 58b; moves the cursor from its first line of text past its closing delimiter."""
     words = rest.split()
-    if len(words) < 4 or not all(_WHOLE.fullmatch(w) for w in words[:4]):
+    try:
+        order, floating, text_lines, n_bytes = map(int, words[:4])
+    except ValueError as error:
         raise cursor.error(
             "58b: expected byte order, floating-point format, lines of text and bytes of data,"
             f" found {rest.strip()!r}",
             line,
-        )
-    order, floating, text_lines, n_bytes = (int(w) for w in words[:4])
+        ) from error
     if order not in (1, 2):
         raise cursor.error(
             f"58b: byte order {order}; expected 1 (little-endian) or 2 (big-endian)", line
@@ -157,7 +170,9 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
             f"58b: {text_lines} lines of text before the data; expected {_TEXT_LINES}", line
         )
     start = cursor.at
-    records = [cursor.take() for _ in range(_TEXT_LINES)]
+    records = []
+    for _ in range(_TEXT_LINES):
+        records.append(cursor.take())
     if cursor.at >= len(cursor.raw):
         raise cursor.error("58b: the file ends within the dataset, before its data", line)
     body = cursor.raw[start : cursor.at]
@@ -196,7 +211,7 @@ def _what_is_wrong(cursor: _Cursor, size: int, n_bytes: int) -> str:
 
 
 def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
-    """Return how many bytes the data of a 58b take, and how many one number a point would.
+    """Return the number of bytes of the data of a 58b, and that of one number a point.
 
     Parameters
     ----------
@@ -212,9 +227,9 @@ def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
     FormatError
         If the ordinate type, the number of points or the spacing is none.
     """
-    kind, points, even = (
-        whole_field(record, i * 10, 10, w, path, line) for i, w in enumerate(_RECORD_7)
-    )
+    kind = whole_field(record, 0, 10, "record 7, ordinate data type", path, line)
+    points = whole_field(record, 10, 10, "record 7, number of points", path, line)
+    even = whole_field(record, 20, 10, "record 7, abscissa spacing", path, line)
     if kind not in _SIZES:
         raise FormatError(
             f"record 7: ordinate data type {kind}; expected 2 or 4 (real), 5 or 6 (complex, single"
@@ -228,20 +243,20 @@ def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
         raise FormatError(
             f"record 7: abscissa spacing {even}; expected 0 (uneven) or 1 (even)", path, line
         )
-    numbers = (2 if kind >= 5 else 1) + (1 - even)
+    numbers = columns_of(kind, even)
     return points * numbers * _SIZES[kind], points * _SIZES[kind]
 
 
-_RECORD_7 = (
-    "record 7, ordinate data type",
-    "record 7, number of points",
-    "record 7, abscissa spacing",
-)
+def columns_of(ordinate: int, even: int) -> int:
+    """Return the number of numbers a point of dataset 58, by ordinate data type and spacing."""
+    is_complex = ordinate in (5, 6)
+    has_abscissa = not even
+    return 1 + is_complex + has_abscissa
 
 
-# -- fields of a line --------------------------------------------------------------------------------------
+# -- fields of a line ---------------------------------------------------------------------------
 def text_of(line: bytes) -> str:
-    """Return a line as text: UTF-8 where it is, else Latin-1, of which every byte is a character."""
+    """Return a line as text: UTF-8 where it is valid, else Latin-1."""
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:
@@ -263,6 +278,17 @@ def whole_field(text: str, start: int, width: int, what: str, path: str | Path, 
             f"{what}: expected a whole number in {where}, found {field!r}", path, line
         )
     return int(field)
+
+
+def whole_fields(text: str, count: int, what: str, path: str | Path, line: int) -> list[int]:
+    """Return the whole numbers in the first `count` fields of ten columns.
+
+    Raises
+    ------
+    FormatError
+        If there is none in one of them; the message says which columns hold what instead.
+    """
+    return [whole_field(text, 10 * i, 10, what, path, line) for i in range(count)]
 
 
 def real_field(text: str, what: str, path: str | Path, line: int) -> float:

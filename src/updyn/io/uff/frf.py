@@ -1,4 +1,4 @@
-"""Universal files (UFF, UNV): FRFs from dataset 58, text or binary, with geometry and units; modes from 55.
+"""FRFs of universal files: functions of dataset 58, text or binary, as a complete matrix.
 
 What is read, and how:
 
@@ -50,7 +50,7 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
-from updyn.io.items import chosen, placed
+from updyn.io.items import chosen, counted, placed
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, Collector, Units
@@ -75,18 +75,19 @@ _TYPES = {
     2: "stress",
     3: "strain",
     5: "temperature",
-    15: "pressure",
-    16: "mass",
-    17: "time",
-    18: "frequency",
-}
-_TYPES |= {
     8: "displacement",
     9: "reaction force",
     11: "velocity",
     12: "acceleration",
     13: "excitation force",
+    15: "pressure",
+    16: "mass",
+    17: "time",
+    18: "frequency",
 }
+#: Function types.
+_FRF = 4
+_COHERENCE = 6
 #: Unit labels of motions and forces that are not SI, at the start of a label, brackets aside.
 _NOT_SI = re.compile(
     r"[(\[]*(g|gs|gn|mm|cm|um|µm|μm|nm|in|inch|ft|mil|mils|ips|lbf?|kn|mn|kgf|oz)(?![a-z])", re.I
@@ -143,7 +144,8 @@ def read_frf(
     """
     scalar = _options(duplicates, scalar_direction, scale)
     collector = Collector(path)
-    functions, others = [], Counter[int]()
+    functions: list[Function] = []
+    others = Counter[int]()
     for dataset in datasets(path):
         if dataset.number == 58:
             functions.append(read_function(dataset, path))
@@ -151,44 +153,42 @@ def read_frf(
             collector.take(dataset)
         else:
             others[dataset.number] += 1
-    measured = [f for f in functions if f.kind == 4]
+    measured = [f for f in functions if f.kind == _FRF]
+    coherences = [f for f in functions if f.kind == _COHERENCE]
     if not measured:
         raise FormatError(_nothing(functions, collector, others), path)
-    _left_out([f for f in functions if f.kind not in (4, 6)], path)
+    _warn_of_others(functions, path)
     found = _quantity(measured, quantity, path)
-    for function in functions:
-        if function.kind in (4, 6):
-            _check_axes(function, found, collector.units, scale, path)
+    for function in (*measured, *coherences):
+        _check_axes(function, found, collector.units, scale, path)
     geometry = collector.geometry()
     if not isinstance(local_axes, bool):
         raise OptionError(f"local_axes {local_axes!r}: expected True or False")
     directions = Directions(path, scalar, geometry, local_axes)
     parts = assemble(
         measured,
-        [f for f in functions if f.kind == 6],
+        coherences,
         directions,
         average=duplicates == "average",
         responses=responses,
         references=references,
     )
-    factor = (
-        _factors(parts.responses, parts.references, collector.units)
-        if scale is None
-        else np.float64(scale)
-    )
+    values = parts.values
+    if scale is None:
+        values = values * _factors(parts.responses, parts.references, collector.units)
+    else:
+        values = values * scale
+    if geometry is not None and not local_axes:
+        geometry = Geometry(geometry.nodes, geometry.xyz, geometry.lines)
     with placed(path):
         return FRF(
             parts.freq,
-            parts.values * factor,
+            values,
             parts.responses,
             parts.references,
             found,
             coherence=parts.coherence,
-            geometry=(
-                geometry
-                if geometry is None or local_axes
-                else Geometry(geometry.nodes, geometry.xyz, geometry.lines)
-            ),
+            geometry=geometry,
             source=_source(path, measured[0], others),
         )
 
@@ -212,7 +212,8 @@ def read_geometry(path: str | Path) -> Geometry:
     FormatError
         If the file is damaged or holds no nodes.
     """
-    collector, others = Collector(path), Counter[int]()
+    collector = Collector(path)
+    others = Counter[int]()
     for dataset in datasets(path):
         if dataset.number in NUMBERS:
             collector.take(dataset)
@@ -220,19 +221,17 @@ def read_geometry(path: str | Path) -> Geometry:
             others[dataset.number] += 1
     geometry = collector.geometry()
     if geometry is None:
-        raise FormatError(f"holds no nodes (dataset 15 or 2411); it holds {_counted(others)}", path)
+        raise FormatError(
+            f"holds no nodes (dataset 15 or 2411); it holds {_datasets(others)}", path
+        )
     return geometry
 
 
 def _options(duplicates: str, scalar_direction: str | None, scale: float | None) -> Dof | None:
     if duplicates not in ("raise", "average"):
         raise OptionError(f"duplicates={duplicates!r}: expected 'raise' or 'average'")
-    if scale is not None and not (
-        isinstance(scale, int | float)
-        and not isinstance(scale, bool)
-        and np.isfinite(scale)
-        and scale > 0
-    ):
+    is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
+    if scale is not None and not (is_number and np.isfinite(scale) and scale > 0):
         raise OptionError(f"scale={scale!r}: expected a positive number")
     if scalar_direction is None:
         return None
@@ -245,7 +244,7 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
     return Dof(0, found[2], -1 if found[1] == "-" else 1)
 
 
-# -- what the functions are --------------------------------------------------------------------------------
+# -- what the functions are ---------------------------------------------------------------------
 def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
     if given is not None:
         with placed(path):
@@ -268,17 +267,19 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
             path,
             key=("quantity",),
         )
-    silent = [f for f in measured if _one_quantity(f, path) is None]
-    if silent and given is None:
-        f = silent[0]
-        raise FormatError(
-            f"records 9 and 10 do not say what was measured (data types {f.numerator.kind} over"
-            f" {f.denominator.kind}; expected 8, 11 or 12 over 13): give quantity='receptance',"
-            " 'mobility' or 'accelerance'",
-            path,
-            f.numerator.line,
-        )
-    return given if given is not None else next(iter(said))
+    if given is not None:
+        return given
+    for function in measured:
+        if _one_quantity(function, path) is None:
+            above, below = function.numerator, function.denominator
+            raise FormatError(
+                f"records 9 and 10 do not say what was measured (data types {above.kind} over"
+                f" {below.kind}; expected 8, 11 or 12 over 13): give quantity='receptance',"
+                " 'mobility' or 'accelerance'",
+                path,
+                above.line,
+            )
+    return next(iter(said))
 
 
 def _one_quantity(function: Function, path: str | Path) -> str | None:
@@ -291,29 +292,34 @@ def _one_quantity(function: Function, path: str | Path) -> str | None:
         except ValueError as error:
             raise FormatError(str(error), path, line) from error
     if above not in (*_MOTION, *_UNKNOWN) or below not in (*_FORCE, *_UNKNOWN):
-        names = [_TYPES.get(k, f"data type {k}") for k in (above, below)]
         raise FormatError(
-            f"records 9 and 10 say {names[0]} over {names[1]}; expected a displacement, velocity or"
-            " acceleration over a force",
+            f"records 9 and 10 say {_type_name(above)} over {_type_name(below)}; expected a"
+            " displacement, velocity or acceleration over a force",
             path,
             line,
         )
-    return _MOTION[above] if above in _MOTION and below in _FORCE else None
+    if above in _MOTION and below in _FORCE:
+        return _MOTION[above]
+    return None
+
+
+def _type_name(kind: int) -> str:
+    return _TYPES.get(kind, f"data type {kind}")
 
 
 def _check_axes(
     function: Function, quantity: str, units: Units, scale: float | None, path: str | Path
 ) -> None:
-    """Refuse an abscissa that is not in Hz, a magnitude without phase, and units that contradict SI."""
+    """Refuse an abscissa not in Hz, a magnitude without phase, and units that contradict SI."""
     axis = function.abscissa
     if axis.kind not in (18, *_UNKNOWN) or _NOT_HZ.match(axis.unit):
-        what = _TYPES.get(axis.kind, f"data type {axis.kind}")
         raise FormatError(
-            f"record 8: the abscissa is {what} in {axis.unit!r}; expected frequency in Hz",
+            f"record 8: the abscissa is {_type_name(axis.kind)} in {axis.unit!r}; expected"
+            " frequency in Hz",
             path,
             axis.line,
         )
-    if function.kind != 4:
+    if function.kind != _FRF:
         return
     if not np.iscomplexobj(function.y) and not (function.y < 0).any():
         raise FormatError(
@@ -322,15 +328,14 @@ def _check_axes(
             path,
             function.line,
         )
+    if scale is not None:
+        return
+    # With factors other than 1 the labels name the units of the file, except for g: no factor of
+    # dataset 164 is about it.
+    file_is_si = units.length == units.force == 1.0
     for record, axis in ((9, function.numerator), (10, function.denominator)):
         found = _NOT_SI.match(axis.unit)
-        # With factors other than 1 the labels name the units of the file, save g, for which no
-        # factor stands.
-        if (
-            found
-            and scale is None
-            and (found[1].lower() in ("g", "gs", "gn") or units.length == units.force == 1.0)
-        ):
+        if found and (file_is_si or found[1].lower() in ("g", "gs", "gn")):
             raise FormatError(
                 f"record {record}: the {quantity} is in {axis.unit!r}, which is not SI: give"
                 " scale=, the factor that turns its values into SI (9.80665 for g/N)",
@@ -340,51 +345,59 @@ def _check_axes(
 
 
 def _factors(responses: DofSet, references: DofSet, units: Units) -> NDArray[np.float64]:
-    """Return what turns the unit of each pair into SI; dataset 164 gives the factors to divide by."""
-    motion = np.array([1.0 if d.direction.startswith("R") else units.length for d in responses])
-    force = np.array(
-        [units.force * (units.length if d.direction.startswith("R") else 1.0) for d in references]
-    )
+    """Return the factors, shape (n_responses, n_references), that turn values into SI.
+
+    Dataset 164 gives the factors to divide lengths and forces by.
+    """
+    # A rotation has no unit; a moment has that of force times length.
+    motion = np.where(responses.axes >= 3, 1.0, units.length)
+    force = np.where(references.axes >= 3, units.force * units.length, units.force)
     return np.asarray(force[None, :] / motion[:, None])
 
 
-# -- what else was there -----------------------------------------------------------------------------------
+# -- what else was there ------------------------------------------------------------------------
 def _nothing(functions: Sequence[Function], collector: Collector, others: Counter[int]) -> str:
-    held = [f"{n} {name}" for name, n in Counter(f.name for f in functions).items()]
+    held = []
+    if functions:
+        held.append(counted(Counter(f.name for f in functions)))
     if collector.nodes:
         held.append(f"a geometry of {len(collector.nodes)} nodes (see updyn.io.read_geometry)")
     if others:
-        held.append(_counted(others))
+        held.append(_datasets(others))
     return (
         "holds no frequency response function (dataset 58, function type 4); it holds"
         f" {', '.join(held) or 'nothing'}"
     )
 
 
-def _counted(others: Counter[int]) -> str:
-    return (
-        ", ".join(
-            f"dataset {n}" + (f" ({k} times)" if k > 1 else "") for n, k in sorted(others.items())
-        )
-        or "nothing"
-    )
+def _datasets(others: Counter[int]) -> str:
+    """Return the datasets of other numbers, for a message."""
+    shown = []
+    for number, times in sorted(others.items()):
+        often = f" ({times} times)" if times > 1 else ""
+        shown.append(f"dataset {number}{often}")
+    return ", ".join(shown) or "nothing"
 
 
-def _left_out(functions: Sequence[Function], path: str | Path) -> None:
-    if functions:
-        kinds = ", ".join(f"{n} {name}" for name, n in Counter(f.name for f in functions).items())
+def _warn_of_others(functions: Sequence[Function], path: str | Path) -> None:
+    left_out = [f for f in functions if f.kind not in (_FRF, _COHERENCE)]
+    if left_out:
+        kinds = counted(Counter(f.name for f in left_out))
         warnings.warn(
             f"{path}: functions that are neither FRF nor coherence are left out: {kinds} (first:"
-            f" line {functions[0].line})",
+            f" line {left_out[0].line})",
             UpdynWarning,
             stacklevel=3,
         )
 
 
 def _source(path: str | Path, first: Function, others: Counter[int]) -> str:
-    title = f", {first.title}" if first.title and first.title.upper() != "NONE" else ""
-    rest = f"; not read: {_counted(others)}" if others else ""
-    return f"{Path(path).name}{title}{rest}"
+    source = Path(path).name
+    if first.title and first.title.upper() != "NONE":
+        source += f", {first.title}"
+    if others:
+        source += f"; not read: {_datasets(others)}"
+    return source
 
 
 _Pair = tuple[tuple[int, str], tuple[int, str]]
@@ -392,7 +405,7 @@ _PARALLEL = 1e-6
 
 
 class Directions:
-    """Turns node and direction code of a file into a DOF, of the global system or of that of its node.
+    """DOFs of the nodes and direction codes of a file, in the global system or that of the node.
 
     Parameters
     ----------
@@ -409,8 +422,13 @@ class Directions:
     def __init__(
         self, path: str | Path, scalar: Dof | None, geometry: Geometry | None, local: bool = False
     ) -> None:
-        self.path, self.scalar, self.geometry, self.local = path, scalar, geometry, local
-        self._row = {} if geometry is None else {int(n): i for i, n in enumerate(geometry.nodes)}
+        self.path = path
+        self.scalar = scalar
+        self.geometry = geometry
+        self.local = local
+        self._row: dict[int, int] = {}
+        if geometry is not None:
+            self._row = {node: row for row, node in enumerate(geometry.nodes.tolist())}
 
     def dof(self, what: str, node: int, code: int, line: int) -> Dof:
         """Return the DOF.
@@ -443,7 +461,9 @@ class Directions:
         dof = Dof(node, DIRECTIONS[abs(code) - 1], 1 if code > 0 else -1)
         if code == 0 and self.scalar is not None:
             dof = Dof(node, self.scalar.direction, self.scalar.sign)
-        return dof if self.geometry is None else self._in_global(dof, self.geometry, what, at)
+        if self.geometry is None:
+            return dof
+        return self._in_global(dof, self.geometry, what, at)
 
     def _in_global(self, dof: Dof, geometry: Geometry, what: str, at: int) -> Dof:
         if dof.node not in self._row:
@@ -468,7 +488,8 @@ class Directions:
                 self.path,
                 at,
             )
-        return Dof(dof.node, DIRECTIONS[k + (3 if axis >= 3 else 0)], int(along[k]))
+        is_rotation = axis >= 3
+        return Dof(dof.node, DIRECTIONS[k + 3 * is_rotation], int(along[k]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -502,14 +523,16 @@ class _Placed:
 
     @property
     def key(self) -> _Pair:
-        return (self.response.node, self.response.direction), (
-            self.reference.node,
-            self.reference.direction,
-        )
+        return _name(self.response), _name(self.reference)
 
     @property
     def pair(self) -> str:
         return f"response {self.response}, reference {self.reference}"
+
+    @property
+    def signed(self) -> NDArray[Any]:
+        """The ordinate for the positive senses of both DOFs."""
+        return self.function.y * (self.response.sign * self.reference.sign)
 
 
 def assemble(
@@ -550,7 +573,8 @@ def assemble(
         If coherence is left out because it does not belong to every FRF.
     """
     path = directions.path
-    rows, columns = _Chosen("response", path), _Chosen("reference", path)
+    rows = _Chosen("response", path)
+    columns = _Chosen("reference", path)
     found = [_place(f, directions) for f in measured]
     for item in found:
         rows.meet(item.response)
@@ -572,11 +596,9 @@ def assemble(
     for i, r in enumerate(rows.kept):
         for j, c in enumerate(columns.kept):
             key = (_name(r), _name(c))
-            signs = [x.response.sign * x.reference.sign * r.sign * c.sign for x in frfs[key]]
-            gamma = [_gamma(x, path) for x in cohs.get(key, ())]
-            values[:, i, j] = _mean(
-                [x.function.y * sign for x, sign in zip(frfs[key], signs, strict=True)], gamma
-            )
+            sense = r.sign * c.sign
+            gamma = [_gamma(item, path) for item in cohs.get(key, ())]
+            values[:, i, j] = _mean([item.signed * sense for item in frfs[key]], gamma)
             if coherence is not None:
                 coherence[:, i, j] = np.mean(gamma, axis=0)
     return Parts(freq, values, coherence, rows.kept, columns.kept)
@@ -598,7 +620,8 @@ class _Chosen:
     """The DOFs of one side, in the order met, each with the sense met first; then those to keep."""
 
     def __init__(self, what: str, path: str | Path) -> None:
-        self.what, self.path = what, path
+        self.what = what
+        self.path = path
         self.met: dict[tuple[int, str], Dof] = {}
         self.kept = DofSet([])
 
@@ -622,9 +645,11 @@ def _by_pair(
     items: Sequence[_Placed], rows: _Chosen, columns: _Chosen
 ) -> dict[_Pair, list[_Placed]]:
     out: dict[_Pair, list[_Placed]] = {}
-    keep_rows, keep_columns = {_name(d) for d in rows.kept}, {_name(d) for d in columns.kept}
+    keep_rows = set(map(_name, rows.kept))
+    keep_columns = set(map(_name, columns.kept))
     for item in items:
-        if item.key[0] in keep_rows and item.key[1] in keep_columns:
+        response, reference = item.key
+        if response in keep_rows and reference in keep_columns:
             out.setdefault(item.key, []).append(item)
     return out
 
@@ -632,11 +657,15 @@ def _by_pair(
 def _complete(
     frfs: Mapping[_Pair, list[_Placed]], rows: _Chosen, columns: _Chosen, path: str | Path
 ) -> None:
-    missing = [
-        f"{r} / {c}" for c in columns.kept for r in rows.kept if (_name(r), _name(c)) not in frfs
-    ]
+    missing = []
+    for c in columns.kept:
+        for r in rows.kept:
+            if (_name(r), _name(c)) not in frfs:
+                missing.append(f"{r} / {c}")
     if missing:
-        shown = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
+        shown = ", ".join(missing[:6])
+        if len(missing) > 6:
+            shown += ", ..."
         raise FormatError(
             f"{len(missing)} of {len(rows.kept) * len(columns.kept)} pairs of response / reference"
             f" are missing: {shown}. Read a complete part with responses=[...] and"
@@ -701,11 +730,11 @@ def _gamma(item: _Placed, path: str | Path) -> NDArray[np.float64]:
 def _mean(
     values: Sequence[NDArray[Any]], gamma: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.complex128]:
-    """Return the mean, weighted line by line with the coherence where each has it and not all of it is 0."""
+    """Return the mean, weighted line by line with the coherence where every function has one."""
     if len(values) == 1:
         return np.asarray(values[0], dtype=np.complex128)
-    weights = (
-        np.array(gamma) if len(gamma) == len(values) else np.ones((len(values), len(values[0])))
-    )
-    weights[:, weights.sum(axis=0) == 0] = 1.0
+    weights = np.ones((len(values), len(values[0])))
+    if len(gamma) == len(values):
+        weights = np.array(gamma)
+    weights[:, weights.sum(axis=0) == 0] = 1.0  # no coherence at all: the plain mean
     return np.asarray((weights * np.array(values)).sum(axis=0) / weights.sum(axis=0))

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
-from updyn.io.uff.datasets import Dataset, bytes_expected, real_field, text_of, whole_field
+from updyn.io.uff.datasets import (
+    Dataset,
+    bytes_expected,
+    columns_of,
+    real_field,
+    text_of,
+    whole_field,
+    whole_fields,
+)
 
 __all__ = ["FUNCTIONS", "Function", "Record8", "read_function"]
 
@@ -128,23 +136,20 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     kind, response, reference = _record_6(lines[5], path, dataset.line + 6)
     at = dataset.line + 7
     bytes_expected(texts[6], path, at)  # checks type, number of points and spacing
-    ordinate, points, even = (
-        whole_field(texts[6], 10 * i, 10, "record 7", path, at) for i in range(3)
-    )
-    start = (
-        real_field(texts[6][30:43] or "0", "record 7, abscissa minimum", path, at) if even else 0.0
-    )
-    step = (
-        real_field(texts[6][43:56] or "0", "record 7, abscissa increment", path, at)
-        if even
-        else 0.0
-    )
-    columns = (2 if ordinate >= 5 else 1) + (1 - even)
-    table = _numbers(dataset, lines, ordinate, even, points * columns, path).reshape(
-        points, columns
-    )
-    x = np.asarray(start + np.arange(points) * step if even else table[:, 0], dtype=np.float64)
-    y = table[:, -1] if ordinate < 5 else table[:, -2] + 1j * table[:, -1]
+    ordinate, points, even = whole_fields(texts[6], 3, "record 7", path, at)
+    columns = columns_of(ordinate, even)
+    numbers = _numbers(dataset, lines, ordinate, even, points * columns, path)
+    table = numbers.reshape(points, columns)
+    step = 0.0
+    if even:
+        start = real_field(texts[6][30:43] or "0", "record 7, abscissa minimum", path, at)
+        step = real_field(texts[6][43:56] or "0", "record 7, abscissa increment", path, at)
+        x = start + step * np.arange(points, dtype=np.float64)
+    else:
+        x = table[:, 0]
+    y = table[:, -1]
+    if ordinate in (5, 6):
+        y = table[:, -2] + 1j * y
     found = Function(
         dataset.line,
         kind,
@@ -153,7 +158,9 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
         reference,
         x,
         y,
-        *(_axis(texts, i, dataset, path) for i in (7, 8, 9)),
+        _axis(texts, 7, dataset, path),
+        _axis(texts, 8, dataset, path),
+        _axis(texts, 9, dataset, path),
     )
     _check(found, bool(even), step, path)
     return found
@@ -162,7 +169,8 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
 def _record_6(
     line: bytes, path: str | Path, at: int
 ) -> tuple[int, tuple[int, int], tuple[int, int]]:
-    """Return function type and both DOFs. A name that is not ASCII may have been padded by bytes or by characters."""
+    """Return function type, response and reference."""
+    # A name that is not ASCII may have been padded by bytes or by characters.
     text = text_of(line).rstrip()
     as_bytes = line.decode("latin-1").rstrip()
     if text != as_bytes and len(text) != _WIDTH_6 and len(as_bytes) == _WIDTH_6:
@@ -190,17 +198,18 @@ def _axis(texts: list[str], index: int, dataset: Dataset, path: str | Path) -> R
     line = dataset.line + 1 + index
     kind = whole_field(texts[index], 0, 10, f"record {index + 1}, specific data type", path, line)
     unit = texts[index][46:].strip()
-    return Record8(kind, "" if unit.upper() == "NONE" else unit, line)
+    if unit.upper() == "NONE":
+        unit = ""
+    return Record8(kind, unit, line)
 
 
 def _numbers(
     dataset: Dataset, lines: list[bytes], ordinate: int, even: int, count: int, path: str | Path
 ) -> NDArray[np.float64]:
     if dataset.payload is not None:
-        dtype = np.dtype("f8" if ordinate in (4, 6) else "f4").newbyteorder(
-            ">" if dataset.big_endian else "<"
-        )
-        return np.frombuffer(dataset.payload, dtype).astype(np.float64)
+        order = ">" if dataset.big_endian else "<"
+        size = 8 if ordinate in (4, 6) else 4
+        return np.frombuffer(dataset.payload, f"{order}f{size}").astype(np.float64)
     words = lines[11].split()
     if len(words) < count:  # numbers that touch: "-1.00000E+100-1.00000E+100"
         words = _by_column(lines[11], ordinate, even)
@@ -215,13 +224,13 @@ def _numbers(
         return np.array(words, dtype=np.float64)
     except ValueError:
         pass  # an exponent with D, or something that is no number: look at them one by one
+    first = dataset.line + 12
     out = []
-    for number, line in enumerate(lines[11].split(b"\n")):
-        out += [
-            real_field(text_of(w), "data", path, dataset.line + 12 + number) for w in line.split()
-        ]
+    for number, line in enumerate(lines[11].split(b"\n"), first):
+        for word in line.split():
+            out.append(real_field(text_of(word), "data", path, number))
     if len(out) != count:
-        out = [real_field(text_of(w), "data", path, dataset.line + 12) for w in words]
+        out = [real_field(text_of(word), "data", path, first) for word in words]
     return np.array(out)
 
 
@@ -231,12 +240,21 @@ def _by_column(data: bytes, ordinate: int, even: int) -> list[bytes]:
     elif even:
         widths = [20] * 4
     else:
-        widths = [13, 20, 13, 20] if ordinate == 4 else [13, 20, 20]
+        widths = [13, 20, 20]
+        if ordinate == 4:
+            widths = [13, 20, 13, 20]
     edges = [0, *accumulate(widths)]
-    fields = [line[a:b].strip() for line in data.split(b"\n") for a, b in pairwise(edges)]
-    # A field without a point is part of a number that was cut: the columns are not those of the
-    # format.
-    return [f for f in fields if f] if all(b"." in f for f in fields if f) else data.split()
+    fields = []
+    for line in data.split(b"\n"):
+        for start, end in pairwise(edges):
+            field = line[start:end].strip()
+            # A field without a point is part of a number that was cut: the columns are not those of
+            # the format.
+            if field and b"." not in field:
+                return data.split()
+            if field:
+                fields.append(field)
+    return fields
 
 
 def _check(found: Function, even: bool, step: float, path: str | Path) -> None:

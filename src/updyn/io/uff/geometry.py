@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError
 from updyn.geometry import Geometry
 from updyn.io.items import placed
-from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field
+from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field, whole_fields
 
 __all__ = ["NUMBERS", "Collector", "Units"]
 
@@ -69,7 +69,7 @@ class _System:
     origin: NDArray[np.float64]
 
     def position(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
-        a, b, c = (float(v) for v in local)
+        a, b, c = local.tolist()
         if self.kind == 1:
             local = np.array([a * _cos(b), a * _sin(b), c])
         elif self.kind == 2:
@@ -77,19 +77,25 @@ class _System:
         return self.origin + local @ self.axes
 
     def directions(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the directions at a point of the global system, as rows; on the axis those of azimuth 0."""
+        """Return the directions at a point of the global system as rows; azimuth 0 on the axis."""
         if self.kind == 0:
             return self.axes
         x, y, z = self.axes @ (point - self.origin)
         r = np.hypot(x, y)
-        ca, sa = (x / r, y / r) if r > 1e-12 * np.abs([x, y, z]).max() else (1.0, 0.0)
-        radial, around = np.array([ca, sa, 0.0]), np.array([-sa, ca, 0.0])
+        cos_a, sin_a = 1.0, 0.0
+        if r > 1e-12 * np.abs([x, y, z]).max():
+            cos_a, sin_a = x / r, y / r
+        radial = np.array([cos_a, sin_a, 0.0])
+        around = np.array([-sin_a, cos_a, 0.0])
         if self.kind == 1:
             return np.array([radial, around, [0.0, 0.0, 1.0]]) @ self.axes
         length = np.hypot(r, z)
-        cp, sp = (z / length, r / length) if length else (1.0, 0.0)
-        outward = sp * radial + np.array([0.0, 0.0, cp])
-        return np.array([outward, cp * radial - np.array([0.0, 0.0, sp]), around]) @ self.axes
+        cos_p, sin_p = 1.0, 0.0
+        if length:
+            cos_p, sin_p = z / length, r / length
+        outward = sin_p * radial + np.array([0.0, 0.0, cos_p])
+        down = cos_p * radial - np.array([0.0, 0.0, sin_p])
+        return np.array([outward, down, around]) @ self.axes
 
 
 def _cos(degrees: float) -> float:
@@ -97,13 +103,12 @@ def _cos(degrees: float) -> float:
 
 
 def _sin(degrees: float) -> float:
-    """Return the sine, exact at multiples of 90 degrees, so that such systems coincide with the global axes."""
+    """Return the sine, exact at multiples of 90 degrees."""
+    # Exact, so that a system turned by 90 degrees coincides with the global axes.
     quarter = degrees / 90.0
-    return (
-        float((0, 1, 0, -1)[int(quarter) % 4])
-        if quarter == int(quarter)
-        else float(np.sin(np.deg2rad(degrees)))
-    )
+    if quarter == int(quarter):
+        return (0.0, 1.0, 0.0, -1.0)[int(quarter) % 4]
+    return float(np.sin(np.deg2rad(degrees)))
 
 
 @dataclass(slots=True)
@@ -116,7 +121,7 @@ class _Node:
 
 @dataclass(slots=True)
 class Collector:
-    """Takes the datasets that say where and how things are, then builds the geometry.
+    """Collects the datasets of positions, systems, lines and units, then builds the geometry.
 
     Systems may stand after the nodes that use them, so nothing is transformed before `geometry`.
 
@@ -147,12 +152,11 @@ class Collector:
             If a field cannot be read, a node or system stands twice, or units contradict each
             other.
         """
-        texts = [text_of(line).rstrip() for line in dataset.body.split(b"\n")]
-        lines = [(dataset.line + 1 + i, text) for i, text in enumerate(texts)]
-        while lines and not lines[-1][1]:
-            lines.pop()
-        if not lines:
+        body = dataset.body.rstrip()
+        if not body:
             raise FormatError(f"dataset {dataset.number} is empty", self.path, dataset.line)
+        texts = [text_of(line).rstrip() for line in body.split(b"\n")]
+        lines = list(enumerate(texts, dataset.line + 1))
         readers = {
             15: self._15,
             18: self._18,
@@ -164,7 +168,7 @@ class Collector:
         readers[dataset.number](lines)
 
     def _fields(self, line: int, text: str, count: int, what: str) -> list[int]:
-        return [whole_field(text, 10 * i, 10, what, self.path, line) for i in range(count)]
+        return whole_fields(text, count, what, self.path, line)
 
     def _reals(self, line: int, text: str, count: int, what: str) -> NDArray[np.float64]:
         words = text.split()
@@ -188,7 +192,7 @@ class Collector:
             )
         return (lines[i : i + size] for i in range(0, len(lines), size))
 
-    # -- nodes ---------------------------------------------------------------------------------------------
+    # -- nodes -----------------------------------------------------------------------------------
     def _15(self, lines: Sequence[tuple[int, str]]) -> None:
         for line, text in lines:
             numbers = self._fields(line, text, 4, "dataset 15, node")
@@ -212,7 +216,7 @@ class Collector:
             return
         self.nodes[number] = _Node(line, definition, displacement, xyz)
 
-    # -- coordinate systems --------------------------------------------------------------------------------
+    # -- coordinate systems ----------------------------------------------------------------------
     def _18(self, lines: Sequence[tuple[int, str]]) -> None:
         for (line, text), _, (third, a), (fourth, b) in self._groups(lines, 4, "dataset 18"):
             number, kind, reference, _, method = self._fields(line, text, 5, "dataset 18, system")
@@ -222,20 +226,21 @@ class Collector:
                 )
             parent = self._system(reference, line, f"system {number}, reference")
             six = self._reals(third, a, 6, "dataset 18, points")
-            points = (six[:3], six[3:], self._reals(fourth, b, 3, "dataset 18, points"))
-            origin, on_x, on_xz = (parent.position(p) for p in points)
+            origin = parent.position(six[:3])
+            on_x = parent.position(six[3:])
+            on_xz = parent.position(self._reals(fourth, b, 3, "dataset 18, points"))
             x = on_x - origin
             y = np.cross(on_xz - origin, x)  # z x X = Y: the third point lies on the side of +z
-            if not (
-                np.linalg.norm(x) > 0
-                and np.linalg.norm(y) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(on_xz - origin)
-            ):
+            length = np.linalg.norm(x)
+            is_plane = np.linalg.norm(y) > 1e-9 * length * np.linalg.norm(on_xz - origin)
+            if not (length > 0 and is_plane):
                 raise FormatError(
                     f"dataset 18: the three points of system {number} lie in a line",
                     self.path,
                     line,
                 )
-            x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+            x = x / length
+            y = y / np.linalg.norm(y)
             self._add_system(line, number, kind, np.array([x, y, np.cross(x, y)]), origin)
 
     def _2420(self, lines: Sequence[tuple[int, str]]) -> None:
@@ -282,7 +287,7 @@ class Collector:
             line,
         )
 
-    # -- lines and units -----------------------------------------------------------------------------------
+    # -- lines and units -------------------------------------------------------------------------
     def _82(self, lines: Sequence[tuple[int, str]]) -> None:
         line, text = lines[0]
         _, count = self._fields(line, text, 2, "dataset 82, trace line")
@@ -300,7 +305,8 @@ class Collector:
         words = " ".join(row for _, row in lines[1:]).split()
         if len(words) < 2:
             raise FormatError("dataset 164: no factors of length and force", self.path, line)
-        length, force = (real_field(w, "dataset 164, factor", self.path, line) for w in words[:2])
+        length = real_field(words[0], "dataset 164, factor", self.path, line)
+        force = real_field(words[1], "dataset 164, factor", self.path, line)
         if not (0 < length < np.inf and 0 < force < np.inf):
             raise FormatError(
                 f"dataset 164: factors {length:g} and {force:g}; expected positive ones",
@@ -323,7 +329,7 @@ class Collector:
             )
         self.units = Units(length, force, line)
 
-    # -- the whole -----------------------------------------------------------------------------------------
+    # -- the whole -------------------------------------------------------------------------------
     def geometry(self) -> Geometry | None:
         """Return the geometry in m, or None where the file has no nodes.
 
@@ -334,7 +340,8 @@ class Collector:
         """
         if not self.nodes:
             return None
-        xyz, axes = [], []
+        xyz = []
+        axes = []
         for number, node in self.nodes.items():
             definition = self._system(node.definition, node.line, f"node {number}, definition")
             displacement = self._system(
@@ -343,17 +350,22 @@ class Collector:
             point = definition.position(node.xyz)
             xyz.append(point)
             axes.append(displacement.directions(point))
+        drawn: list[tuple[int, int]] = []
         for line, pairs in self.traces:
-            for number in (n for pair in pairs for n in pair if n not in self.nodes):
-                raise FormatError(
-                    f"dataset 82: node {number} of the trace line has no position", self.path, line
-                )
+            drawn += pairs
+            for number in chain.from_iterable(pairs):
+                if number not in self.nodes:
+                    raise FormatError(
+                        f"dataset 82: node {number} of the trace line has no position",
+                        self.path,
+                        line,
+                    )
         # Everything so far is in the unit of the file; dataset 164 may stand anywhere in it.
         turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
         with placed(self.path):
             return Geometry(
                 list(self.nodes),
                 np.array(xyz) / self.units.length,
-                [p for _, pairs in self.traces for p in pairs],
+                drawn,
                 axes if turned else None,
             )

@@ -23,6 +23,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,17 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
-from updyn.io.items import placed
-from updyn.io.uff.datasets import Dataset, datasets, real_field, text_of, whole_field
+from updyn.io.items import counted, placed
+from updyn.io.uff.datasets import (
+    Dataset,
+    datasets,
+    real_field,
+    text_of,
+    whole_field,
+    whole_fields,
+)
 from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.io.uff.writing import SI_UNITS
 from updyn.modal import ModeSet
 
 __all__ = ["read_modes", "write_modes"]
@@ -87,7 +96,10 @@ def read_modes(path: str | Path) -> ModeSet:
     UpdynWarning
         If it holds data at nodes of another analysis; they are left out.
     """
-    collector, found, others, left = Collector(path), list[_Mode](), Counter[int](), Counter[str]()
+    collector = Collector(path)
+    found: list[_Mode] = []
+    others = Counter[int]()
+    left = Counter[str]()
     for dataset in datasets(path):
         if dataset.number == 55:
             mode = _read(dataset, path)
@@ -99,7 +111,6 @@ def read_modes(path: str | Path) -> ModeSet:
             collector.take(dataset)
         else:
             others[dataset.number] += 1
-    found = [m for m in found if not (m.conjugate and any(_mirrors(m, other) for other in found))]
     if not found:
         held = [f"{n} of data at nodes, {name}" for name, n in left.items()]
         held += [f"dataset {n}" for n in sorted(others)]
@@ -109,20 +120,19 @@ def read_modes(path: str | Path) -> ModeSet:
             path,
         )
     if left:
-        counted = ", ".join(f"{n} {name}" for name, n in left.items())
         warnings.warn(
-            f"{path}: data at nodes that are no modes are left out: {counted}",
+            f"{path}: data at nodes that are no modes are left out: {counted(left)}",
             UpdynWarning,
             stacklevel=2,
         )
-    return _assembled(found, collector.units, path)
+    return _assembled(_upper(found), collector.units, path)
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
-    """Write modes as datasets 55 of a universal file: normal modes where all shapes are real, else complex ones.
+    """Write modes as datasets 55 of a universal file.
 
-    The format keeps six digits. Senses go into the values: 5:-Z is written as 5:Z with the opposite
-    sign.
+    They are normal modes where all shapes are real, else complex ones. The format keeps six digits.
+    Senses go into the values: 5:-Z is written as 5:Z with the opposite sign.
 
     Parameters
     ----------
@@ -139,35 +149,24 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
     for node in modes.dofs.nodes:
         if not -_WIDEST // 10 < node < _WIDEST:
             raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)
-    one = f"{1.0:25.17E}".replace("E", "D")
-    units = [
-        "    -1",
-        f"{164:6d}",
-        f"{1:10d}{'SI units':<20}{2:10d}",
-        one * 3,
-        f"{0.0:25.17E}".replace("E", "D"),
-        "    -1",
-    ]
-    lines = [*units, *(line for number in range(len(modes)) for line in _lines(modes, number))]
+    lines = ["    -1", f"{164:6d}", *SI_UNITS, "    -1"]
+    for number in range(len(modes)):
+        lines += _lines(modes, number)
     with atomic_path(path) as temporary:
         temporary.write_bytes("\n".join([*lines, ""]).encode("ascii"))
 
 
-# -- reading -----------------------------------------------------------------------------------------------
+# -- reading ------------------------------------------------------------------------------------
 def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
-    """Return a mode, or of what other analysis the data are."""
-    texts = [text_of(line).rstrip() for line in dataset.body.split(b"\n")]
-    while texts and not texts[-1]:
-        texts.pop()
+    """Return a mode, or the name of the other analysis that the data are of."""
+    texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     if len(texts) < _HEAD:
         raise FormatError(
             f"dataset 55: {len(texts)} lines; expected at least {_HEAD}", path, dataset.line
         )
     at = dataset.line + 1
-    _, analysis, characteristic, specific, kind, width = (
-        whole_field(texts[5], 10 * i, 10, f"record 6, field {i + 1}", path, at + 5)
-        for i in range(6)
-    )
+    record = whole_fields(texts[5], 6, "record 6", path, at + 5)
+    _, analysis, characteristic, specific, kind, width = record
     if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
         return _ANALYSES.get(analysis, f"analysis type {analysis}")
     if _WIDTHS.get(characteristic) != width:
@@ -183,26 +182,21 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
         )
     frequency, loss, conjugate, factor = _head(texts, analysis, path, at)
     nodes, shape = _nodes(texts[_HEAD:], width, kind in _COMPLEX, path, at + _HEAD)
-    quality = _QUALITY.search(texts[3])
-    return _Mode(
-        dataset.line,
-        frequency,
-        loss,
-        conjugate,
-        factor if specific in _DISPLACEMENT else 0.0,
-        nodes,
-        shape,
-        float(quality[1]) if quality else np.nan,
-    )
+    if specific not in _DISPLACEMENT:
+        factor = 0.0
+    said = _QUALITY.search(texts[3])
+    quality = float(said[1]) if said else np.nan
+    return _Mode(dataset.line, frequency, loss, conjugate, factor, nodes, shape, quality)
 
 
 def _head(
     texts: Sequence[str], analysis: int, path: str | Path, at: int
 ) -> tuple[float, float, bool, complex]:
-    """Return frequency, loss factor, whether it is the lower of a pair, and the factor to unit modal mass."""
-    n_whole, n_real = (
-        whole_field(texts[6], 10 * i, 10, f"record 7, field {i + 1}", path, at + 6) for i in (0, 1)
-    )
+    """Return frequency, loss factor, whether it is the lower of a pair, and the factor.
+
+    The factor turns the shape into one of unit modal mass.
+    """
+    n_whole, n_real = whole_fields(texts[6], 2, "record 7", path, at + 6)
     least = 4 if analysis == _NORMAL else 2
     if n_whole < 1 or n_real < least:
         raise FormatError(
@@ -218,22 +212,19 @@ def _head(
                 path,
                 at + 7,
             )
-        loss = 2.0 * viscous + hysteretic
-        return (
-            float(f),
-            float(loss) if loss else np.nan,
-            False,
-            1.0 / np.sqrt(mass) if mass else 0.0,
-        )
-    s, a = complex(numbers[0], numbers[1]), complex(numbers[2], numbers[3])
+        loss = float(2.0 * viscous + hysteretic)
+        factor = 1.0 / np.sqrt(mass) if mass else 0.0
+        return float(f), loss or np.nan, False, factor
+    s = complex(numbers[0], numbers[1])
+    modal_a = complex(numbers[2], numbers[3])
     if s.imag == 0.0:
         raise FormatError(
             f"record 8: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
             path,
             at + 7,
         )
-    factor = np.sqrt(2j * s.imag / a) if a else 0.0
-    return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, complex(factor)
+    factor = complex(np.sqrt(2j * s.imag / modal_a)) if modal_a else 0.0
+    return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, factor
 
 
 def _nodes(
@@ -248,46 +239,56 @@ def _nodes(
             path,
             at + len(texts) - 1,
         )
-    nodes, rows = [], []
+    nodes: list[int] = []
+    shape = np.zeros((len(texts) // size, 6), dtype=np.complex128)
     for i in range(0, len(texts), size):
-        nodes.append(whole_field(texts[i], 0, 10, "record 9, node", path, at + i))
-        if nodes[-1] in nodes[:-1]:
-            raise FormatError(f"dataset 55: node {nodes[-1]} stands twice", path, at + i)
-        found = _numbers(
-            [(at + i + j, texts[i + j]) for j in range(1, size)], count, "record 10", path
-        )
-        row = found[0::2] + 1j * found[1::2] if is_complex else found.astype(np.complex128)
-        rows.append(np.append(row, np.zeros(6 - width)))
-    return nodes, np.array(rows).reshape(-1, 6)
+        node = whole_field(texts[i], 0, 10, "record 9, node", path, at + i)
+        if node in nodes:
+            raise FormatError(f"dataset 55: node {node} stands twice", path, at + i)
+        lines = list(enumerate(texts[i + 1 : i + size], at + i + 1))
+        row = _numbers(lines, count, "record 10", path)
+        if is_complex:
+            row = row[0::2] + 1j * row[1::2]
+        shape[len(nodes), :width] = row
+        nodes.append(node)
+    return nodes, shape
 
 
 def _numbers(
     lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path
 ) -> NDArray[np.float64]:
-    """Return the numbers of some lines, told by blanks, or by their 13 columns where they touch."""
-    words = [(at, word) for at, text in lines for word in text.split()]
+    """Return the numbers of some lines: separated by blanks, or in fields of 13 columns."""
+    words = []
+    for at, text in lines:
+        words += [(at, word) for word in text.split()]
     if len(words) != count:
-        words = [(at, field) for at, text in lines for field in _fields(text)]
+        words = []
+        for at, text in lines:
+            fields = [text[i : i + 13] for i in range(0, len(text), 13)]
+            words += [(at, field) for field in fields if field.strip()]
     if len(words) != count:
         raise FormatError(
             f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0]
         )
-    out = np.array([real_field(word, what, path, at) for at, word in words])
+    out = np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
     if not np.isfinite(out).all():
         raise FormatError(f"{what}: a number is not finite", path, lines[0][0])
     return out
 
 
-def _fields(text: str) -> Iterator[str]:
-    return (text[i : i + 13] for i in range(0, len(text), 13) if text[i : i + 13].strip())
-
-
-def _mirrors(mode: _Mode, other: _Mode) -> bool:
-    return not other.conjugate and abs(mode.frequency - other.frequency) <= 1e-4 * other.frequency
+def _upper(found: Sequence[_Mode]) -> list[_Mode]:
+    """Return the modes without those whose conjugate with positive imaginary part is there, too."""
+    upper = np.array([mode.frequency for mode in found if not mode.conjugate])
+    kept = []
+    for mode in found:
+        has_partner = (np.abs(mode.frequency - upper) <= 1e-4 * upper).any()
+        if not (mode.conjugate and has_partner):
+            kept.append(mode)
+    return kept
 
 
 def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSet:
-    nodes = list(dict.fromkeys(node for mode in found for node in mode.nodes))
+    nodes = list(dict.fromkeys(chain.from_iterable(mode.nodes for mode in found)))
     row = {node: i for i, node in enumerate(nodes)}
     shapes = np.zeros((len(found), len(nodes), 6), dtype=np.complex128)
     for k, mode in enumerate(found):
@@ -297,7 +298,8 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
     # A modal mass has the unit of energy over that of the shape squared: force times length.
     unit = np.sqrt(units.force * units.length)
     for k, mode in enumerate(found):
-        shapes[k] *= mode.factor * unit if mode.factor else 1.0
+        if mode.factor:
+            shapes[k] *= mode.factor * unit
         if mode.conjugate:
             shapes[k] = shapes[k].conj()
     seen = np.argwhere(shapes.any(axis=0))
@@ -316,37 +318,46 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
         )
 
 
-# -- writing -----------------------------------------------------------------------------------------------
+# -- writing ------------------------------------------------------------------------------------
 def _lines(modes: ModeSet, number: int) -> Iterator[str]:
     real = not modes.shapes.imag.any()
-    f, loss = float(modes.frequency[number]), float(modes.loss_factor[number])
-    width = 6 if (modes.dofs.axes >= 3).any() else 3
+    f = float(modes.frequency[number])
+    loss = float(modes.loss_factor[number])
+    if np.isnan(loss):
+        loss = 0.0
+    scaled = float(modes.scaled[number])
     quality = float(modes.quality[number])
+    turns = bool((modes.dofs.axes >= 3).any())
+    width = 6 if turns else 3
+    characteristic = 3 if turns else 2
     yield from ("    -1", f"{55:6d}", "Mode shape", "NONE", "NONE")
     yield "NONE" if np.isnan(quality) else f"quality {quality:.6g}"
     yield f"Mode {number + 1:10d} Frequency {f:13.5E}"
-    analysis, kind = (_NORMAL, 2) if real else (_FIRST_ORDER, 5)
-    yield "".join(f"{v:10d}" for v in (1, analysis, 2 if width == 3 else 3, 8, kind, width))
-    yield "".join(f"{v:10d}" for v in (2, 4 if real else 6, 1, number + 1))
     if real:
-        yield _row([f, float(modes.scaled[number]), 0.0, 0.0 if np.isnan(loss) else loss])
+        yield _whole_row(1, _NORMAL, characteristic, 8, 2, width)
+        yield _whole_row(2, 4, 1, number + 1)
+        yield _row([f, scaled, 0.0, loss])
     else:
-        half = 0.0 if np.isnan(loss) else 0.5 * loss
         omega = 2.0 * np.pi * f
-        damped = omega * np.sqrt(max(1.0 - half**2, 0.0))
-        yield _row(
-            [-half * omega, damped, 0.0, 2.0 * damped * float(modes.scaled[number]), 0.0, 0.0]
-        )
+        damped = omega * np.sqrt(max(1.0 - (0.5 * loss) ** 2, 0.0))
+        yield _whole_row(1, _FIRST_ORDER, characteristic, 8, 5, width)
+        yield _whole_row(2, 6, 1, number + 1)
+        yield _row([-0.5 * loss * omega, damped, 0.0, 2.0 * damped * scaled, 0.0, 0.0])
     shape = modes.shapes[:, number] * modes.dofs.signs
     for node in dict.fromkeys(modes.dofs.nodes.tolist()):
         own = np.flatnonzero(modes.dofs.nodes == node)
         values = np.zeros(width, dtype=np.complex128)
         values[modes.dofs.axes[own]] = shape[own]
         yield f"{node:10d}"
-        flat = values.real if real else np.column_stack([values.real, values.imag]).ravel()
-        yield from (_row(flat[i : i + 6].tolist()) for i in range(0, len(flat), 6))
+        flat = values.real if real else values.view(np.float64)
+        for start in range(0, len(flat), 6):
+            yield _row(flat[start : start + 6].tolist())
     yield "    -1"
 
 
+def _whole_row(*values: int) -> str:
+    return "".join(f"{value:10d}" for value in values)
+
+
 def _row(values: Sequence[float]) -> str:
-    return "".join(f"{v:13.5E}" for v in values)
+    return "".join(f"{value:13.5E}" for value in values)

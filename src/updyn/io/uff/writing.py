@@ -1,4 +1,4 @@
-"""Writing FRFs as a universal file: units, geometry, and one binary dataset 58 a pair of DOFs."""
+"""FRFs written as a universal file: units, geometry, a binary dataset 58 for each pair of DOFs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 
-__all__ = ["write_frf"]
+__all__ = ["SI_UNITS", "write_frf"]
 
 _MOTION = {
     "receptance": (8, "m", "rad"),
@@ -26,6 +26,11 @@ _MOTION = {
 _PAIRS_A_TRACE = 80  # of at most 250 entries, three a pair
 _WIDEST = 10**10  # node numbers have ten columns
 _COLUMNS = 13  # of abscissa minimum and increment
+_DOUBLE = {2: 4, 5: 6}  # ordinate data type of double precision, by that of single
+_ONE = f"{1.0:25.17E}".replace("E", "D")
+_ZERO = f"{0.0:25.17E}".replace("E", "D")
+#: Lines of a dataset 164 of SI units.
+SI_UNITS = [f"{1:10d}{'SI units':<20}{2:10d}", _ONE * 3, _ZERO]
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
@@ -67,12 +72,14 @@ def write_frf(frf: FRF, path: str | Path) -> None:
 
 
 def _check_nodes(frf: FRF, path: str | Path) -> None:
-    dofs = (*frf.responses, *frf.references)
-    placed = [d.node for d in dofs] if frf.geometry is None else frf.geometry.nodes.tolist()
-    for node in (*(d.node for d in dofs), *placed):
+    nodes = set(frf.responses.nodes.tolist()) | set(frf.references.nodes.tolist())
+    placed = nodes
+    if frf.geometry is not None:
+        placed = set(frf.geometry.nodes.tolist())
+    for node in sorted(nodes | placed):
         if not -_WIDEST // 10 < node < _WIDEST:
             raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)
-    lacking = [d for d in dofs if d.node not in set(placed)]
+    lacking = [dof for dof in (*frf.responses, *frf.references) if dof.node not in placed]
     if lacking:
         raise FormatError(
             f"DOF {lacking[0]} stands at a node that the geometry does not have ({len(lacking)}"
@@ -82,9 +89,7 @@ def _check_nodes(frf: FRF, path: str | Path) -> None:
 
 
 def _chunks(frf: FRF, path: str | Path) -> Iterator[bytes]:
-    one = f"{1.0:25.17E}".replace("E", "D")
-    zero = f"{0.0:25.17E}".replace("E", "D")
-    yield _text(164, [f"{1:10d}{'SI units':<20}{2:10d}", one * 3, zero])
+    yield _text(164, SI_UNITS)
     if frf.geometry is not None:
         yield from _geometry(frf.geometry, path)
     for j, reference in enumerate(frf.references):
@@ -98,80 +103,92 @@ def _text(number: int, lines: Sequence[str]) -> bytes:
     return "\n".join(["    -1", f"{number:6d}", *lines, "    -1", ""]).encode("ascii")
 
 
-# -- geometry ----------------------------------------------------------------------------------------------
+# -- geometry -----------------------------------------------------------------------------------
 def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
     systems = np.zeros(len(geometry.nodes), dtype=np.int64)
     if geometry.axes is not None:
         distinct, which = np.unique(geometry.axes.reshape(-1, 9), axis=0, return_inverse=True)
-        systems = np.where(
-            (distinct == np.eye(3).ravel()).all(axis=1), 0, np.arange(len(distinct)) + 2
-        )[which.ravel()]
-        lines = [f"{1:10d}", "NONE"]
-        for number in sorted(set(systems.tolist()) - {0}):
-            axes = distinct[number - 2].reshape(3, 3)
-            lines += [
-                f"{number:10d}{0:10d}{8:10d}",
-                f"CS{number}",
-                *(_reals(row) for row in (*axes, np.zeros(3))),
-            ]
+        # System 0 is the global one; the others are numbered from 2.
+        is_global = (distinct == np.eye(3).ravel()).all(axis=1)
+        numbers = np.where(is_global, 0, np.arange(len(distinct)) + 2)
+        systems = numbers[which.ravel()]
+        lines = [_whole(1), "NONE"]
+        for number, axes in zip(numbers.tolist(), distinct.reshape(-1, 3, 3), strict=True):
+            if number:
+                lines += [_whole(number, 0, 8), f"CS{number}"]
+                lines += [_reals(row) for row in (*axes, np.zeros(3))]
         yield _text(2420, lines)
     lines = []
-    for node, system, xyz in zip(
-        geometry.nodes.tolist(), systems.tolist(), geometry.xyz, strict=True
-    ):
-        lines += [f"{node:10d}{0:10d}{system:10d}{8:10d}", _reals(xyz)]
+    rows = zip(geometry.nodes.tolist(), systems.tolist(), geometry.xyz, strict=True)
+    for node, system, xyz in rows:
+        lines += [_whole(node, 0, system, 8), _reals(xyz)]
     yield _text(2411, lines)
     if (geometry.lines == 0).any():
         raise FormatError(
             "a trace line goes to node 0, which in a universal file lifts the pen", path
         )
-    for start in range(0, len(geometry.lines), _PAIRS_A_TRACE):
-        pairs = geometry.lines[start : start + _PAIRS_A_TRACE].tolist()
-        entries = [n for a, b in pairs for n in (a, b, 0)][:-1]
-        rows = ["".join(f"{n:10d}" for n in entries[i : i + 8]) for i in range(0, len(entries), 8)]
-        yield _text(
-            82, [f"{start // _PAIRS_A_TRACE + 1:10d}{len(entries):10d}{8:10d}", "NONE", *rows]
-        )
+    for number, start in enumerate(range(0, len(geometry.lines), _PAIRS_A_TRACE), 1):
+        pairs = geometry.lines[start : start + _PAIRS_A_TRACE]
+        # Node 0 lifts the pen between two pairs.
+        entries = np.column_stack([pairs, np.zeros_like(pairs[:, 0])]).ravel()[:-1].tolist()
+        lines = [_whole(number, len(entries), 8), "NONE"]
+        for i in range(0, len(entries), 8):
+            lines.append(_whole(*entries[i : i + 8]))
+        yield _text(82, lines)
+
+
+def _whole(*numbers: int) -> str:
+    return "".join(f"{number:10d}" for number in numbers)
 
 
 def _reals(row: Any) -> str:
-    return "".join(f"{float(x):25.16E}".replace("E", "D") for x in row)
+    return "".join(f"{float(x):25.16E}" for x in row).replace("E", "D")
 
 
-# -- functions ---------------------------------------------------------------------------------------------
+# -- functions ----------------------------------------------------------------------------------
 def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes:
     is_frf = np.iscomplexobj(y)
-    even = _even(frf.freq)
     columns = [y.real, y.imag] if is_frf else [y]
-    table = np.column_stack(columns if even else [frf.freq, *columns])
+    even = _even(frf.freq)
+    if even is None:
+        columns.insert(0, frf.freq)
+        minimum = increment = f"{0.0:.5E}"
+    else:
+        minimum, increment = even
+    table = np.column_stack(columns)
     with np.errstate(over="ignore"):
         single = bool((table == table.astype("<f4")).all())
     data = table.astype("<f4" if single else "<f8").tobytes()
-    minimum, increment = even or (f"{0.0:.5E}", f"{0.0:.5E}")
-    ordinate = {(False, True): 2, (False, False): 4, (True, True): 5, (True, False): 6}[
-        is_frf, single
-    ]
-    form = (
-        f"{ordinate:10d}{len(y):10d}{1 if even else 0:10d}{minimum:>13}{increment:>13}{0.0:13.5E}"
-    )
-    motion, unit, angle = _MOTION[frf.quantity]
-    turning, moment = (d.direction.startswith("R") for d in (response, reference))
-    title = f"{'H' if is_frf else 'Coherence'} {response} / {reference}"
+    if is_frf:
+        function, ordinate, title = 4, 5, f"H {response} / {reference}"
+        motion, unit, angle = _MOTION[frf.quantity]
+        numerator = _axis(motion, "NONE", angle if _turns(response) else unit)
+        denominator = _axis(13, "NONE", "N m" if _turns(reference) else "N")
+    else:
+        function, ordinate, title = 6, 2, f"Coherence {response} / {reference}"
+        numerator = denominator = _axis(0, "NONE", "NONE")
+    if not single:
+        ordinate = _DOUBLE[ordinate]
     texts = [
-        *(title[:80], "NONE", "NONE", "NONE", "NONE"),
+        title[:80],
+        *["NONE"] * 4,
         (
-            f"{4 if is_frf else 6:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{_code(response)}"
+            f"{function:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{_code(response)}"
             f" {'NONE':<10}{_code(reference)}"
         ),
-        form,
+        _whole(ordinate, len(y), even is not None) + f"{minimum:>13}{increment:>13}{0.0:13.5E}",
         _axis(18, "Frequency", "Hz"),
-        _axis(motion, "NONE", angle if turning else unit) if is_frf else _axis(0, "NONE", "NONE"),
-        _axis(13, "NONE", "N m" if moment else "N") if is_frf else _axis(0, "NONE", "NONE"),
+        numerator,
+        denominator,
         _axis(0, "NONE", "NONE"),
     ]
     head = f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
-    lines = "\n".join(["    -1", head, *(f"{t:<80}" for t in texts), ""])
-    return lines.encode("ascii") + data + b"    -1\n"
+    lines = ["    -1", head, *(text.ljust(80) for text in texts), ""]
+    return "\n".join(lines).encode("ascii") + data + b"    -1\n"
+
+
+def _turns(dof: Dof) -> bool:
+    return dof.direction.startswith("R")
 
 
 def _code(dof: Dof) -> str:
@@ -183,18 +200,21 @@ def _axis(kind: int, label: str, unit: str) -> str:
 
 
 def _even(freq: NDArray[np.float64]) -> tuple[str, str] | None:
-    """Return minimum and increment as texts that give the lines back to rounding (4 ulp), or None."""
+    """Return minimum and increment as texts, or None if they do not give the lines to 4 ulp."""
     if len(freq) < 2:
         return None
     start, step = _fitting(freq[0]), _fitting((freq[-1] - freq[0]) / (len(freq) - 1))
     again = float(start) + np.arange(len(freq)) * float(step)
-    return (start, step) if (np.abs(again - freq) <= 4 * np.spacing(freq)).all() else None
+    if (np.abs(again - freq) <= 4 * np.spacing(freq)).all():
+        return start, step
+    return None
 
 
 def _fitting(value: float) -> str:
-    """Return the text of most digits with a blank before it in the columns of minimum and increment."""
+    """Return a number with the most digits that leave a blank in the columns of minimum."""
     for digits in range(17, 0, -1):
         text = f"{value:.{digits}g}"
         if len(text) < _COLUMNS:
-            return text if "." in text or "e" in text else f"{text}."
+            is_real = "." in text or "e" in text
+            return text if is_real else f"{text}."
     return f"{value:.5E}"

@@ -1,4 +1,4 @@
-"""The journal of a run: every evaluation on disk as soon as it is made, so that a run that broke off can go on.
+"""Journal of a run: every evaluation is written to a file, so that an interrupted run can go on.
 
 The file is a head, which says whose evaluations these are, and records, each with its length and a
 checksum: a record that was cut short by a crash is left out. Only arrays are written, in the npy
@@ -79,7 +79,7 @@ class Journal:
         return _unpack(self._file.read(length))
 
     def put(self, key: bytes, record: Record) -> None:
-        """Write an evaluation. Where the disk is full or gone, a warning says so, and the run goes on without."""
+        """Write an evaluation; where the disk is full or gone, warn and go on without the file."""
         if key in self._places or self._broken:
             return
         try:
@@ -240,7 +240,7 @@ def _checksum(content: bytes) -> bytes:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield place and content of each whole record, with the file left behind it; end at the first that is not."""
+    """Yield place and content of each record up to the first that is incomplete."""
     size = os.fstat(file.fileno()).st_size
     while True:
         length = int.from_bytes(file.read(_LENGTH), "little")

@@ -1,10 +1,11 @@
-"""What a method gives back, and the whitening that all methods share."""
+"""Base class of the methods, their outcome, and the descents that they share."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, Residual, is_solved, with_prior
+from updyn.updating.problem.residuals import LogError, Residual, is_cached, with_prior
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -34,11 +35,12 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: How often the spread of a residual is looked at again.
+#: How often the spread of a residual is estimated again.
 _SCALES = 8
-#: How often a fit with open directions is pulled back towards the start; and a cost a value that is
-#: rounding.
-_PULLS, _EXACT = 4, 1e-20
+#: How often a fit with undetermined directions is pulled back towards the start.
+_PULLS = 4
+#: Cost of a value that is rounding.
+_EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +92,9 @@ class Fit:
         unknowns.
     pull : Pull or None
         What regularisation added.
-    cure : str
-        What would cure open unknowns where the method fits something else than FRFs; empty: found
-        among lines and sensors that could be added.
+    advice : str
+        Experiment advice on undetermined unknowns where the method fits something else than FRFs;
+        empty: found among lines and sensors that could be added.
     """
 
     x: _Vector
@@ -103,32 +105,100 @@ class Fit:
     local: Local | None = None
     unit: float = 1.0
     pull: Pull | None = None
-    cure: str = ""
+    advice: str = ""
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
-        """Return a fit of which no Jacobian is known: nothing is said of what the data determine."""
+        """Return a fit without a Jacobian, which says nothing about identifiability."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
-class Method(Protocol):
-    """What every method offers; its fields are its options."""
+class Method(ABC):
+    """Base of the methods. A method is a frozen dataclass: its fields are its options.
 
-    @property
-    def max_iterations(self) -> int:
-        """Largest number of steps."""
+    What a method states of itself is read by the run, the comparison and the report; there are no
+    lists of names elsewhere.
 
-    @property
-    def tolerance(self) -> float:
-        """Relative step at which it has converged."""
+    Attributes
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    name : str
+        How it is called, as registered.
+    label : str
+        What its steps minimise, in words for the report; may be empty.
+    reference : str
+        Where it was published.
+    needs : str
+        What of model or data it needs beyond what every method does; may be empty.
+    needs_exact : str
+        Why it cannot be used in a reduced model; empty: it can.
+    cannot : tuple of str
+        Quantities that it cannot update.
+    instead : str
+        What to do about an unknown of such a quantity, for the message.
+    calibrates : bool
+        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
+    can_regularise : bool
+        Whether it minimises one sum of squares within bounds, to which a pull can be added.
+    is_likelihood : bool
+        Whether what it minimises is the negative logarithm of a likelihood.
+    states_noise : bool
+        Whether its noise record says all that is needed to make data anew.
+    """
+
+    __slots__ = ()
+
+    max_iterations: int
+    tolerance: float
+
+    name: ClassVar[str]
+    label: ClassVar[str] = ""
+    reference: ClassVar[str] = ""
+    needs: ClassVar[str] = ""
+    needs_exact: ClassVar[str] = ""
+    cannot: ClassVar[tuple[str, ...]] = ()
+    instead: ClassVar[str] = ""
+    calibrates: ClassVar[bool] = False
+    can_regularise: ClassVar[bool] = False
+    is_likelihood: ClassVar[bool] = False
+    states_noise: ClassVar[bool] = False
 
     def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return where to begin, shape (n,)."""
+        """Return where to begin, shape (n,): by default the start of the unknowns.
 
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        monitor : Monitor
+            Records the steps.
+        """
+        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+
+    @abstractmethod
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; a noise model for each part of the problem."""
+        """Fit the unknowns from x.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        noises : sequence of NoiseModel
+            How uncertain the data of each part are.
+        monitor : Monitor
+            Records the steps.
+        x : ndarray of float, shape (n,)
+            Where to begin.
+
+        Returns
+        -------
+        Fit
+        """
 
 
 def descend(
@@ -144,9 +214,9 @@ def descend(
     """Minimise one residual from x, priors included, and record every step.
 
     With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
-    they end so, the descent goes on from the nearest point within the bounds. Where the data leave
-    combinations of unknowns open, of all points that fit as well the one nearest to the unknowns'
-    start is sought.
+    they end so, the descent goes on from the nearest point within the bounds. Where combinations of
+    unknowns are undetermined, of all points that fit as well the one nearest to the unknowns' start
+    is sought.
 
     Raises
     ------
@@ -274,12 +344,12 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
 
 
 def in_units(local: Local, sigma: float) -> Local:
-    """Return a reduced problem in units of the standard deviation `sigma` of its residuals; as it is for 0."""
+    """Return a reduced problem divided by the standard deviation of its residuals, unless 0."""
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
 def stopped_at(problem: Problem, x: _Vector) -> Fit:
-    """Return a fit that was stopped at x before its own residual was known there: by the log error, where that is.
+    """Return the fit that was stopped at x, with the Jacobian of the log error where it is cached.
 
     Parameters
     ----------
@@ -289,7 +359,7 @@ def stopped_at(problem: Problem, x: _Vector) -> Fit:
         The best point so far.
     """
     residual = LogError()
-    local = residual.local(problem, x) if is_solved(residual, problem, x) else None
+    local = residual.local(problem, x) if is_cached(residual, problem, x) else None
     if local is None or local.cost == 0.0:
         return Fit.blind(x, "stopped")
     sigma = spread_of(local, problem.n_values, problem.n)
@@ -306,7 +376,7 @@ def known_length(
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
 ) -> dict[str, float]:
-    """Return the correlation length of the residual at x, for the record; nothing where the user does not wait for it.
+    """Return the record of the correlation length of the residual at x; empty after a stop.
 
     Parameters
     ----------
@@ -332,7 +402,7 @@ def known_length(
 
 
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
-    """Return over how many lines the residual is correlated: 1 + 2 times the sum of its autocorrelation.
+    """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
     Parameters
     ----------

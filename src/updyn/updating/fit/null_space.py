@@ -84,7 +84,7 @@ def resolve(R: _Matrix, inflation: float = 1.0) -> Resolution:
 
 
 def null_space(R: _Matrix) -> _Matrix:
-    """Return the null space of a Jacobian to `RANK_TOLERANCE`, orthonormal columns, shape (n, k)."""
+    """Return an orthonormal basis of the null space of a Jacobian, shape (n, k)."""
     scale, s, Vt = _scaled_svd(R)
     return _orthonormal(
         Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
@@ -92,7 +92,7 @@ def null_space(R: _Matrix) -> _Matrix:
 
 
 def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
-    """Return the covariance, shape (n, n), of unknowns that move along orthonormal directions only, shape (n, k)."""
+    """Return the covariance, shape (n, n), within the span of orthonormal columns, shape (n, k)."""
     if within.shape[1] == 0:
         return np.zeros((len(within), len(within)))
     triangle = np.linalg.qr(R @ within, mode="r")
@@ -101,7 +101,7 @@ def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
 
 
 def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _Matrix]:
-    """Return the lengths of the columns, and singular values and V^T of the columns at unit length."""
+    """Return the column norms, and singular values and V^T of the columns at unit norm."""
     n = R.shape[1]
     norms = np.linalg.norm(R, axis=0)
     # An unknown without any effect has a zero column; scaling it by 1 keeps it zero.
@@ -111,10 +111,11 @@ def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _
 
 
 def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which unknowns a noisy direction leaves open: its leaders, and whoever it spreads by half of `WIDEST`.
+    """Return which unknowns a noisy direction leaves undetermined.
 
-    The others take part in it, too, but by a share that leaves them known: their standard deviation
-    says how well.
+    These are its leading ones, and all with a standard deviation along it above half of `WIDEST`.
+
+    The others have a share in it that leaves them determined.
     """
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)

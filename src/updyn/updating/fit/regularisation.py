@@ -1,4 +1,4 @@
-"""Regularisation of a fit: pulled to the start of the unknowns, or kept to directions that the data determine.
+"""Regularisation of a fit by Tikhonov's method or by truncated singular values.
 
 The strength is found along with the unknowns: the problem is linearised where a fit has ended, the
 strength chosen there on all its singular values at once, and the fit repeated from that point,
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method, Pull, in_units
+from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.noise import NoiseModel
@@ -29,7 +30,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "CHOICES",
-    "METHODS",
     "Regularised",
     "Spectrum",
     "check_regularise",
@@ -108,7 +108,7 @@ class Spectrum:
         return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
     def passed(self, strength: float) -> _Vector:
-        """Return the share of each singular component that Tikhonov's method lets pass: s^2 / (s^2 + strength^2)."""
+        """Return the filter factors of Tikhonov's method, s^2 / (s^2 + strength^2)."""
         return np.asarray(self.s**2 / np.maximum(self.s**2 + strength**2, np.finfo(float).tiny))
 
     def kept(self, number: int) -> _Vector:
@@ -132,7 +132,10 @@ class Spectrum:
         return float(shares.sum()) + self.fixed
 
     def gcv(self, shares: _Vector) -> float:
-        """Return the function of generalised cross-validation (Golub, Heath & Wahba, Technometrics 21 (1979) 215)."""
+        """Return the function of generalised cross-validation.
+
+        Golub, Heath & Wahba, Technometrics 21 (1979) 215.
+        """
         return (
             self.n_values
             * self.misfit(shares) ** 2
@@ -257,8 +260,6 @@ _STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
     "discrepancy": discrepancy,
 }
 CHOICES = (*_STRENGTHS, "tsvd")
-#: Methods that minimise one sum of squares within bounds, to which a pull can be added.
-METHODS = ("maximum-likelihood", "log", "output-error", "equation-error")
 #: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
 #: e.
 WEAKEST = 1.0
@@ -313,9 +314,10 @@ def check_regularise(
             " where its basis was made; use tier 'sparse', or 'gcv'",
             key=("regularise",),
         )
-    if method not in METHODS:
+    if not METHODS.find(method).can_regularise:
+        able = ", ".join(methods_with("can_regularise"))
         raise OptionError(
-            f"regularise: method {method!r} cannot be regularised; use one of {', '.join(METHODS)}",
+            f"regularise: method {method!r} cannot be regularised; use one of {able}",
             key=("regularise",),
         )
 
@@ -348,7 +350,7 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
 
 
 @dataclass(frozen=True, slots=True)
-class Regularised:
+class Regularised(Method):
     """A method that is regularised.
 
     Parameters
@@ -431,7 +433,7 @@ class _Run:
     free: NDArray[np.bool_]
     unit: float | None = None
 
-    # -- Tikhonov ------------------------------------------------------------------------------------------
+    # -- Tikhonov ----------------------------------------------------------------------------------
     def stated(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a strength that counts against the noise as an almost free fit leaves it."""
         first = self._pulled(noises, x, min(strength, WEAKEST))
@@ -527,9 +529,9 @@ class _Run:
             )
         return said
 
-    # -- truncated singular values -------------------------------------------------------------------------
+    # -- truncated singular values -----------------------------------------------------------------
     def truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
-        """Fit along the directions that the data determine best where the fit ends, from the unknowns' start."""
+        """Fit along the leading singular vectors at the end of the fit, from the start."""
         home = self.problem.coordinates.to_x(self.problem.coordinates.parameters.start)
         fit = self._pulled(noises, x, WEAKEST)
         noises, run = self._held(noises, fit), self._after(fit)
@@ -570,7 +572,7 @@ class _Run:
         return replace(fit, pull=Pull(np.zeros(len(x)), within, note, record))
 
     def _directions(self, spectrum: Spectrum, number: int) -> NDArray[np.float64]:
-        """Return orthonormal directions in x: the first singular vectors, and each unknown with its own prior."""
+        """Return orthonormal directions: leading singular vectors and unknowns with priors."""
         n = len(self.free)
         own = np.flatnonzero(~self.free)
         out = np.zeros((n, number + len(own)))
@@ -579,7 +581,7 @@ class _Run:
         return out
 
     def _projected(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
-        """Return the nearest point to x along the directions from home; as far as the bounds let it go straight."""
+        """Return the projection of x on the directions from home, cut off at the first bound."""
         way = within @ (within.T @ (x - home))
         lower, upper = self.problem.coordinates.bounds
         home = np.clip(home, lower, upper)
@@ -591,7 +593,7 @@ class _Run:
             np.clip(home + min(1.0, float(room.min(initial=np.inf))) * way, lower, upper)
         )
 
-    # -- what both need ------------------------------------------------------------------------------------
+    # -- shared ------------------------------------------------------------------------------------
     def _with(self, coordinates: Coordinates) -> Problem:
         return Problem.of([replace(part, coordinates=coordinates) for part in self.problem.parts])
 
@@ -599,7 +601,7 @@ class _Run:
         return replace(self, unit=fit.unit)
 
     def _held(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
-        """Return the noise as the first fit leaves it, so that all strengths are judged by one measure."""
+        """Return the noise as the first fit leaves it, the same for all strengths."""
         if _broken(fit):
             return noises
         n, n_values = self.problem.n, self.problem.n_values
@@ -633,8 +635,8 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Held:
-    """A noise model that is not looked at again."""
+class _Held(NoiseModel):
+    """A noise model that is not refitted."""
 
     noise: NoiseModel
 
@@ -643,14 +645,15 @@ class _Held:
         return self.noise.kind
 
     @property
+    def source(self) -> str:
+        return self.noise.source
+
+    @property
     def scale_known(self) -> bool:
         return self.noise.scale_known
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         return self.noise.variance(H, frf)
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> NoiseModel:
-        return self
 
     def figures(self) -> dict[str, Any]:
         return self.noise.figures()
@@ -662,7 +665,7 @@ def _broken(fit: Fit) -> bool:
 
 
 def _inflation(fit: Fit) -> float:
-    """Return how much larger the noise is than what the weights say, likeness of lines included."""
+    """Return the inflation of the noise, serial correlation included."""
     found = float(fit.noise[0].get("inflation", 1.0)) if fit.noise else 1.0
     return found if found > 0.0 and np.isfinite(found) else 1.0
 
@@ -676,7 +679,7 @@ def _rank(spectrum: Spectrum) -> int:
 
 
 def _number(spectrum: Spectrum) -> int:
-    """Return how many singular values to keep: least generalised cross-validation, of none to all."""
+    """Return the number of singular values with the least generalised cross-validation."""
     return int(np.argmin([spectrum.gcv(spectrum.kept(k)) for k in range(_rank(spectrum) + 1)]))
 
 
@@ -690,7 +693,7 @@ def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
 def _curve(
     spectrum: Spectrum, shares: list[_Vector], axis: str, along: list[Any], here: _Vector
 ) -> dict[str, list[Any] | float]:
-    """Return the curve of misfit over distance for the record, on the problem linearised where the fit ended."""
+    """Return misfit over distance for the record, linearised where the fit ended."""
     return {
         axis: along,
         "misfit": [spectrum.misfit(s) for s in shares],

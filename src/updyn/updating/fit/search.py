@@ -1,4 +1,4 @@
-"""Finding the right basin: where a local fit may safely start.
+"""Multi-start search for the basin of attraction in which a local fit starts.
 
 The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
 by two things. Loss factors start inflated, so that the model's resonances are broad enough to
@@ -31,7 +31,7 @@ from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, is_solved, with_prior
+from updyn.updating.problem.residuals import LogError, is_cached, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
@@ -46,7 +46,7 @@ _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Start]], _Found]"
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
 #: is sought.
 SEARCH_LINES = 400
-#: Steps of a try: one that needs more has lost its way.
+#: Largest number of steps of a try.
 SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
@@ -60,7 +60,7 @@ _SAME = 1e-3
 _EXACT = 1e-7
 #: Unknowns with a larger standard deviation than this are moved, at most so many, so far, so often.
 _UNSURE, _HOPS, _FAR, _ROUNDS = 0.01, 6, 8.0, 2
-#: Good enough for a start: what is left to gain is a hundredth of a standard deviation or less.
+#: Stop a try when the remaining decrease is below 0.01 standard deviations.
 _ENOUGH = 1e-6
 
 
@@ -96,7 +96,7 @@ class Search:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
     def run(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the point with the least log error among the tries, clipped to the bounds, shape (n,)."""
+        """Return the point of least log error among the tries, within the bounds, shape (n,)."""
         lower, upper = problem.coordinates.bounds
         best: Outcome | None = None
         costs: list[float] = []
@@ -147,13 +147,13 @@ class Search:
         return descend(problem, LogError(), x, monitor, self._settings)
 
     def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Start]) -> _Points:
-        """Yield starts; where workers are free, what an attempt from each evaluates has been evaluated by then."""
+        """Yield starts; with several workers, the attempts from them are evaluated ahead."""
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
             yield from points
             return
         points = list(points)
-        known = [not gradual and is_solved(LogError(), problem, x) for x, gradual in points]
+        known = [not gradual and is_cached(LogError(), problem, x) for x, gradual in points]
         items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
         with closing(session.map(attempt, problem, items, spread=True)) as results:
             for start, k in zip(points, known, strict=True):
@@ -227,7 +227,7 @@ class Search:
 
     @staticmethod
     def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
-        """Whether the best basin so far was found often enough: once if exact, twice if noise is left, else thrice."""
+        """Whether the best basin was found once (exact data), twice (noise) or three times."""
         agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
         return (
             agree >= 3
@@ -241,7 +241,7 @@ class Search:
 
     @staticmethod
     def _is_noise(problem: Problem, x: _Vector) -> bool:
-        """Whether what is left looks like noise: small, and not correlated from line to line."""
+        """Whether the residual looks like noise: small, and not serially correlated."""
         misfits = _log_misfits(problem, x)
         power = _power(misfits)
         if min(len(r) for r in misfits) < 8 or power > 0.3**2:

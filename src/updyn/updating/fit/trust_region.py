@@ -195,7 +195,7 @@ def _step(
     radius: float,
     within: NDArray[np.float64] | None = None,
 ) -> tuple[_Vector, float, bool]:
-    """Return the step, the fall of the cost that the linear model predicts, and whether the radius limits it."""
+    """Return the step, the predicted decrease of the cost, and whether the radius limits it."""
     if within is not None:
         return _step_within(here, x, lower, upper, radius, within)
     g = here.gradient
@@ -227,7 +227,7 @@ def _step_within(
     radius: float,
     within: NDArray[np.float64],
 ) -> tuple[_Vector, float, bool]:
-    """Return the same for steps along given directions: up to the first bound; from one, along it."""
+    """Return the same for steps along given directions, up to the first bound or along it."""
     held = np.zeros(len(x), dtype=np.bool_)
     p, damping, share = np.zeros(len(x)), 0.0, 1.0
     for _ in range(len(x) + 1):
@@ -254,7 +254,8 @@ def _box_step(
 
     Unknowns are put on the bound that they meet first and let go when the gradient pulls them off
     it (Stark & Parker, Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so
-    that the loop may end at any.
+    that the loop may end at any. `scipy.optimize.lsq_linear` gives the same where R has full
+    rank; where it has not, it takes another of the minimisers, and not that of least scaled norm.
     """
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)
@@ -285,7 +286,7 @@ def _box_step(
 
 
 def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
-    """Minimise |R p + q|; where the rank of R, its columns scaled, is short, by the least scaled motion."""
+    """Minimise |R p + q|; where R with unit columns is rank-deficient, by the least scaled norm."""
     if R.shape[1] == 0:
         return np.zeros(0)
     norms = np.linalg.norm(R, axis=0)
@@ -296,7 +297,7 @@ def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
 
 
 def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vector, float]:
-    """Minimise |R p + q| subject to |p| <= radius, by the singular value decomposition of R; return the damping too."""
+    """Minimise |R p + q| subject to |p| <= radius by the SVD of R; return step and damping."""
     full = _least_squares(R, q)
     if np.linalg.norm(full) <= radius:
         return full, 0.0

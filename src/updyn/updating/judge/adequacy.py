@@ -1,4 +1,4 @@
-"""Tests of a residual against noise: exact tails of serial correlation, bands of lines, many tests at once."""
+"""Adequacy of a model: tests of the residual against noise, by channel and band of lines."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): what stays alike over a few
-#: lines counts.
+#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): serial correlation over
+#: a few lines counts.
 _LAGS = np.array([0.75, 0.5, 0.25])
 #: Fewer values than this say nothing about correlation.
 _FEWEST = 5
@@ -43,7 +43,7 @@ _LEAST, _MOST = 8, 24
 
 
 def clipped(values: _Complex) -> _Complex:
-    """Return values cut back to three times their typical size, so that one outlier does not stand for correlation.
+    """Return values clipped to three times their typical size, so that outliers do not correlate.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def clipped(values: _Complex) -> _Complex:
 
 
 def serial_p(values: _Complex) -> _Real:
-    """Return how likely independent noise is as alike from line to line as these values, or more.
+    """Return p-values of serial correlation from line to line against independent noise.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _consecutive(mask: NDArray[np.bool_]) -> bool:
 
 
 def _diagonals(at: NDArray[np.intp]) -> _Real:
-    """Return T by its diagonals below, shape (4, m): row d has T[i + d, i] at i; 0 where there is none."""
+    """Return the lower diagonals of T, shape (4, m): row d has T[i + d, i] at i, padded with 0."""
     weights = np.concatenate([[0.0], _LAGS, [0.0]])
     out = np.zeros((len(_LAGS) + 1, len(at)))
     for d in range(1, min(len(_LAGS) + 1, len(at))):
@@ -180,10 +180,10 @@ def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
 
 
 def adjusted(p: _Real) -> _Real:
-    """Return p-values adjusted for their number, so that those below q hold at most a share q of false alarms.
+    """Return p-values adjusted for their number by Benjamini & Hochberg.
 
-    Where there is nothing to find, any alarm is false, and one is raised in at most a share q of
-    cases (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
+    Those below q hold at most a share q of false alarms. Of pure noise, at most a share q of cases
+    raises an alarm (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
 
     Parameters
     ----------
@@ -194,12 +194,9 @@ def adjusted(p: _Real) -> _Real:
     -------
     ndarray of float, same shape
     """
-    flat = p.ravel()
-    order = np.argsort(flat)
-    scaled = flat[order] * flat.size / np.arange(1, flat.size + 1)
-    out = np.empty_like(flat)
-    out[order] = np.minimum(np.minimum.accumulate(scaled[::-1])[::-1], 1.0)
-    return out.reshape(p.shape)
+    from scipy.stats import false_discovery_control
+
+    return np.asarray(false_discovery_control(p.ravel()).reshape(p.shape))
 
 
 def bands(level: _Real) -> list[slice]:
@@ -270,7 +267,7 @@ class Misfit:
     alike : float
         Over how many lines it is alike: 1 for noise.
     chi_square_p, whiteness_p : float
-        How likely noise is to be as large, and as much alike from line to line; adjusted for the
+        How likely noise is to be as large, and as serially correlated; adjusted for the
         number of tests.
     kind : {"structure", "excess"}
         Alike from line to line, or only too large.
@@ -298,12 +295,12 @@ class Suspect:
         Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
         group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
-        Share of what is left beyond the noise that this one change would take away, by a step of
+        Share of the residual beyond the noise that this one change would remove, by a step of
         first order, all unknowns of the fit adapting to it. Errors that the channels cannot tell
         apart have nearly the same share.
     change : float
-        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign
-        can be trusted more than its size.
+        That step, which would remove it, of the logarithm of a factor or of a loss factor. Its sign
+        is more reliable than its size.
     energy : float
         Share of the energy of the error in the constitutive relations that lies in this matrix, at
         the worst places.
@@ -328,15 +325,15 @@ class Adequacy:
     Attributes
     ----------
     outcome : str
-        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, alike from line to line, or
+        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, serially correlated, or
         explained by an error of the model; ``"excess"``, only larger than the noise; ``"exact"``,
         nothing left; ``"untested"``, too few values.
     verdict : str
         The same in a sentence or two.
     absolute : bool
         Whether the size of the noise is known from elsewhere. Where it was estimated from the
-        residual itself, the size of a misfit is told against the rest of the data; likeness from
-        line to line needs no size.
+        residual itself, the size of a misfit is compared with the rest of the data; serial
+        correlation needs no size.
     chi_square : float
         Squared misfit over that of the noise, per degree of freedom; near 1 by construction where
         not `absolute`.
@@ -433,7 +430,7 @@ def assess(
     the size alike over more); where it was taken from this residual, by the ratio to all other
     values. The unknowns make the residual smaller than the noise, which is counted for all values
     together, not place by place: the tests err on the side of silence. Likeness:
-    `updyn.updating.judge.adequacy.serial_p`. Channels over all bands, bands over all channels and all
+    `serial_p`. Channels over all bands, bands over all channels and all
     data together are tested as well, with the p-values of likeness joined by Stouffer's sum of
     normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
     share of `level`.
@@ -468,15 +465,19 @@ def assess(
             verdict="The model answers the data exactly; nothing is left to test.",
         )
     if freedom <= 0 or n_values < 2:
-        text = "There are too few measured numbers to tell whether what is left is noise."
+        text = "There are too few measured numbers to test whether the residual is noise."
         return replace(found, verdict=text)
     against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
     large, white, families = _tested(square, count, white, against)
     found = replace(found, chi_square_p=large, whiteness_p=white)
     worst = _worst(found, whitened, freq, cut)
-    by_likeness = min([float(white.min()), *(p for p, of_likeness in families if of_likeness)])
-    p_value = min([by_likeness, float(large.min()), *(p for p, _ in families)])
-    outcome = "structure" if by_likeness <= level else "excess" if p_value <= level else "noise"
+    serial_p_value = min([float(white.min()), *(p for p, serial in families if serial)])
+    p_value = min([serial_p_value, float(large.min()), *(p for p, _ in families)])
+    outcome = "noise"
+    if serial_p_value <= level:
+        outcome = "structure"
+    elif p_value <= level:
+        outcome = "excess"
     found = replace(
         found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ()
     )
@@ -487,7 +488,7 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """Return the assessment with what would explain it, said in its verdict.
 
     What an error of the model explains is structure, though the lines may lie too far apart for it
-    to look alike.
+    to be serially correlated.
 
     Parameters
     ----------
@@ -530,7 +531,7 @@ def _mean_level(H: _Complex) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """What a sum of squares is compared with: the sum over all values, their number (two each), unknowns, noise."""
+    """Reference of a sum of squares: total, number of real values, unknowns, noise."""
 
     square: float
     count: float
@@ -564,7 +565,7 @@ class _Size:
 def _tested(
     square: _Real, count: _Real, white: _Real, size: _Size
 ) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
-    """Return adjusted p-values of size and likeness by channel and band, and the least of each further family."""
+    """Return adjusted p-values by channel and band, and the least of each further family."""
     shape = square.shape
     square, count, white = (a.reshape(-1, shape[2]) for a in (square, count, white))
     cells, n_bands = white.shape
@@ -578,25 +579,25 @@ def _tested(
     for axis in axes:
         sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
         pair = np.minimum(
-            share * adjusted(np.stack([sums, np.atleast_1d(_joined(white, axis))])), 1.0
+            share * adjusted(np.stack([sums, np.atleast_1d(_combined(white, axis))])), 1.0
         )
         families += [(float(pair[0].min()), False), (float(pair[1].min()), True)]
     return large.reshape(shape), alike.reshape(shape), families
 
 
-def _joined(p: _Real, axis: int | None) -> _Real:
-    """Join independent p-values by the sum of their normal scores; those of 1 were not tested."""
-    from scipy.special import ndtr, ndtri
+def _combined(p: _Real, axis: int | None) -> _Real:
+    """Combine independent p-values by Stouffer's method; those of 1 were not tested."""
+    from scipy.stats import combine_pvalues
 
     tested = p < 1.0
-    score = np.where(tested, -ndtri(np.where(tested, p, 0.5)), 0.0)
-    number = tested.sum(axis=axis)
-    out = ndtr(-score.sum(axis=axis) / np.sqrt(np.maximum(number, 1)))
-    return np.asarray(np.where(number > 0, out, 1.0))
+    weights = tested.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # where none was tested
+        found = combine_pvalues(np.where(tested, p, 0.5), "stouffer", weights, axis=axis).pvalue
+    return np.where(tested.any(axis=axis), found, 1.0)
 
 
 def _length(values: _Complex) -> _Real:
-    """Return over how many lines each column is alike: 1 + 2 times the sum of its leading autocorrelations."""
+    """Return the correlation length of each column in lines, 1 + 2 sum of autocorrelations."""
     n = len(values)
     power = np.nansum(np.abs(values) ** 2, axis=0)
     out, going = np.ones(values.shape[1]), power > 0
@@ -647,25 +648,24 @@ def _place(
 def _words(found: Adequacy) -> str:
     if found.outcome == "noise":
         known = "" if found.absolute else ", whose size was taken from it"
-        return f"What is left cannot be told from noise{known}."
+        return f"The residual cannot be distinguished from noise{known}."
     first = found.worst[0]
     where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
-    size = (
-        f"misfit {first.misfit:.2g} times {'the noise' if found.absolute else 'the typical misfit'}"
-    )
+    unit = "the noise" if found.absolute else "the typical misfit"
+    size = f"misfit {first.misfit:.2g} times {unit}"
     number = int(np.sum(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level))
     if number == 0:
-        how = "alike from line to line" if found.outcome == "structure" else "larger than the noise"
-        return f"What is left is {how} over many channels, though none stands out; most in {where}."
-    over = (
-        f"alike over {first.alike:.0f} lines"
-        if first.kind == "structure"
-        else "not alike from line to line"
-    )
-    start = (
-        "The model cannot explain"
-        if found.outcome == "structure"
-        else "More noise than expected, or outliers, in"
-    )
-    more = f"; and {number - 1} more place{'s' if number > 2 else ''}" if number > 1 else ""
+        how = "larger than the noise"
+        if found.outcome == "structure":
+            how = "serially correlated"
+        return f"The residual is {how} over many channels, though none stands out; most in {where}."
+    start = "More noise than expected, or outliers, in"
+    if found.outcome == "structure":
+        start = "The model cannot explain"
+    over = "not serially correlated"
+    if first.kind == "structure":
+        over = f"serially correlated over {first.alike:.0f} lines"
+    more = ""
+    if number > 1:
+        more = f"; and {number - 1} more place{'s' if number > 2 else ''}"
     return f"{start} {where}: {size}, {over}{more}."

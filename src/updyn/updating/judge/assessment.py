@@ -1,7 +1,6 @@
-"""What a fit can be trusted for: what the data determine, standard deviations, agreement with the data.
+"""Assessment of a fit: identifiability, covariance, agreement with the data, adequacy, rounding.
 
-Where the user wants to stop and an evaluation takes long, what is known is judged, and no more is
-computed.
+After a stop, evaluations that take long are left out, and the rest is assessed.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ class Judgement:
     covariance : ndarray of float, shape (n, n)
         Of the values, from data and priors; inf for unknowns that both leave open.
     advice : str
-        What would cure open unknowns.
+        Experiment advice on undetermined unknowns.
     misfit : float
         Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
     at_bound : dict of str to str
@@ -65,7 +64,7 @@ class Judgement:
         For each part of the problem, figures of agreement before and after; empty where they are
         not known.
     adequacy : tuple of Adequacy or None
-        For each part, whether what is left is noise; None where it is not known, or rounding is
+        For each part, whether the residual is noise; None where it is not known, or rounding is
         seen.
     rounding : Rounding or None
         Where rounding moves the model's answer by what matters.
@@ -126,8 +125,8 @@ def judge(
     else:
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
         misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
-        if fit.cure and not analysis.report.complete:
-            advice = fit.cure
+        if fit.advice and not analysis.report.complete:
+            advice = fit.advice
         else:
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
     solvers = firsts or [part.solver for part in problem.parts]
@@ -175,7 +174,7 @@ def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, 
 
 
 def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
-    """Return the output error at the start of the unknowns, in standard deviations, and the median of them over |H|.
+    """Return the whitened output error at the start, and the median of standard deviation over |H|.
 
     Parameters
     ----------
@@ -260,7 +259,7 @@ def _no_figures(split: Split) -> dict[str, Any]:
 def _scores(
     whole: Part, x: NDArray[np.float64], parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
-    """Score the model on parts of the data, solving it once for all of them; empty where it cannot be solved."""
+    """Score the model on parts of the data, solved once; empty where it is singular."""
     frf = whole.frf
     try:
         answer = FRF(frf.freq, whole.responses(x), frf.responses, frf.references, frf.quantity)
@@ -274,14 +273,14 @@ def _scores(
     }
 
 
-#: A fit whose unknowns could still take away more than this share of what is left is on its way.
+#: A fit is not settled if its unknowns could still reduce the residual by more than this share.
 _MOVING = 0.05
 
 
 def examine(
     problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
-    """Test whether what a fit leaves is noise, at the lines of the fit, by the noise models of its tests.
+    """Test the residual of a fit against noise, whitened by the noise models of its tests.
 
     Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that
     a robust fit gave less weight count in full. To find what would explain a misfit takes one
@@ -296,13 +295,13 @@ def examine(
     noises : sequence of NoiseModel
         How uncertain the data of each part are.
     settled : bool
-        Whether the fit ended at a minimum. Where it did not, it is looked at all the same if the
-        unknowns could not take away more than a twentieth of what is left.
+        Whether the fit ended at a minimum. Where it did not, it is tested all the same if the
+        unknowns could not reduce the residual by more than a twentieth.
 
     Returns
     -------
     tuple of Adequacy or None
-        For each part; None where the model cannot be solved, or the fit was still on its way.
+        For each part; None where the model cannot be solved, or the fit is not settled.
     """
     try:
         answers = [part.responses(x) for part in problem.parts]
@@ -317,7 +316,7 @@ def examine(
             misfit = part.frf.values - H
             whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
         base = noise.base if isinstance(noise, Robust) else noise
-        absolute = base.scale_known and not base.kind.startswith(("estimated", "assumed"))
+        absolute = base.scale_known and base.source in ("data", "stated")
         found.append(
             assess(
                 whitened[-1],
@@ -327,7 +326,7 @@ def examine(
                 part.frf.references.labels,
                 n_unknowns=share,
                 absolute=absolute,
-                averages=part.frf.averages if base.kind != "stated" else None,
+                averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
             )
@@ -348,7 +347,7 @@ def examine(
 
 
 def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
-    """Return whether the unknowns could still take away a good part of what is left."""
+    """Return whether the unknowns could still reduce the residual by a good part."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 

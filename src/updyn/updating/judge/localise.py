@@ -1,4 +1,4 @@
-"""Which group's error explains what a fit leaves: energy of the error in the constitutive relations, and score tests.
+"""Localisation of the model error that explains a residual, by energy and by score tests.
 
 The energy says where an error would have to sit if it is to be small: the fields that balance the
 forces and come close to the measurement break stress-strain and force-acceleration relations
@@ -105,7 +105,7 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
 def localise(
     problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
 ) -> tuple[Suspect, ...]:
-    """Say which quantity of which group or sensor, not among the unknowns, would explain what a fit leaves.
+    """Return the quantities of groups and sensors that would explain the residual of a fit.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def localise(
         For each part, the residual there over its standard deviation; NaN for what is not there.
     beyond : float or None
         How much of the sum of squares the noise does not explain; None: not known, and told from
-        how much is alike from line to line.
+        its serial correlation.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def _matrix(quantity: str) -> str:
 
 
 def _alike(whitened: Sequence[_Complex]) -> float:
-    """Return how much of the sum of squares neighbouring lines have in common; independent noise has nothing."""
+    """Return the part of the sum of squares that is correlated between neighbouring lines."""
     products = [np.nansum((e[1:] * e[:-1].conj()).real, axis=0) for e in whitened]
     return float(sum(np.maximum(p, 0.0).sum() for p in products))
 
@@ -203,7 +203,7 @@ def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
 
 
 def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
-    """Return the quantities to try: all that are not unknowns, or of very many those with the most energy."""
+    """Return the quantities to try: all that are not unknowns, at most those of most energy."""
     alone = [p.acts_on[0] for p in problem.coordinates.parameters if len(p.acts_on) == 1]
     free = {(d.group, d.quantity) for d in alone}
     losses: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""How far rounding moves the model's answer: what no fit can go below, and no data tell."""
+"""Rounding errors of the model's answers, which limit any fit."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
 
 
 def _shares(part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far rounding moves the answers at some lines, as a share of them, shape (n_f, n_i, n_j)."""
+    """Return the relative rounding error at some lines, shape (n_f, n_i, n_j)."""
     solver, system = part.solver, part.solver.system
     Z = system.coefficients(part.unknowns.state(system, part.values(x)), 2.0 * np.pi * freq)
     columns, place = np.unique(part.columns, return_inverse=True)

@@ -88,7 +88,7 @@ def subset(
 
 
 class _Pivoting:
-    """The QR factors so far: an orthonormal basis of the chosen columns, and what of the others is not in it."""
+    """QR factors so far: a basis of the chosen columns, and the residuals of the others."""
 
     def __init__(self, R: _Matrix, names: Sequence[str], size: _Vector) -> None:
         self.R, self.names, self.size = R, names, size
@@ -181,7 +181,7 @@ def unit(R: _Matrix) -> _Matrix:
 
 
 def index(s: NDArray[np.floating[Any]]) -> float:
-    """Return the collinearity index of unit columns from their singular values, falling; inf for dependent ones."""
+    """Return the collinearity index from the singular values of unit columns; may be inf."""
     return float(1.0 / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
 
 
@@ -195,7 +195,7 @@ ALIKE = 0.99
 _LONG = 40
 
 
-# -- verbs -------------------------------------------------------------------------------------------------
+# -- public functions ------------------------------------------------------------------------------
 def select(
     model: Model,
     frf: FRF,
@@ -206,7 +206,7 @@ def select(
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
 ) -> Selection:
-    """Choose the unknowns that the data can tell apart, before a fit; the others stay at their start.
+    """Select, before a fit, the unknowns that the data separate; the others stay at their start.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def cluster(
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
 ) -> Selection:
-    """Join unknowns of one quantity whose effects on the data are alike, each such cluster into one linked unknown.
+    """Link unknowns of one quantity whose effects on the data are nearly parallel.
 
     Parameters
     ----------
@@ -358,9 +358,9 @@ def cluster(
 
     Notes
     -----
-    Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index 1 / sqrt(1 -
-    cosine) is 10 at
-    0.99). A merged unknown has the bounds that all its members share and the narrowest of their priors.
+    Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index
+    1 / sqrt(1 - cosine) is 10 at 0.99). A merged unknown has the bounds that all its members share
+    and the narrowest of their priors.
     """
     return cluster_jointly([Test(model, frf, "", lines, noise)], parameters, threshold)
 
@@ -428,9 +428,9 @@ def cluster_jointly(
     )
 
 
-# -- clusters ----------------------------------------------------------------------------------------------
+# -- clusters --------------------------------------------------------------------------------------
 def _kind(p: Parameter) -> str | None:
-    """Return the quantity of an unknown that may be joined with others of it; None for sensors and mixed laws."""
+    """Return the quantity of an unknown that may be joined; None for sensors and mixed laws."""
     if p.is_channel:
         return None
     quantities = {d.quantity for d in p.acts_on}
@@ -511,7 +511,7 @@ def _remarks(
     return out
 
 
-# -- what both need ----------------------------------------------------------------------------------------
+# -- shared ----------------------------------------------------------------------------------------
 def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     """Return the Jacobian of all data at the start, reduced and whitened by the noise."""
     parameters = before.parameters

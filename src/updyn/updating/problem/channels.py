@@ -1,4 +1,4 @@
-"""Errors that all values of a channel have in common: a calibration factor for each sensor, as an unknown.
+"""Calibration factors of sensors as unknowns.
 
 A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor,
 and no noise model of independent values can say that. So the factor is an unknown with a prior, and
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import OptionError, ParameterError, suggest
+from updyn.errors import ParameterError, suggest
 from updyn.frf import FRF
 from updyn.updating.problem.parameters import CHANNELS, Drive, Parameter, ParameterSet
 
@@ -32,7 +32,6 @@ __all__ = [
     "Gains",
     "calibration",
     "check_channel",
-    "check_method",
 ]
 
 _Vector = NDArray[np.float64]
@@ -50,7 +49,7 @@ def calibration(
     bounds: tuple[float, float] = _BOUNDS,
     name: str | None = None,
 ) -> ParameterSet:
-    """Choose calibration factors of sensors as unknowns, to be added to those of the model with ``+``.
+    """Return calibration factors of sensors as unknowns, added to those of the model with ``+``.
 
     Each is a positive factor on what its sensor reads: the measurement is compared with the model's
     FRF times the factors of its two channels. 1.08 says that the sensor reads 8 % too much. The
@@ -155,7 +154,7 @@ class Gains:
 
     @classmethod
     def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
-        """Look the sensors up in some data; None where none of the unknowns is a calibration factor.
+        """Return the calibration factors that act on some data; None where there are none.
 
         Parameters
         ----------
@@ -232,29 +231,4 @@ def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> 
     if label not in there:
         raise ParameterError(
             f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}"
-        )
-
-
-def check_method(parameters: ParameterSet, name: str, method: object) -> None:
-    """Check that a method knows calibration factors, if there are any.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns.
-    name : str
-        Of the method.
-    method : object
-        The method, or its class: it says ``calibrates`` where it compares with the output.
-
-    Raises
-    ------
-    OptionError
-        If it compares with the measurement as it stands.
-    """
-    sensors = [p.name for p in parameters if p.is_channel]
-    if sensors and not getattr(method, "calibrates", False):
-        raise OptionError(
-            f"method {name!r} takes the measurement as it is and knows no calibration factors"
-            f" ({sensors[0]!r}); use 'maximum-likelihood', 'log' or 'output-error'"
         )

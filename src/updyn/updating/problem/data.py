@@ -91,7 +91,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
 
 
 def _warn_of_axes(test: Test) -> None:
-    """Warn where the measurement says that a sensor or a force does not point along the DOF of its name."""
+    """Warn where a sensor or force of the measurement does not point along its DOF."""
     placed = test.frf.geometry
     if placed is None or placed.axes is None:
         return

@@ -1,4 +1,4 @@
-"""Choosing lines: all, a list, or the ones that tell most about the unknowns."""
+"""Choice of frequency lines: all, a list, or those with the most information (optimal design)."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
 
 
 def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
-    """Choose lines one by one, each the one that raises the determinant of the Fisher information most.
+    """Choose lines one by one by the largest increase of det of the Fisher information.
 
     The information is taken at the start of the unknowns, for noise that is relative with a floor
     of 1 % of the rms of all data of the same unit, as sensors have. Loss factors are taken as at
@@ -184,7 +184,7 @@ def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.in
 def _exchanged(
     information: NDArray[np.float64], total: NDArray[np.float64], chosen: list[int]
 ) -> list[int]:
-    """Exchange one chosen line at a time for one that is not, the best pair first, as long as log det rises."""
+    """Exchange chosen lines for others, the best pair first, as long as log det increases."""
     chosen = list(chosen)
     for _ in range(_EXCHANGES):
         others = np.setdiff1d(np.arange(len(information)), chosen)
@@ -225,7 +225,7 @@ def _least_uncertain(
 
 
 def _scaled(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the information in units of that of all lines, and what each unknown is given for a beginning."""
+    """Return the information scaled by that of all lines, and the initial one of each unknown."""
     scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
     return information / scale[:, None] / scale, 1e-9 * np.eye(len(scale))
 

@@ -1,4 +1,4 @@
-"""The least-squares problem at one point, reduced by QR factors so that no normal equations are formed."""
+"""The least-squares problem at one point, reduced by QR factors without normal equations."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
 
 @alone
 def qr_triangle(block: _Matrix) -> _Matrix:
-    """Return the R of the QR factors, shape (min(m, n), n); of a block stored by columns, which is overwritten."""
+    """Return R of the QR factors, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:
         return block[:0]
     # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy

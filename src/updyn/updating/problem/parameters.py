@@ -1,4 +1,4 @@
-"""The unknowns: what may change, from where, how far, and what each acts on."""
+"""Unknowns: start, bounds and prior of each, what it acts on, and how they are chosen."""
 
 from __future__ import annotations
 
@@ -136,7 +136,8 @@ class Parameter:
             )
         if self.is_factor and self.lower <= 0:
             raise ParameterError(
-                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above 0",
+                f"unknown {self.name!r} is a factor: its lower bound {self.lower:g} must be above"
+                " 0",
                 key=("bounds",),
             )
         if not self.is_factor and self.lower < 0:
@@ -207,11 +208,11 @@ class Parameter:
 
     @property
     def law(self) -> str:
-        """What a linked unknown acts on, in words: ``"skin.stiffness, bend.stiffness^3"``; empty for others."""
+        """What a linked unknown acts on: ``"skin.stiffness, bend.stiffness^3"``; else empty."""
         return ", ".join(d.name + (f"^{d.power:g}" if d.power != 1.0 else "") for d in self.drives)
 
     def physical(self, value: float, std: float = math.nan) -> str:
-        """Return a value of the unknown as the quantity that it stands for; empty where `nominal` is not given.
+        """Return a value of the unknown as text in physical units; empty without `nominal`.
 
         Parameters
         ----------
@@ -225,7 +226,7 @@ class Parameter:
 
     @property
     def is_factor(self) -> bool:
-        """Whether the unknown is a positive factor, treated in its logarithm inside the optimiser."""
+        """Whether the unknown is a positive factor, whose logarithm is optimised."""
         return self.value_of is None
 
     @property
@@ -235,7 +236,7 @@ class Parameter:
 
     @property
     def value_of(self) -> str | None:
-        """Which value the unknown is: ``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None: a factor."""
+        """``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None for a factor."""
         quantity = self.acts_on[0].quantity
         return quantity if quantity in VALUES else None
 
@@ -382,7 +383,7 @@ class ParameterSet(Sequence[Parameter]):
         )
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return `model` with the unknowns at `values`; calibration factors are none of its business.
+        """Return `model` with the unknowns at `values`; calibration factors do not act on it.
 
         Parameters
         ----------
@@ -406,7 +407,7 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(self.changes(values))
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
-        """Return what the unknowns at `values` do to each group, as `Model.scaled` takes it; sensors are left out.
+        """Return the changes of each group at `values`, as `Model.scaled` takes them.
 
         Parameters
         ----------

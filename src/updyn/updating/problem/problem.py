@@ -1,4 +1,4 @@
-"""A model, the data that were chosen from a measurement, and the unknowns, brought to one set of indices."""
+"""The problem of an update: models, data of the fit and unknowns, in one set of indices."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _SPREAD, _LONG = 5e8, 5e10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """The optimiser's coordinates x: logarithms of positive factors; for damping, the loss factor that it amounts to.
+    """The optimiser's coordinates x: logarithms of factors; equivalent loss factors for damping.
 
     A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
     frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
@@ -241,14 +241,14 @@ class Part:
         )
 
     def with_data(self, frf: FRF) -> Part:
-        """Return the part on other data, whose responses and references are DOFs of the model too."""
+        """Return the part with other data of the same model."""
         rows = self.solver.system.dofs.match(frf.responses, "response")
         columns = self.solver.system.dofs.match(frf.references, "reference")
         sign = rows.sign[:, None] * columns.sign
         return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
 
     def thinned(self, largest: int) -> Part:
-        """Return the part on every second, third, ... line, so that at most `largest` lines are left.
+        """Return the part on every k-th line, with at most `largest` lines.
 
         Parameters
         ----------
@@ -322,7 +322,7 @@ class Part:
 
     @property
     def spreads(self) -> bool:
-        """Whether the lines of one evaluation are worth spreading over workers; else whole descents are."""
+        """Whether lines are distributed over workers; else whole descents are."""
         return self.work > _SPREAD
 
     @property
@@ -346,7 +346,7 @@ class Part:
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
 
     def each(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(part, item)`` for tuples that end with their block of lines, in their order.
+        """Yield ``function(part, item)`` in order, for tuples that end with their block of lines.
 
         Parameters
         ----------
@@ -396,7 +396,7 @@ class Part:
         )
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
-        """Return model and measurement at a block of lines; calibration factors are on the model's side.
+        """Return model, times the calibration factors, and measurement at a block of lines.
 
         Raises
         ------
@@ -433,7 +433,7 @@ class Part:
             yield self.block(x, lines, derivatives=derivatives)
 
     def responses(self, x: _Vector) -> _Complex:
-        """Return the model's FRF at all lines as the sensors read it, shape (n_f, n_i, n_j), in the measured quantity.
+        """Return the FRF that the sensors read, shape (n_f, n_i, n_j), in the measured quantity.
 
         Raises
         ------
@@ -512,7 +512,7 @@ class Problem:
 
     @property
     def spreads(self) -> bool:
-        """Whether the lines of one evaluation are worth spreading over workers; else whole descents are."""
+        """Whether lines are distributed over workers; else whole descents are."""
         return any(part.spreads for part in self.parts)
 
     def thinned(self, largest: int) -> Problem:

@@ -7,9 +7,10 @@ formed.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,22 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
 from updyn.frf import QUANTITIES
+from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
+    "RESIDUALS",
     "Each",
     "EachOf",
     "EquationError",
+    "LineResidual",
     "LogError",
     "OutputError",
     "Residual",
-    "is_solved",
+    "is_cached",
     "solved",
     "with_prior",
 ]
@@ -50,28 +54,65 @@ class Residual(Protocol):
         """Return the reduced problem at x, or None where the model cannot be solved."""
 
 
-class _ByLine(Residual, Protocol):
-    """A residual that is evaluated block by block of lines, anywhere."""
+class LineResidual(ABC):
+    """Base of the residuals that are evaluated block by block of lines, in any process.
+
+    A subclass has `name` and `block`; the other methods are overridden where the residual holds
+    arrays over the lines, has weights of the data, or needs more memory than model and data.
+
+    Attributes
+    ----------
+    name : str
+        How the report calls it.
+    reference : str
+        Where it was published.
+    needs_exact : str
+        Why it cannot be evaluated in a reduced model; empty: it can.
+    calibrates : bool
+        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
+    """
+
+    __slots__ = ()
+
+    name: str
+
+    reference: ClassVar[str] = ""
+    needs_exact: ClassVar[str] = ""
+    calibrates: ClassVar[bool] = False
+
+    @classmethod
+    def of_data(cls, part: Part) -> Self:
+        """Return the residual for the data of a test, with equal weights."""
+        return cls()
 
     @property
-    def mark(self) -> object:
-        """What tells it from others of its name."""
+    def cache_key(self) -> object:
+        """Bytes, text or array that differs between residuals of one class."""
+        return ""
 
-    def of(self, part: int) -> _ByLine:
+    def local(self, problem: Problem, x: _Vector) -> Local | None:
+        """Return the reduced problem at x, or None where the model cannot be solved."""
+        return _local(self, problem, x)
+
+    def of(self, part: int) -> Self:
         """Return the residual of one of several tests."""
+        return self
 
-    def on(self, part: Part, lines: slice) -> _ByLine:
-        """Return what of it a block of lines needs."""
-
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...), at its block of lines."""
+    def on(self, part: Part, lines: slice) -> Self:
+        """Return the residual with what a block of lines needs of it."""
+        return self
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
+        return part.partition()
+
+    @abstractmethod
+    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...)."""
 
 
 @dataclass(frozen=True, slots=True)
-class LogError:
+class LogError(LineResidual):
     """r = ln(H_A / H_X): difference of log magnitude and of phase.
 
     Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide.
@@ -79,23 +120,6 @@ class LogError:
     """
 
     name: str = "log"
-    mark: ClassVar[str] = ""
-
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
-        return _local(self, problem, x)
-
-    def of(self, part: int) -> LogError:
-        """Return itself."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> LogError:
-        """Return itself."""
-        return self
-
-    def partition(self, part: Part) -> list[slice]:
-        """Return the blocks of lines."""
-        return part.partition()
 
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines."""
@@ -103,13 +127,12 @@ class LogError:
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
         H = np.where(usable, block.H, 1.0)
-        return np.log(H / np.where(usable, block.measured, 1.0)), block.dH * np.where(
-            usable, 1.0 / H, 0.0
-        )
+        r = np.log(H / np.where(usable, block.measured, 1.0))
+        return r, block.dH * np.where(usable, 1.0 / H, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OutputError:
+class OutputError(LineResidual):
     """r = (H_A - H_X) / sigma.
 
     Parameters
@@ -123,26 +146,19 @@ class OutputError:
     weight: NDArray[np.float64]
     name: str = "output-error"
 
+    @classmethod
+    def of_data(cls, part: Part) -> Self:
+        """Return the residual with equal weight for all values of one unit."""
+        return cls(np.broadcast_to(1.0 / level_by_unit(part.frf), part.frf.values.shape))
+
     @property
-    def mark(self) -> NDArray[np.float64]:
+    def cache_key(self) -> NDArray[np.float64]:
         """The weights."""
         return self.weight
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
-        return _local(self, problem, x)
-
-    def of(self, part: int) -> OutputError:
-        """Return itself: it is of one test."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> OutputError:
-        """Return it with the weights of a block of lines."""
-        return OutputError(self.weight[lines], self.name)
-
-    def partition(self, part: Part) -> list[slice]:
-        """Return the blocks of lines."""
-        return part.partition()
+    def on(self, part: Part, lines: slice) -> Self:
+        """Return the residual with the weights of a block of lines."""
+        return replace(self, weight=self.weight[lines])
 
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual and derivatives at a block of lines, whose weights these are."""
@@ -151,13 +167,7 @@ class OutputError:
         return self.weight * (block.H - block.measured), block.dH * self.weight
 
 
-class _Named(Protocol):
-    @property
-    def name(self) -> str:
-        """How the report calls it."""
-
-
-E = TypeVar("E", bound=_Named)
+E = TypeVar("E", bound=LineResidual)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +203,7 @@ class Each(EachOf[OutputError]):
 
 
 @dataclass(frozen=True, slots=True)
-class EquationError:
+class EquationError(LineResidual):
     """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
 
     Every reference has to be measured as a response too: its unit force stands on a retained DOF.
@@ -203,7 +213,6 @@ class EquationError:
     """
 
     name: str = "equation-error"
-    mark: ClassVar[str] = ""
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
@@ -234,7 +243,7 @@ class EquationError:
             )
 
     def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
-        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, block by block of lines.
+        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, by block of lines.
 
         Raises
         ------
@@ -245,14 +254,6 @@ class EquationError:
         """
         self.check(part)
         return part.each(_block, [(self, x, lines) for lines in self.partition(part)])
-
-    def of(self, part: int) -> EquationError:
-        """Return itself."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> EquationError:
-        """Return itself."""
-        return self
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
@@ -302,8 +303,8 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     )
 
 
-def solved(residual: _ByLine, part: Part, x: _Vector) -> Local:
-    """Return the reduced part at x.
+def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
+    """Return the reduced problem at x.
 
     Raises
     ------
@@ -318,21 +319,21 @@ def solved(residual: _ByLine, part: Part, x: _Vector) -> Local:
             raise SolverError(f"{residual.name}: the model's answer is not finite")
         return np.array(local.cost), local.R, local.q
 
-    cost, R, q = part.recall(_kind(residual), x, compute, residual.mark)
+    cost, R, q = part.recall(_kind(residual), x, compute, residual.cache_key)
     return Local(float(cost), R, q)
 
 
-def is_solved(residual: LogError, problem: Problem, x: _Vector) -> bool:
-    """Return whether the reduced problem at x is in memory."""
-    keys = [part.key(_kind(residual), x, residual.mark) for part in problem.parts]
+def is_cached(residual: LogError, problem: Problem, x: _Vector) -> bool:
+    """Return whether the reduced problem at x is in the memory of the session."""
+    keys = [part.key(_kind(residual), x, residual.cache_key) for part in problem.parts]
     return all(problem.session.knows(key) for key in keys)
 
 
-def _kind(residual: _ByLine) -> str:
+def _kind(residual: LineResidual) -> str:
     return type(residual).__name__
 
 
-def _local(residual: _ByLine | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
+def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
     try:
         return joined(
             [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
@@ -341,20 +342,29 @@ def _local(residual: _ByLine | EachOf[Any], problem: Problem, x: _Vector) -> Loc
         return None
 
 
-def _block(part: Part, item: tuple[_ByLine, _Vector, slice]) -> tuple[_Complex, _Complex]:
+def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Complex, _Complex]:
     residual, x, lines = item
     return residual.block(part, x, lines)
 
 
-def _block_triangle(part: Part, item: tuple[_ByLine, _Vector, slice]) -> _Matrix:
+def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
     return qr_triangle(_stack(*_block(part, item)))
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:
-    """Return [J r] with real over imaginary parts (eq. 12), shape (2 m, n + 1), stored by columns."""
+    """Return [J r], real over imaginary parts (eq. 12), shape (2 m, n + 1), in Fortran order."""
     n, m = len(J), r.size
     flat = np.empty((n + 1, 2 * m))
     columns = J.reshape(n, m)
     flat[:n, :m], flat[:n, m:] = columns.real, columns.imag
     flat[n, :m], flat[n, m:] = r.real.ravel(), r.imag.ravel()
     return flat.T
+
+
+#: Residuals by name. One that is registered, and that no method is named after, is minimised by
+#: ``method="NAME"`` (`updyn.updating.fit.methods`).
+RESIDUALS: Registry[type[LineResidual]] = Registry(
+    "residual",
+    "updyn.residuals",
+    {"log": LogError, "output-error": OutputError, "equation-error": EquationError},
+)

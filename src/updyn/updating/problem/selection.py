@@ -1,4 +1,4 @@
-"""What a selection of unknowns before a fit came to: which are fitted, which were joined or left out, and why."""
+"""Selection of unknowns before a fit: which are fitted, linked or left out, and why."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Selection:
         return {"selection": self.record} if self.merged or self.left_out else {}
 
     def summary(self) -> str:
-        """Return the selection as text: how many, how separable, what was joined and left out, and why."""
+        """Return the selection as text: fitted, joined and left out unknowns, with reasons."""
         lines = [
             f"{len(self.parameters)} unknowns are fitted (collinearity index"
             f" {self.collinearity:.3g}): " + ", ".join(self.order or self.parameters.names)

@@ -1,4 +1,4 @@
-"""`sensor_masses`: the mass of each sensor as a group, and as an unknown about its nominal value."""
+"""Masses of sensors as groups of the model, and as unknowns about their nominal values."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""What a run carries along: where its work is done, what it remembers of it, and whether it is to stop.
+"""Session of a run: its engine, its cache of evaluations, and the request to stop.
 
 Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
 So a run is repeated exactly by answering its evaluations from memory: after an interruption
-(`updyn.updating.fit.journal`), or with what other processes have evaluated ahead (`Session.remember`).
+(`updyn.updating.fit.journal`), or with what other processes have evaluated ahead
+(`Session.remember`).
 No method needs to know.
 """
 
@@ -37,7 +38,7 @@ class Stopped(Exception):  # noqa: N818
 
 
 class Memory(Protocol):
-    """What keeps the results of evaluations."""
+    """A cache of the results of evaluations."""
 
     def get(self, key: bytes) -> Record | None:
         """Return what was kept under a key, or None."""
@@ -83,7 +84,7 @@ class Recent:
 
 @dataclass(slots=True, eq=False)
 class Session:
-    """The side of a run that is not mathematics. A copy sent to another process is a new, plain one.
+    """Engine, cache and stop request of a run; a copy sent to another process is a new one.
 
     Attributes
     ----------
@@ -148,7 +149,7 @@ class Session:
         spread: bool,
         long: bool = False,
     ) -> Generator[R, None, None]:
-        """Yield ``function(shared, item)`` in the order of the items, and ask in between whether to stop.
+        """Yield ``function(shared, item)`` in order, checking in between whether to stop.
 
         Parameters
         ----------

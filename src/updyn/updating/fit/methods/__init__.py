@@ -1,52 +1,83 @@
-"""The methods: one module each, found through a lazy registry.
+"""The methods by name: one module each, imported when first used.
 
-Adding a method is one module with a frozen dataclass (its fields are its options) that has
-``fit(problem, noise, monitor) -> Fit``, and one line in `METHODS`.
+A method is a frozen dataclass derived from `updyn.updating.fit.method.Method`: its fields are its
+options, and its class attributes state what it needs and can do. Another package adds one by
+``METHODS.register("my-method", MyMethod)``, or by an entry point of the group ``updyn.methods``.
+
+A residual alone will do: ``RESIDUALS.register("my-residual", MyResidual)``, with a class derived
+from `updyn.updating.problem.residuals.LineResidual`, or an entry point of the group
+``updyn.residuals``, makes ``method="my-residual"`` minimise it by least squares, within bounds and
+with priors (`updyn.updating.fit.methods.least_squares.LeastSquares`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, cast
 
 import numpy as np
 
 from updyn.errors import OptionError, suggest
+from updyn.registry import Registry, load_object
 from updyn.updating.fit.method import Method
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.residuals import RESIDUALS
 
-__all__ = ["METHODS", "make_method", "method_class", "options_of"]
+__all__ = ["METHODS", "check_channels", "make_method", "methods_with", "options_of"]
 
 _HERE = "updyn.updating.fit.methods."
 
-METHODS = {
-    "maximum-likelihood": (_HERE + "maximum_likelihood", "MaximumLikelihood"),
-    "log": (_HERE + "least_squares", "LogMethod"),
-    "output-error": (_HERE + "least_squares", "OutputMethod"),
-    "equation-error": (_HERE + "equation_error", "EquationErrorMethod"),
-    "force-residual": (_HERE + "force_residual", "ForceResidualMethod"),
-    "constitutive": (_HERE + "constitutive", "ConstitutiveMethod"),
-    "modal": (_HERE + "modal", "ModalMethod"),
-    "rfm": (_HERE + "rfm", "ResponseFunctionMethod"),
-    "complex-rfm": (_HERE + "rfm", "ComplexResponseFunctionMethod"),
-    "frf-sensitivity": (_HERE + "frf_sensitivity", "FrfSensitivityMethod"),
-    "reduced-frf": (_HERE + "reduced_frf", "ReducedFrfMethod"),
-}
+
+class _Methods(Registry[type[Method]]):
+    """The methods, and the residuals that no method is named after."""
+
+    def __getitem__(self, name: str) -> type[Method]:
+        if not super().__contains__(name) and name in RESIDUALS:
+            general = load_object(_HERE + "least_squares:LeastSquares")
+            self.register(name, general.of(name, RESIDUALS[name]))
+        return super().__getitem__(name)
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in RESIDUALS
+
+    def __iter__(self) -> Iterator[str]:
+        names = list(super().__iter__())
+        yield from names
+        yield from (name for name in RESIDUALS if name not in names)
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
 
 
-def method_class(name: str) -> type:
-    """Return the class of a method; its ``cannot``, where it has one, holds the quantities that it cannot update.
+METHODS = _Methods(
+    "method",
+    "updyn.methods",
+    {
+        "maximum-likelihood": _HERE + "maximum_likelihood:MaximumLikelihood",
+        "log": _HERE + "least_squares:LogMethod",
+        "output-error": _HERE + "least_squares:OutputMethod",
+        "equation-error": _HERE + "equation_error:EquationErrorMethod",
+        "force-residual": _HERE + "force_residual:ForceResidualMethod",
+        "constitutive": _HERE + "constitutive:ConstitutiveMethod",
+        "modal": _HERE + "modal:ModalMethod",
+        "rfm": _HERE + "rfm:ResponseFunctionMethod",
+        "complex-rfm": _HERE + "rfm:ComplexResponseFunctionMethod",
+        "frf-sensitivity": _HERE + "frf_sensitivity:FrfSensitivityMethod",
+        "reduced-frf": _HERE + "reduced_frf:ReducedFrfMethod",
+    },
+)
 
-    Raises
-    ------
-    OptionError
-        If there is no such method; the nearest is named.
+
+def methods_with(attribute: str) -> tuple[str, ...]:
+    """Return the names of the methods that state something.
+
+    Parameters
+    ----------
+    attribute : str
+        Of `Method`, such as ``"can_regularise"``.
     """
-    if name not in METHODS:
-        raise OptionError(f"method {name!r}: {suggest(str(name), METHODS)}")
-    module, attribute = METHODS[name]
-    return cast(type, getattr(importlib.import_module(module), attribute))
+    return tuple(name for name in METHODS if getattr(METHODS[name], attribute))
 
 
 def options_of(name: str) -> dict[str, Any]:
@@ -57,7 +88,8 @@ def options_of(name: str) -> dict[str, Any]:
     OptionError
         If there is no such method; the nearest is named.
     """
-    return {f.name: f.default for f in dataclasses.fields(method_class(name))}
+    fields = dataclasses.fields(cast(Any, METHODS.find(name)))
+    return {f.name: f.default for f in fields}
 
 
 def make_method(name: str, options: Mapping[str, Any]) -> Method:
@@ -69,7 +101,7 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
         If the method or an option is not known (the nearest is named), or a value has the wrong
         type or sign.
     """
-    made, defaults = method_class(name), options_of(name)
+    made, defaults = METHODS.find(name), options_of(name)
     plain = {
         key: value.item() if isinstance(value, np.generic) else value
         for key, value in options.items()
@@ -80,7 +112,31 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
                 f"method {name!r} has no option {key!r}; {suggest(key, defaults)}", key=(key,)
             )
         _check(key, value, defaults[key])
-    return cast(Method, made(**plain))
+    return made(**plain)
+
+
+def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> None:
+    """Check that a method knows calibration factors, if there are any.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    method : Method, or its class
+        The method.
+
+    Raises
+    ------
+    OptionError
+        If it compares with the measurement as it stands.
+    """
+    sensors = [p.name for p in parameters if p.is_channel]
+    if sensors and not method.calibrates:
+        *others, last = [repr(name) for name in methods_with("calibrates")]
+        raise OptionError(
+            f"method {method.name!r} takes the measurement as it is and knows no calibration"
+            f" factors ({sensors[0]!r}); use {', '.join(others)} or {last}"
+        )
 
 
 def _check(key: str, value: Any, default: Any) -> None:

@@ -1,10 +1,10 @@
-"""Modified error in the constitutive relations (Ladeveze, Nedjar & Reynier 1994; Deraemaeker et al. 2002)."""
+"""Modified error in the constitutive relations (Ladeveze et al. 1994; Deraemaeker et al. 2002)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ from updyn.errors import DataError, OptionError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -43,8 +43,8 @@ _NOTE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ConstitutiveMethod:
-    """Least error in the constitutive relations with a weighted measurement term (method ``"constitutive"``).
+class ConstitutiveMethod(Method):
+    """Error in the constitutive relations with a measurement term (method ``"constitutive"``).
 
     Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
     and force-acceleration relations (u - w), and may miss the measurement. What has to be broken
@@ -74,10 +74,14 @@ class ConstitutiveMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = (
         "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
     )
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.weight <= 1.0:
@@ -85,10 +89,6 @@ class ConstitutiveMethod:
                 f"weight {self.weight:g}: the weight of the measurement is above 0 and at most 1",
                 key=("weight",),
             )
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -109,8 +109,8 @@ class ConstitutiveMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConstitutiveError:
-    """r = L^-1 (h - h_X), L L^H = S + slack: half its square is the error E for one line and reference.
+class ConstitutiveError(LineResidual):
+    """r = L^-1 (h - h_X), L L^H = S + slack; half its square is the error E by line and reference.
 
     Parameters
     ----------
@@ -128,12 +128,15 @@ class ConstitutiveError:
     Notes
     -----
     With coefficients c_t of Z = sum c_t A_t the relations of each matrix are broken in the energy
-    of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives Z
-    u - W lambda = f and Z^H lambda =
-    -G Pi^T (Pi u - h_X). With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is h - h_X = (1 + S
-    G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives by adjoint fields: P and Y =
-    Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and dr = L^-1
-    (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
+    of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives
+
+        Z u - W lambda = f,    Z^H lambda = -G Pi^T (Pi u - h_X).
+
+    With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is
+    h - h_X = (1 + S G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives use adjoint
+    fields: P and
+    Y = Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and
+    dr = L^-1 (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
     derivatives.
     """
 
@@ -143,16 +146,12 @@ class ConstitutiveError:
     name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Level, slack and compliance."""
         given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
         return np.concatenate([[self.level], *given])
 
-    def of(self, part: int) -> ConstitutiveError:
-        """Return itself: it is of one test."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> ConstitutiveError:
+    def on(self, part: Part, lines: slice) -> Self:
         """Return it with the slack of a block of lines."""
         return self if self.slack is None else replace(self, slack=self.slack[lines])
 
@@ -165,7 +164,7 @@ class ConstitutiveError:
 
     @alone
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
+        """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
         freq, state = part.frf.freq[lines], part.state(x)
         omega = 2.0 * np.pi * freq
@@ -195,7 +194,7 @@ class ConstitutiveError:
 def adjoint_fields(
     part: Part, state: State, freq: _Vector, compliance: _Vector | None = None
 ) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
-    """Return the fields from which errors in the relations, or forces, are told that make up for a misfit.
+    """Return the fields of unit forces and their products with W.
 
     Parameters
     ----------
@@ -243,7 +242,7 @@ def adjoint_fields(
 def _weight_slopes(
     system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex
 ) -> _Vector:
-    """Return the derivative of each drive's weight in W, shape (n_d, n_f), from that of its coefficient in Z."""
+    """Return the derivatives of the drives' weights in W, shape (n_d, n_f)."""
     own = c[unknowns.at]
     elastic = np.array(
         [system.terms[t].quantity == "stiffness" for t in unknowns.at], dtype=np.bool_
@@ -256,7 +255,7 @@ def _weight_slopes(
 
 
 def _at_start(part: Part, weight: float) -> ConstitutiveError:
-    """Return the residual whose slack is in proportion to S at the start of the unknowns: so r means the same anywhere.
+    """Return the residual whose slack is proportional to S at the start of the unknowns.
 
     Raises
     ------

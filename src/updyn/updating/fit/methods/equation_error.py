@@ -10,8 +10,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.reduced import NOT_CONDENSED
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.updating.fit.method import Fit, descend_to_scale, in_units, spread_of
+from updyn.updating.fit.method import Fit, Method, descend_to_scale, in_units, spread_of
 from updyn.updating.fit.methods.linear import basic_solution
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step, TrustRegion
@@ -25,7 +26,7 @@ __all__ = ["EquationErrorMethod"]
 
 
 @dataclass(frozen=True, slots=True)
-class EquationErrorMethod:
+class EquationErrorMethod(Method):
     """r = Z_red h_X - e_j at every line and reference.
 
     Parameters
@@ -44,8 +45,12 @@ class EquationErrorMethod:
     solver: str = "trust-region"
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("trust-region", "gauss-newton")
+    name: ClassVar[str] = "equation-error"
+    label: ClassVar[str] = "fit of the condensed force equation"
     reference: ClassVar[str] = "Bao, Wang & Cheng 2010"
     needs: ClassVar[str] = "the drive point of every reference"
+    needs_exact: ClassVar[str] = NOT_CONDENSED
+    can_regularise: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
@@ -53,10 +58,6 @@ class EquationErrorMethod:
                 f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
                 key=("solver",),
             )
-
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
         self,
@@ -73,7 +74,7 @@ class EquationErrorMethod:
                 key=("solver",),
             )
         residual = EquationError()
-        with monitor.stage("equation-error"):
+        with monitor.stage(self.name):
             if self.solver == "gauss-newton":
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
@@ -143,7 +144,7 @@ def _gauss_newton(
 
 
 def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
-    """Return cost, R of the Jacobian, the change of the values (eq. 22), and ||Z_red H_X - I||_inf."""
+    """Return cost, R of the Jacobian, change of the values (eq. 22) and ||Z_red H_X - I||_inf."""
     parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
     r = np.concatenate([p[0].ravel() for p in parts])
     S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T

@@ -14,7 +14,7 @@ from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
     Amounts,
@@ -28,7 +28,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf
+from updyn.updating.problem.residuals import EachOf, LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["ForceResidual", "ForceResidualMethod"]
@@ -46,8 +46,8 @@ _ADVICE = "Use solver='trust-region'."
 
 
 @dataclass(frozen=True, slots=True)
-class ForceResidualMethod:
-    """Least ||Z(p) h - f|| over the unknowns and over the motion h where there is no sensor (``"force-residual"``).
+class ForceResidualMethod(Method):
+    """||Z(p) h - f|| minimised over the unknowns and the unmeasured motion (``"force-residual"``).
 
     In turn: the measured motion is expanded to all DOFs such that the present model leaves the
     least unbalanced force; then, with that motion, the residual is linear in the unknowns and is
@@ -74,8 +74,12 @@ class ForceResidualMethod:
     solver: str = "alternating"
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("alternating", "trust-region")
+    name: ClassVar[str] = _NAME
     reference: ClassVar[str] = "Farhat & Hemez 1993; Hemez, as in Bao, Wang & Cheng 2010"
-    cannot: ClassVar[tuple[str, ...]] = ()
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
+        " 'sparse'"
+    )
 
     def __post_init__(self) -> None:
         if self.solver not in self.SOLVERS:
@@ -84,16 +88,12 @@ class ForceResidualMethod:
                 key=("solver",),
             )
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "alternating"
-        check_unknowns(problem, _NAME, self.cannot, "", priors=not plain)
+        check_unknowns(problem, self, priors=not plain)
         for part in problem.parts:
             _check(part)
         residual = EachOf(
@@ -122,7 +122,7 @@ class ForceResidualMethod:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ForceResidual:
+class ForceResidual(LineResidual):
     """r = Z h - e_j with h expanded at the same point, and its derivatives with h held.
 
     Parameters
@@ -132,6 +132,8 @@ class ForceResidual:
         moments.
     level : float
         What the residual is divided by.
+    name : str
+        How the report calls it.
 
     Notes
     -----
@@ -142,21 +144,17 @@ class ForceResidual:
 
     compliance: _Vector
     level: float
-    name: ClassVar[str] = _NAME
+    name: str = _NAME
 
     @property
-    def mark(self) -> _Vector:
-        """What tells it from others of its name."""
+    def cache_key(self) -> _Vector:
+        """Compliance and level."""
         return np.append(self.compliance, self.level)
 
     @property
     def eliminated(self) -> ConstitutiveError:
-        """The same sum of squares with the expanded motion eliminated: its derivatives are those of the whole."""
+        """The same sum of squares with the expanded motion eliminated, exact in its derivatives."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
-
-    def on(self, part: Part, lines: slice) -> ForceResidual:
-        """Return itself."""
-        return self
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
@@ -164,7 +162,7 @@ class ForceResidual:
 
     @alone
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, N, n_j), and derivatives by x, shape (n, n_f, N, n_j), at some lines."""
+        """Return residual, shape (n_f, N, n_j), and derivatives, shape (n, n_f, N, n_j)."""
         system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
         state = part.state(x)
         _, U, S, moved, c = adjoint_fields(part, state, freq, self.compliance)
@@ -192,7 +190,10 @@ def _check(part: Part) -> None:
 
 
 def _compliance(part: Part) -> _Vector:
-    """Return 1 for forces, and for moments the square of the length at which stiffnesses of both kinds are alike."""
+    """Return 1 for forces, and for moments the square of a length.
+
+    At that length the medians of rotational and translational stiffness are equal.
+    """
     system = part.solver.system
     turns = np.asarray(system.dofs.axes) >= 3
     if turns.all() or not turns.any():
@@ -210,5 +211,5 @@ def _compliance(part: Part) -> _Vector:
 
 
 def _level(part: Part) -> float:
-    """Return the root of the number of lines and references: half the square of the residual is then per unit force."""
+    """Return the square root of the number of lines times references."""
     return float(np.sqrt(part.n_lines * len(part.columns)))

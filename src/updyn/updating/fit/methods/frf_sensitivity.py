@@ -1,20 +1,20 @@
-"""FRF sensitivity method: linearised output error, step by step (Ting; Xu Zhangming; Imregun, Visser & Ewins)."""
+"""FRF sensitivity method: linearised output error (Ting; Xu Zhangming; Imregun et al.)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.method import Fit
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.least_squares import judged
 from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.problem.noise import NoiseModel, level_by_unit
+from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
@@ -27,8 +27,8 @@ _NOTE = (
 
 
 @dataclass(frozen=True, slots=True)
-class FrfSensitivityMethod:
-    """H_X - H_A = -H_A Z' H_A dp on measured DOFs, solved and repeated (method ``"frf-sensitivity"``).
+class FrfSensitivityMethod(Method):
+    """H_X - H_A = -H_A Z' H_A dp on measured DOFs, iterated (method ``"frf-sensitivity"``).
 
     The sensitivity of the FRF, as Bao, Wang & Cheng 2010 (section 1) report it of Xu Zhangming
     (their [4]) and, without damping, of Ting (their [6]); with all it needs in Imregun, Visser &
@@ -54,12 +54,13 @@ class FrfSensitivityMethod:
     tolerance: float = 1e-10
     halving: bool = False
 
+    name: ClassVar[str] = "frf-sensitivity"
+    label: ClassVar[str] = "linearised FRFs"
     reference: ClassVar[str] = "Ting; Xu Zhangming; Imregun, Visser & Ewins 1995"
-    cannot: ClassVar[tuple[str, ...]] = ()
-
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
+        " use tier 'sparse', or method 'output-error'"
+    )
 
     def fit(
         self,
@@ -68,16 +69,14 @@ class FrfSensitivityMethod:
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; the residual has equal weights, the standard deviations are those of the noise."""
-        check_unknowns(problem, "frf-sensitivity", self.cannot, "")
-        weights = [
-            np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts
-        ]
-        residual = Each(tuple(OutputError(weight, "frf-sensitivity") for weight in weights))
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
+        check_unknowns(problem, self)
+        errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
+        residual = Each(tuple(errors))
         advice = "Use method 'output-error'" + ("." if self.halving else ", or halving=True.")
         settings = Plain(self.max_iterations, self.tolerance, advice, self.halving)
         step = partial(linear_step, problem, Amounts(()))  # no pairs: linearised in kappa and gamma
-        with monitor.stage("frf-sensitivity"):
+        with monitor.stage(self.name):
             x, reason = settings.run(
                 problem, partial(local_of, problem, residual), step, x, monitor
             )

@@ -1,4 +1,8 @@
-"""Methods that minimise one residual of equal weights: log error and output error."""
+"""Methods that minimise one residual of equal weights: log error, output error, any registered one.
+
+Standard deviations of log error and output error, whose weights are not those of the noise, are
+those of the sandwich covariance.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +16,33 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from updyn.updating.fit.method import (
     Fit,
+    Method,
     descend_to_scale,
     in_units,
     known_length,
     spread_of,
     stopped_at,
 )
+from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.noise import Estimated, NoiseModel, Robust, level_by_unit
+from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, LogError, OutputError, Residual
+from updyn.updating.problem.residuals import (
+    Each,
+    EachOf,
+    LineResidual,
+    LogError,
+    OutputError,
+    Residual,
+)
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
+    "LeastSquares",
     "LogMethod",
     "OutputMethod",
     "Sandwich",
@@ -38,7 +52,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class LogMethod:
+class LogMethod(Method):
     """Log error, r = ln(H_A / H_X), after a search (method ``"log"``).
 
     Parameters
@@ -64,10 +78,12 @@ class LogMethod:
     inflate: bool = True
     continuation: bool = True
 
+    name: ClassVar[str] = "log"
+    label: ClassVar[str] = "fit of logarithmic level and phase"
     reference: ClassVar[str] = "Guillaume, Pintelon & Schoukens 1995"
-    calibrates: ClassVar[bool] = (
-        True  # compares with `Problem.block`, which has the calibration factors
-    )
+    calibrates: ClassVar[bool] = True
+    can_regularise: ClassVar[bool] = True
+    states_noise: ClassVar[bool] = True
 
     def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
         """Return where to begin: the best basin of the log error, shape (n,)."""
@@ -95,9 +111,9 @@ class LogMethod:
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; all values count the same, and the noise decides how sure the unknowns are."""
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
-        with monitor.stage("log"):
+        with monitor.stage(self.name):
             try:
                 return _descend(problem, LogError(), x, monitor, settings, noises)
             except Stopped:
@@ -105,8 +121,8 @@ class LogMethod:
 
 
 @dataclass(frozen=True, slots=True)
-class OutputMethod:
-    """Output error, r = H_A - H_X, equal weight to all values of one unit (method ``"output-error"``).
+class OutputMethod(Method):
+    """Output error, r = H_A - H_X, weighted equally within a unit (method ``"output-error"``).
 
     The largest peaks decide. It suits noise that does not depend on the level, and needs a start
     close to the truth: there is no search.
@@ -122,14 +138,12 @@ class OutputMethod:
     max_iterations: int = 100
     tolerance: float = 1e-10
 
+    name: ClassVar[str] = "output-error"
+    label: ClassVar[str] = "fit of the unweighted FRFs"
     reference: ClassVar[str] = "Pintelon & Schoukens 2012"
-    calibrates: ClassVar[bool] = (
-        True  # compares with `Problem.block`, which has the calibration factors
-    )
-
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+    calibrates: ClassVar[bool] = True
+    can_regularise: ClassVar[bool] = True
+    states_noise: ClassVar[bool] = True
 
     def fit(
         self,
@@ -138,18 +152,72 @@ class OutputMethod:
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; all values of one unit count the same, whatever their noise."""
-        weights = [
-            np.broadcast_to(1.0 / level_by_unit(p.frf), p.frf.values.shape) for p in problem.parts
-        ]
+        """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
+        residual = Each(tuple(OutputError.of_data(part) for part in problem.parts))
         settings = TrustRegion(self.max_iterations, self.tolerance)
-        with monitor.stage("output-error"):
+        with monitor.stage(self.name):
             try:
-                return _descend(
-                    problem, Each(tuple(map(OutputError, weights))), x, monitor, settings, noises
-                )
+                return _descend(problem, residual, x, monitor, settings, noises)
             except Stopped:
                 return Fit.blind(x, "stopped")
+
+
+@dataclass(frozen=True, slots=True)
+class LeastSquares(Method):
+    """Any registered residual, all its values of equal weight, within bounds and with priors.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps.
+    tolerance : float
+        Relative step at which it has converged.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+
+    residual: ClassVar[type[LineResidual]]
+    can_regularise: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, name: str, residual: type[LineResidual]) -> type[LeastSquares]:
+        """Return the method that minimises a residual.
+
+        Parameters
+        ----------
+        name : str
+            How the residual is registered.
+        residual : type of LineResidual
+            The residual.
+        """
+        stated = {
+            "name": name,
+            "residual": residual,
+            "reference": residual.reference,
+            "needs_exact": residual.needs_exact,
+            "calibrates": residual.calibrates,
+        }
+        return type(f"{residual.__name__}Method", (cls,), {"__slots__": (), **stated})
+
+    def fit(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        x: NDArray[np.float64],
+    ) -> Fit:
+        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        residual = EachOf(tuple(self.residual.of_data(part) for part in problem.parts))
+        settings = TrustRegion(self.max_iterations, self.tolerance)
+        with monitor.stage(self.name):
+            try:
+                local_of(problem, residual, x)  # names the line at which a start cannot be solved
+                outcome = descend_to_scale(problem, residual, x, monitor, settings)
+            except Stopped:
+                return Fit.blind(x, "stopped")
+            kind = f"spread of the residual {self.name!r}"
+            return fit_of(problem, residual, outcome.x, outcome.reason, kind, "")
 
 
 def _descend(
@@ -172,9 +240,9 @@ def judged(
     note: str = "",
     noises: Sequence[NoiseModel] = (),
 ) -> Fit:
-    """Return the fit that ended at x, with the covariance that the noise gives it (`updyn.updating.fit.methods.least_squares`).
+    """Return the fit that ended at x, with its sandwich covariance.
 
-    Where that cannot be had, the noise is taken as equal everywhere.
+    Where that cannot be computed, the noise is taken as equal everywhere.
 
     Parameters
     ----------
@@ -243,7 +311,7 @@ _LOUD, _MANY = 0.5, 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sandwich:
-    """What is known of a fit of fixed weights under noise that has others.
+    """Covariance of a fit whose fixed weights are not those of the noise.
 
     Attributes
     ----------
@@ -267,7 +335,7 @@ def sandwich(
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
-    """Return the covariance of a fit, or None where there is none or the user does not wait for it.
+    """Return the sandwich covariance of a fit, or None where it is singular.
 
     With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
     estimate has the covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
@@ -347,7 +415,7 @@ def _sandwich(
     rows = solve_triangular(factor, s[clear, None] * Vt[clear], lower=True)
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
-    taken = looked[0].kind.startswith("estimated")  # from this very residual
+    taken = looked[0].source == "estimated"  # from this very residual
     spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
     record = {
         "chi_square": 1.0 if taken else float(misfit),

@@ -1,4 +1,4 @@
-"""What the classical methods share: amounts in which Z is linear, the plain iteration, what follows from where it ends.
+"""Parts of the classical methods: amounts in which Z is linear, and the plain iteration.
 
 Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no
 logarithms.
@@ -6,27 +6,26 @@ logarithms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, ParameterError, SolverError
-from updyn.updating.fit.method import Fit, spread_of
+from updyn.updating.fit.method import Fit, Method, spread_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import solved
+from updyn.updating.problem.residuals import EachOf, LineResidual, solved
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "Amounts",
-    "ByLine",
     "Plain",
     "basic_solution",
     "check_unknowns",
@@ -48,17 +47,6 @@ _ROUNDING = 1e-6
 _HALVINGS = 20
 #: Columns whose lengths differ by less than this share are equally long but for rounding.
 _TIE = 1e-6
-
-
-class ByLine(Protocol):
-    """A residual that `solved` reduces; see `updyn.updating.problem.residuals`."""
-
-    @property
-    def name(self) -> str:
-        """How the report calls it."""
-
-    def of(self, part: int) -> Any:
-        """Return the residual of one of several tests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +188,7 @@ class Plain:
         here: Local,
         number: int,
     ) -> tuple[_Vector, Local, bool] | None:
-        """Return the next point, the local problem there, and whether the step is whole; None: no part is of use."""
+        """Return the next point, its local problem, and whether the step is whole, or None."""
         share = 1.0
         for _ in range(_HALVINGS + 1):
             try:
@@ -257,7 +245,7 @@ def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 
 
 def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
-    """Solve least squares by QR with column pivoting; where the rank is short, the last unknowns stay unchanged.
+    """Solve least squares by QR with column pivoting, the basic solution where rank is deficient.
 
     Of the usual ways to solve a system of short rank this one takes the condensed equation error to
     the paper's result in its five iterations from both readings of its error rates; least-norm
@@ -280,7 +268,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def local_of(problem: Problem, residual: ByLine, x: _Vector) -> Local:
+def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector) -> Local:
     """Return the reduced problem of all tests at x.
 
     Raises
@@ -293,45 +281,45 @@ def local_of(problem: Problem, residual: ByLine, x: _Vector) -> Local:
     )
 
 
-def check_unknowns(
-    problem: Problem, name: str, cannot: Sequence[str], instead: str, *, priors: bool = False
-) -> None:
+def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
     """Refuse unknowns that a method cannot update, and priors where it knows none.
 
     Parameters
     ----------
     problem : Problem
         Whose unknowns they are.
-    name : str
+    method : Method
         The method.
-    cannot : sequence of str
-        Quantities that it cannot update.
-    instead : str
-        What to do, for the message.
     priors : bool
         Whether it knows priors.
 
     Raises
     ------
     ParameterError
-        If an unknown acts on such a quantity.
+        If an unknown acts on a quantity that the method cannot update.
     OptionError
         If an unknown has a prior.
     """
     for p in problem.coordinates.parameters:
         for d in p.acts_on:
-            if d.quantity in cannot:
+            if d.quantity in method.cannot:
                 raise ParameterError(
-                    f"method {name!r} cannot update {d.quantity} (unknown {p.name!r}); {instead}"
+                    f"method {method.name!r} cannot update {d.quantity} (unknown {p.name!r});"
+                    f" {method.instead}"
                 )
     if not priors and problem.coordinates.prior[1].any():
         raise OptionError(
-            f"method {name!r}, the plain iteration, knows no priors; leave prior_std out"
+            f"method {method.name!r}, the plain iteration, knows no priors; leave prior_std out"
         )
 
 
 def fit_of(
-    problem: Problem, residual: ByLine, x: _Vector, reason: str, kind: str, note: str
+    problem: Problem,
+    residual: LineResidual | EachOf[Any],
+    x: _Vector,
+    reason: str,
+    kind: str,
+    note: str,
 ) -> Fit:
     """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere."""
     try:

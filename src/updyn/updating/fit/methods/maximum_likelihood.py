@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.method import Fit, descend, known_length, stopped_at
+from updyn.updating.fit.method import Fit, Method, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
@@ -27,7 +27,7 @@ _FALL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class MaximumLikelihood:
+class MaximumLikelihood(Method):
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
     The weights follow the model, not the noisy data: they are renewed after every descent until the
@@ -57,21 +57,16 @@ class MaximumLikelihood:
     inflate: bool = True
     continuation: bool = True
 
+    name: ClassVar[str] = "maximum-likelihood"
+    label: ClassVar[str] = "fit weighted with the noise"
     reference: ClassVar[str] = "Pintelon & Schoukens 2012; Green 1984"
-    calibrates: ClassVar[bool] = (
-        True  # compares with `Problem.block`, which has the calibration factors
-    )
+    calibrates: ClassVar[bool] = True
+    can_regularise: ClassVar[bool] = True
+    is_likelihood: ClassVar[bool] = True
+    states_noise: ClassVar[bool] = True
 
     def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return where to begin: the best basin of the log error, shape (n,).
-
-        Parameters
-        ----------
-        problem : Problem
-            Model, data and unknowns.
-        monitor : Monitor
-            Who watches.
-        """
+        """Return where to begin: the best basin of the log error, shape (n,)."""
         x = problem.coordinates.to_x(problem.coordinates.parameters.start)
         if self.starts:
             rough = problem.thinned(SEARCH_LINES)
@@ -102,24 +97,8 @@ class MaximumLikelihood:
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns.
-
-        Parameters
-        ----------
-        problem : Problem
-            Model, data and unknowns.
-        noises : sequence of NoiseModel
-            How uncertain the data of each part are.
-        monitor : Monitor
-            Who watches.
-        x : ndarray of float, shape (n,)
-            Where to begin.
-
-        Returns
-        -------
-        Fit
-        """
-        with monitor.stage("maximum-likelihood"):
+        """Fit the unknowns from x, weighted by the noise."""
+        with monitor.stage(self.name):
             x, reason, weighted = self._weighted(problem, noises, x, monitor)
             if weighted is not None:
                 with suppress(Stopped):
@@ -174,8 +153,8 @@ class MaximumLikelihood:
         )
         length = known.get("correlation_length", 1.0)
         # More misfit than the noise explains widens the error bars; less of it narrows them only
-        # where the scale of the noise was not known. Misfit that is alike from line to line holds
-        # less information than independent noise.
+        # where the scale of the noise was not known. A serially correlated misfit holds less
+        # information than independent noise.
         scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
         inflation = float(np.sqrt(scale * length))
         record = {
@@ -192,7 +171,7 @@ class MaximumLikelihood:
 def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
-    """Return the noise models after a look at the residual, and the weights that follow from them at x."""
+    """Return the noise models refitted to the residual at x, and the residual that they weight."""
     looked, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)

@@ -16,7 +16,7 @@ from updyn.errors import DataError, OptionError, ParameterError, SolverError, su
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.sensitivity import RealModes, separated, slopes
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local, joined, reduce
@@ -37,7 +37,7 @@ _Vector = NDArray[np.float64]
 
 #: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
 _ASSUMED = 0.01
-_CURE = (
+_ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
     " or sensors that tell their shapes; or fit the FRFs with the default method, whose level shows"
     " both."
@@ -45,7 +45,7 @@ _CURE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ModalMethod:
+class ModalMethod(Method):
     """Frequencies and shapes of paired modes, by exact sensitivities (method ``"modal"``).
 
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
@@ -88,8 +88,13 @@ class ModalMethod:
     mac: float = 0.8
     modes: ModeSet | Mapping[str, ModeSet] | None = None
 
+    name: ClassVar[str] = "modal"
     reference: ClassVar[str] = "Fox & Kapoor 1968, Nelson 1976"
     needs: ClassVar[str] = "modes that can be told apart"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        " tier 'sparse'"
+    )
     cannot: ClassVar[tuple[str, ...]] = (
         *(q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")),
         *CHANNELS,
@@ -98,7 +103,8 @@ class ModalMethod:
     def __post_init__(self) -> None:
         if self.shapes and not self.shape_weight > 0:
             raise OptionError(
-                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes out",
+                "option shape_weight = 0: expected a number above 0; shapes=False leaves shapes"
+                " out",
                 key=("shape_weight",),
             )
         if self.mac > 1.0:
@@ -113,10 +119,6 @@ class ModalMethod:
                     " updyn.read_modes, or name the file in a job: [test] modes",
                     key=("modes",),
                 )
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -136,7 +138,7 @@ class ModalMethod:
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
-        with monitor.stage("modal"):
+        with monitor.stage(self.name):
             try:
                 measured = [Target.of(part, self._measured(part)) for part in problem.parts]
                 outcome, residual, kept = self._in_rounds(problem, measured, x, monitor)
@@ -165,7 +167,7 @@ class ModalMethod:
                 f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
             )
         unit = sigma if sigma > 0 else 1.0
-        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), cure=_CURE)
+        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), advice=_ADVICE)
 
     def _check_unknowns(self, problem: Problem) -> None:
         unseen = [
@@ -206,7 +208,7 @@ class ModalMethod:
     def _in_rounds(
         self, problem: Problem, measured: Sequence[Target], x: _Vector, monitor: Monitor
     ) -> tuple[Outcome, ModalError, list[NDArray[np.bool_]]]:
-        """Fit the modes that resemble one of the model, then those too that do so there, until there are no more."""
+        """Fit the modes that pair, and again with those that pair where the fit ends."""
         left, kept = (
             self.max_iterations,
             [np.zeros(len(target.value), dtype=np.bool_) for target in measured],
@@ -260,7 +262,7 @@ def _shown(target: Target, which: NDArray[np.bool_]) -> str:
 
 
 def _spread(local: Local, count: int, n: int) -> float:
-    """Return the standard deviation of a frequency: sqrt(2 cost / (count - n)); as assumed where nothing is left."""
+    """Return the standard deviation of a frequency: sqrt(2 cost / (count - n)), else `_ASSUMED`."""
     return float(np.sqrt(2.0 * local.cost / (count - n))) if count > n else _ASSUMED
 
 
@@ -414,12 +416,12 @@ class ModalError:
 
     @property
     def count(self) -> int:
-        """Number of independent residuals: of a shape with k sensors k - 1, as its length is free."""
+        """Number of independent residuals; k - 1 of a shape with k sensors (its length is free)."""
         shapes = [t.shapes.shape[0] - 1 if self.shape_weight else 0 for t in self.targets]
         return sum(len(t.value) * (1 + s) for t, s in zip(self.targets, shapes, strict=True))
 
     def local(self, problem: Problem, x: _Real) -> Local | None:
-        """Return the reduced problem at x, or None where modes or their derivatives cannot be computed."""
+        """Return the reduced problem at x, or None where modes cannot be computed."""
         try:
             return self.solved(problem, x)
         except SolverError:

@@ -1,4 +1,4 @@
-"""Independently reduced FRF method: unit matrices reduced once by one fixed transformation (Xu Zhangming)."""
+"""FRF method on unit matrices that are reduced once by a fixed transformation (Xu Zhangming)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
-from updyn.updating.fit.method import Fit
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
@@ -49,17 +49,16 @@ _ADVICE = (
 
 
 @dataclass(frozen=True, slots=True)
-class ReducedFrfMethod:
-    """e_j - Z_r h_X = dZ_r h_X with unit matrices reduced independently of each other (method ``"reduced-frf"``).
+class ReducedFrfMethod(Method):
+    """e_j - Z_r h_X = dZ_r h_X with independently reduced matrices (method ``"reduced-frf"``).
 
     The method that Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with and
     criticise: K_e, M_e and C_e of every unit become T^T K_e T and so on with one real
     transformation T onto the measured DOFs, made from the undamped model at its start; then
     stiffness, mass and damping are identified in separate steps, each a linear solve with the
     others held, in turn. As the paper does not print its formulas, T is that of Guyan (AIAA J. 3
-    (1965)
-    380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705; Paz, AIAA J. 22
-         (1984) 724).
+    (1965) 380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705; Paz,
+    AIAA J. 22 (1984) 724).
 
     T is exact at its own frequency and for the start's stiffnesses only. Where DOFs are eliminated
     that have inertia or stand between units, the estimate is wrong even without noise. It is exact
@@ -84,19 +83,19 @@ class ReducedFrfMethod:
     frequency: float = 0.0
     separate: bool = True
 
+    name: ClassVar[str] = _NAME
+    label: ClassVar[str] = "force equation of the reduced model"
     reference: ClassVar[str] = "Xu Zhangming, as in Bao, Wang & Cheng 2010"
     needs: ClassVar[str] = "the drive point of every reference"
-    cannot: ClassVar[tuple[str, ...]] = ()
-
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'"
+    )
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        check_unknowns(problem, _NAME, self.cannot, "")
+        check_unknowns(problem, self)
         residual = _ReducedEquationError(frequency=self.frequency)
         for part in problem.parts:
             residual.check(part)
@@ -129,8 +128,8 @@ class _ReducedEquationError(EquationError):
     frequency: float = 0.0
 
     @property
-    def mark(self) -> str:  # type: ignore[override]
-        """What tells it from others of its name."""
+    def cache_key(self) -> str:
+        """The frequency of the transformation."""
         return f"frequency={self.frequency!r}"
 
 
@@ -189,7 +188,7 @@ def _projected(
 
 
 def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
-    """Return the values, shape (n,), after one step each for stiffness, mass and damping, the others held."""
+    """Return the values, shape (n,), after separate steps for stiffness, mass and damping."""
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)

@@ -10,12 +10,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError, OptionError, SolverError, suggest
+from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.model import GROUP_QUANTITIES
 from updyn.sensitivity import contract
-from updyn.updating.fit.method import Fit, descend_to_scale
+from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.linear import (
     Amounts,
     Plain,
@@ -26,9 +26,9 @@ from updyn.updating.fit.methods.linear import (
 )
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import LineResidual
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -49,7 +49,7 @@ _ADVICE = "Use solver='trust-region'."
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseFunctionMethod:
+class ResponseFunctionMethod(Method):
     """(h_A - h_X) = H_A dZ h_X with the measured column h_X of all DOFs (method ``"rfm"``).
 
     H_A - H_X = H_A (Z_X - Z_A) H_X holds for any size of change (Lin & Ewins, "Model updating using
@@ -69,9 +69,8 @@ class ResponseFunctionMethod:
     tolerance : float
         Relative step at which it has converged.
     solver : {"gauss-newton", "trust-region"}
-        The plain iteration as published, or the same linear equation within bounds and a trust
-        region on
-        |h_A - h_X|, with priors.
+        The plain iteration as published; or the same linear equation within bounds, a trust region
+        on |h_A - h_X| and priors.
     expand : bool
         False: every DOF of the model has to be measured. True: DOFs without a sensor take the
         model's motion, renewed in every step, and only measured rows are used (Lin & Ewins 1994;
@@ -85,9 +84,13 @@ class ResponseFunctionMethod:
     expand: bool = False
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("gauss-newton", "trust-region")
-    NAME: ClassVar[str] = "rfm"
+    name: ClassVar[str] = "rfm"
+    label: ClassVar[str] = "response function equation"
     reference: ClassVar[str] = "Lin & Ewins 1990, 1994"
     needs: ClassVar[str] = "every DOF measured (or expand = true)"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
+    )
     cannot: ClassVar[tuple[str, ...]] = tuple(
         q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")
     )
@@ -100,20 +103,16 @@ class ResponseFunctionMethod:
                 key=("solver",),
             )
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the start of the unknowns, shape (n,): there is no search."""
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
-
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
         plain = self.solver == "gauss-newton"
-        check_unknowns(problem, self.NAME, self.cannot, self.instead, priors=not plain)
-        residual = ResponseEquation(self.NAME, self.expand)
+        check_unknowns(problem, self, priors=not plain)
+        residual = ResponseEquation(self.name, self.expand)
         for part in problem.parts:
             residual.check(part)
-        with monitor.stage(self.NAME):
+        with monitor.stage(self.name):
             if plain:
                 step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
                 settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
@@ -137,7 +136,7 @@ class ResponseFunctionMethod:
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseEquation:
+class ResponseEquation(LineResidual):
     """r = (H_A - H_X) / level, with derivatives -H_A Z' h_X that the measured motion stands in.
 
     Parameters
@@ -157,8 +156,8 @@ class ResponseEquation:
     expand: bool = False
 
     @property
-    def mark(self) -> str:
-        """What tells it from others of its name."""
+    def cache_key(self) -> str:
+        """Whether it expands."""
         return f"expand={self.expand}"
 
     def check(self, part: Part) -> None:
@@ -187,28 +186,9 @@ class ResponseEquation:
                 " missing motion from the model"
             )
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
-        try:
-            return local_of(problem, self, x)
-        except SolverError:
-            return None
-
-    def of(self, part: int) -> ResponseEquation:
-        """Return itself."""
-        return self
-
-    def on(self, part: Part, lines: slice) -> ResponseEquation:
-        """Return itself."""
-        return self
-
-    def partition(self, part: Part) -> list[slice]:
-        """Return the blocks of lines."""
-        return part.partition()
-
     @alone
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, n_i, n_j), and derivatives by x, shape (n, n_f, n_i, n_j), at some lines."""
+        """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         solver, system, values = part.solver, part.solver.system, part.values(x)
         freq, omega, state = (
             part.frf.freq[lines],
@@ -231,7 +211,7 @@ class ResponseEquation:
 
 @dataclass(frozen=True, slots=True)
 class ComplexResponseFunctionMethod(ResponseFunctionMethod):
-    """(h_A - h_X) = H_A dZ h_X with complex stiffnesses K_e (1 + i gamma_e) (method ``"complex-rfm"``).
+    """(h_A - h_X) = H_A dZ h_X with complex stiffness K_e (1 + i gamma_e) (``"complex-rfm"``).
 
     The response function method with the damping of the structure among its unknowns (Lin & Zhu,
     "Model updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006)
@@ -258,9 +238,13 @@ class ComplexResponseFunctionMethod(ResponseFunctionMethod):
     solver: str = "gauss-newton"
     expand: bool = False
 
-    NAME: ClassVar[str] = "complex-rfm"
+    name: ClassVar[str] = "complex-rfm"
+    label: ClassVar[str] = "response function equation, complex stiffnesses"
+    needs_exact: ClassVar[str] = (
+        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
+        " 'sparse'"
+    )
     reference: ClassVar[str] = "Lin & Zhu 2006"
-    needs: ClassVar[str] = "every DOF measured (or expand = true)"
     cannot: ClassVar[tuple[str, ...]] = tuple(
         q for q in ResponseFunctionMethod.cannot if q != "loss_factor"
     )

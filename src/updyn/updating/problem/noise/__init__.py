@@ -1,19 +1,24 @@
-"""Noise models: how uncertain each measured value is, given or estimated; one file each.
+"""Noise models: how uncertain each measured value is, known or estimated.
 
 Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half
 of it each. Where the noise is proportional the model's |H| is used, not the measured one, as
 weights made from noisy data bias the estimate.
+
+A further model derives from `NoiseModel` and is registered under the name by which ``noise="NAME"``
+asks for it: ``NOISE_MODELS.register("my-noise", MyNoise)``, or an entry point of the group
+``updyn.noise``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
+from updyn.registry import Registry
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
 from updyn.updating.problem.noise.known import (
     ASSUMED,
@@ -29,6 +34,7 @@ from updyn.updating.problem.noise.robust import FREEDOM, Robust
 
 __all__ = [
     "ASSUMED",
+    "NOISE_MODELS",
     "Assumed",
     "Coherence",
     "Estimated",
@@ -45,14 +51,17 @@ __all__ = [
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
 
-#: Where the noise may be taken from, by name; with the tails of its distribution, in degrees of
-#: freedom.
-SOURCES: dict[str, Callable[[FRF, float], NoiseModel]] = {
-    "variance": lambda frf, tails: Variance(),
-    "coherence": lambda frf, tails: Coherence.of(frf),
-    "estimated": lambda frf, tails: Estimated(tails=tails),
-    "estimated-by-channel": lambda frf, tails: EstimatedByChannel(tails),
-}
+#: Noise models that `choose_noise` finds by name.
+NOISE_MODELS: Registry[type[NoiseModel]] = Registry(
+    "noise",
+    "updyn.noise",
+    {
+        "variance": Variance,
+        "coherence": Coherence,
+        "estimated": Estimated,
+        "estimated-by-channel": EstimatedByChannel,
+    },
+)
 _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
 
 
@@ -106,19 +115,16 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
         single = frf.averages == 1  # its coherence is 1 whatever the noise
         usable = frf.coherence is not None and not single
         source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
-    if source not in SOURCES:
+    if source not in NOISE_MODELS:
         raise OptionError(
-            f"noise {source!r}: {suggest(str(source), SOURCES)}, or a table with relative and floor",
+            f"noise {source!r}: {suggest(str(source), NOISE_MODELS)}, or a table with relative and"
+            " floor",
             key=("noise",),
         )
-    if source in ("variance", "coherence") and getattr(frf, source) is None:
-        raise OptionError(f"noise {source!r}: the data carry no {source}", key=("noise",))
-    if source == "coherence" and frf.averages == 1:
-        raise OptionError(
-            "noise 'coherence': that of a single average is 1 whatever the noise; it says nothing",
-            key=("noise",),
-        )
-    return SOURCES[source](frf, tails)
+    model = NOISE_MODELS[source]
+    if model.needs and getattr(frf, model.needs) is None:
+        raise OptionError(f"noise {source!r}: the data carry no {model.needs}", key=("noise",))
+    return model.of_data(frf, tails)
 
 
 def _stated(noise: Mapping[str, float | str]) -> Stated:
@@ -145,7 +151,7 @@ def _stated(noise: Mapping[str, float | str]) -> Stated:
 
 
 def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
-    """Return the noise model that a result tells of, with nothing left to estimate but what a robust one weighs.
+    """Return the noise model of a result's record, its numbers held.
 
     Parameters
     ----------
@@ -160,18 +166,23 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
         If the data lack what the record speaks of.
     """
     base: NoiseModel
-    if record.get("kind") in ("variance", "coherence"):
+    if "relative_by_channel" in record:
+        base = _by_channel_of(record, frf)
+    elif record.get("kind") in NOISE_MODELS and "relative" not in record:
         base = _sourced(record["kind"], frf)
-    elif "relative_by_channel" in record:
-        relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
-        lacking = [label for label in frf.responses.labels if label not in relative]
-        if lacking:
-            raise OptionError(
-                f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
-            )
-        names = tuple(frf.responses.labels)
-        a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
-        base = EstimatedByChannel(relative=a, floor=b, names=names, held=True)
     else:
         base = Stated(float(record.get("relative", 0.0)), float(record.get("floor", 0.0)))
     return Robust(base) if record.get("robust") == Robust.name else base
+
+
+def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
+    """Return the noise by channel that a record states."""
+    relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
+    names = tuple(frf.responses.labels)
+    lacking = [label for label in names if label not in relative]
+    if lacking:
+        raise OptionError(
+            f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
+        )
+    a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
+    return EstimatedByChannel(relative=a, floor=b, names=names, held=True)

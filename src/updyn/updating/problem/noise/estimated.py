@@ -1,4 +1,4 @@
-"""Noise estimated from the residual, along with the unknowns."""
+"""Noise models that are estimated from the residual, along with the unknowns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from updyn.updating.problem.noise.known import (
     ASSUMED,
     SMALLEST,
     Assumed,
+    NoiseModel,
     Stated,
     level_by_unit,
     two_part,
@@ -30,7 +31,7 @@ _SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Estimated:
+class Estimated(NoiseModel):
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with both numbers estimated from the residual.
 
     They maximise the likelihood of the residual under complex Gaussian noise; the residual is first
@@ -50,14 +51,19 @@ class Estimated:
     floor: float = np.nan
     tails: float = np.inf
     kind: ClassVar[str] = "estimated from the residual"
-    scale_known: ClassVar[bool] = True  # once it has been estimated
+    source: ClassVar[str] = "estimated"
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
+        """Return the model that has not seen a residual yet."""
+        return cls(tails=tails)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return two_part(self.relative, self.floor, H, level_by_unit(frf))
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
-        """Return the model with `relative` and `floor` estimated from frf - H, or `Assumed` where nothing is left."""
+        """Return the model estimated from frf - H, or `Assumed` without degrees of freedom."""
         if 2 * H.size <= n_parameters:
             return Assumed(**ASSUMED)
         level = np.broadcast_to(level_by_unit(frf), H.shape)
@@ -117,8 +123,8 @@ _ENOUGH = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EstimatedByChannel:
-    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two numbers for each response, from its own residual.
+class EstimatedByChannel(NoiseModel):
+    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two estimated numbers for each response.
 
     Parameters
     ----------
@@ -139,7 +145,12 @@ class EstimatedByChannel:
     names: tuple[str, ...] = ()
     held: bool = False
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
-    scale_known: ClassVar[bool] = True  # once it has been estimated
+    source: ClassVar[str] = "estimated"
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
+        """Return the model that has not seen a residual yet."""
+        return cls(tails=tails)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -150,7 +161,7 @@ class EstimatedByChannel:
     def refit(
         self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
     ) -> EstimatedByChannel | Estimated | Assumed:
-        """Return the model with the numbers of each response, or of all together where these have too few values."""
+        """Return the model estimated by response, or as one where there are few values."""
         if self.held:
             return self
         if 2 * H.size <= n_parameters or H[:, 0].size < _ENOUGH:

@@ -1,13 +1,15 @@
-"""What a noise model offers, and what several of them share."""
+"""Base class of the noise models, and those whose variance is stated or follows from the data."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.errors import OptionError
 from updyn.frf import FRF
 
 __all__ = [
@@ -34,29 +36,63 @@ SMALLEST = 1e-12
 ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
-class NoiseModel(Protocol):
-    """What a noise model offers."""
+class NoiseModel(ABC):
+    """Base of the noise models: how uncertain each measured value is.
+
+    Attributes
+    ----------
+    needs : str
+        Field of the FRF without which the model cannot be used, such as ``"coherence"``; may be
+        empty.
+    """
+
+    __slots__ = ()
+
+    needs: ClassVar[str] = ""
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> NoiseModel:
+        """Return the model for the data of a fit.
+
+        Parameters
+        ----------
+        frf : FRF
+            The data.
+        tails : float
+            Degrees of freedom of Student's distribution, where it is estimated; inf: Gaussian.
+        """
+        return cls()
 
     @property
+    @abstractmethod
     def kind(self) -> str:
-        """How the noise is known."""
+        """How the noise is known, for the record."""
+
+    @property
+    def source(self) -> str:
+        """Where it is known from: ``"data"``, ``"stated"``, ``"estimated"`` or ``"assumed"``."""
+        return "data"
 
     @property
     def scale_known(self) -> bool:
         """Whether the variance is known absolutely, or only up to one factor."""
+        return True
 
+    @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
-        """Return E|dH|^2 of each value for a model's H, shape (n_f, n_i, n_j), in the unit of the data squared."""
+        """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
-        """Return the noise model after a look at the residual; the same where nothing is estimated."""
+        """Return the noise model refitted to the residual; itself where nothing is estimated."""
+        return self
 
     def figures(self) -> dict[str, Any]:
-        """Return what is stated or was estimated, for the record."""
+        """Return the stated or estimated numbers for the record; empty where data hold them."""
+        return {}
 
 
 def level_by_unit(frf: FRF) -> _Real:
-    """Return the rms of |H_X| over all data of one unit (translation or rotation), shape (1, n_i, n_j)."""
+    """Return the rms of |H_X| over all data of one unit, shape (1, n_i, n_j)."""
     rows, columns = frf.responses.axes >= 3, frf.references.axes >= 3
     kind = 2 * rows[:, None] + columns[None, :]
     squared = np.mean(np.abs(frf.values) ** 2, axis=0)
@@ -72,7 +108,7 @@ def two_part(relative: float | _Real, floor: float | _Real, H: _Complex, level: 
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class Stated(NoiseModel):
     """E|dH|^2 = (relative |H|)^2 + (floor rms)^2, as the user states it.
 
     Parameters
@@ -86,15 +122,11 @@ class Stated:
     relative: float
     floor: float
     kind: ClassVar[str] = "stated"
-    scale_known: ClassVar[bool] = True
+    source: ClassVar[str] = "stated"
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return two_part(self.relative, self.floor, H, level_by_unit(frf))
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Stated:
-        """Return itself."""
-        return self
 
     def figures(self) -> dict[str, Any]:
         """Return relative and floor."""
@@ -108,28 +140,21 @@ class Assumed(Stated):
     As many unknowns as measured numbers fit any noise, and leave no residual to estimate it from.
     """
 
+    source: ClassVar[str] = "assumed"
     kind: ClassVar[str] = "assumed: as many unknowns as measured numbers, the residual cannot tell"
 
 
 @dataclass(frozen=True, slots=True)
-class Variance:
+class Variance(NoiseModel):
     """The variance that came with the data."""
 
     kind: ClassVar[str] = "variance"
-    scale_known: ClassVar[bool] = True
+    needs: ClassVar[str] = "variance"
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         assert frf.variance is not None
         return np.maximum(frf.variance, (1e-9 * level_by_unit(frf)) ** 2)
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Variance:
-        """Return itself."""
-        return self
-
-    def figures(self) -> dict[str, Any]:
-        """Return nothing: the numbers are in the data."""
-        return {}
 
 
 #: Averages that are taken for the smoothing, where their number is not known.
@@ -137,8 +162,8 @@ _USUAL = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coherence:
-    """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), made steady along the lines (`smooth.steady`).
+class Coherence(NoiseModel):
+    """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines (`steady`).
 
     H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2)
     S_yy is the output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010,
@@ -163,10 +188,23 @@ class Coherence:
     freq: NDArray[np.float64] | None = None
     learnt: Steady | None = None
     kind: ClassVar[str] = "coherence"
+    needs: ClassVar[str] = "coherence"
 
     @classmethod
-    def of(cls, frf: FRF) -> Coherence:
-        """Return the model that has learnt from all lines of `frf`, for these or fewer of them."""
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
+        """Return the model that has learnt from all lines of `frf`, for these or fewer of them.
+
+        Raises
+        ------
+        OptionError
+            If the data are of a single average.
+        """
+        if frf.averages == 1:
+            raise OptionError(
+                "noise 'coherence': that of a single average is 1 whatever the noise; it says"
+                " nothing",
+                key=("noise",),
+            )
         return cls(frf.averages is not None, frf.freq, _learn(frf))
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
@@ -180,14 +218,6 @@ class Coherence:
             if at[-1] < len(self.freq) and (self.freq[at] == frf.freq).all():
                 return self.learnt.at(np.abs(H), at)
         return _learn(frf).at(np.abs(H))
-
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Coherence:
-        """Return itself."""
-        return self
-
-    def figures(self) -> dict[str, Any]:
-        """Return nothing: the numbers are in the data."""
-        return {}
 
 
 def _learn(frf: FRF) -> Steady:
@@ -221,7 +251,7 @@ class Steady:
     relative: _Real
 
     def at(self, size: _Real, lines: slice | NDArray[np.intp] = slice(None)) -> _Real:
-        """Return the variance where the model has magnitudes `size`, shape (n_f, ...), at some of the lines."""
+        """Return the variance for magnitudes `size`, shape (n_f, ...), at some of the lines."""
         return np.asarray(self.floor[lines] + self.relative[lines] * size**2)
 
 
@@ -265,7 +295,7 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
 
 
 def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
-    """Return where a ratio, shape (n_f, ...), does not stand out from its median over `width` lines."""
+    """Return where a ratio, shape (n_f, ...), is not far above its median over `width` lines."""
     from scipy.ndimage import median_filter
 
     around = median_filter(ratio, size=(width, *(1,) * (ratio.ndim - 1)), mode="reflect")
@@ -297,7 +327,7 @@ def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Rea
 
 
 def _hats(n_f: int, knots: int) -> _Real:
-    """Return `knots` piecewise linear functions over the lines, shape (n_f, knots), whose sum is 1."""
+    """Return piecewise linear functions over the lines, shape (n_f, knots), of sum 1."""
     if knots == 1:
         return np.ones((n_f, 1))
     at = np.linspace(0.0, knots - 1.0, n_f)

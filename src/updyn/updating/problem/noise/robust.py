@@ -1,4 +1,4 @@
-"""Noise with outliers: values that the model and the other values make unlikely count less."""
+"""Noise with outliers: iteratively reweighted Student's t distribution."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robust:
+class Robust(NoiseModel):
     """Another noise model, with the tails of Student's distribution instead of the Gaussian ones.
 
     A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v,
@@ -60,8 +60,13 @@ class Robust:
         return self.base.kind
 
     @property
+    def source(self) -> str:
+        """Where the noise without its outliers is known from."""
+        return self.base.source
+
+    @property
     def scale_known(self) -> bool:
-        """Whether the variance is known absolutely: it is, at the latest once a residual was seen."""
+        """Whether the variance is known absolutely: it is, once it has been refitted."""
         return True
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
@@ -81,7 +86,7 @@ class Robust:
         squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
         power = squared / base.variance(H, frf)  # |r|^2 / v
         bulk = float(np.median(power) / np.log(2.0))
-        follows = not base.scale_known or base.kind.startswith("estimated")
+        follows = not base.scale_known or base.source == "estimated"
         factor = bulk if follows and bulk > 0.0 else 1.0
         power = power / factor
         weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)

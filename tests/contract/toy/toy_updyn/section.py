@@ -1,0 +1,19 @@
+"""A section of the report about what ``[toy]`` gave."""
+
+from updyn.report.section import Section
+
+
+class Energy(Section):
+    """Names and values in a list."""
+
+    anchor = "toy"
+    name = heading = "Toy values"
+    place = 450.0
+    template = "toy_updyn/energy.html"
+
+    def context(self, content):
+        """Return the values."""
+        return {"values": content.further["toy"]}
+
+
+ENERGY = Energy()
