@@ -65,7 +65,7 @@ def show(title: str, result: updyn.UpdateResult) -> None:
 
 
 def main() -> None:
-    """Show the open combination, then two cures."""
+    """Show the undetermined combination, then two cures."""
     model = drive()
     both = updyn.parameters(model, stiffness=["coupling*"])
 
