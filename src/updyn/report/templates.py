@@ -83,7 +83,7 @@ def render_template(name: str, **context: Any) -> str:
 
 
 def asset(name: str) -> str:
-    """Return the text of a script or style of the package, safe inside the element that holds it."""
+    """Return a script or style of the package, safe inside the element that holds it."""
     text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
     return (
         text.replace("</script", "<\\/script")
