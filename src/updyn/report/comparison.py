@@ -52,14 +52,14 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     Parameters
     ----------
     comparison : Comparison
-        What `updyn.compare` gave.
+        From `updyn.compare`.
     path : str or path-like
-        Where to write; an existing file is replaced only once the new page is complete.
+        The file; an existing one is replaced only once the new page is complete.
 
     Returns
     -------
     Path
-        Where the page is.
+        The file.
     """
     return write_page(render(comparison), path)
 
