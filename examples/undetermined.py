@@ -1,9 +1,9 @@
-"""An undetermined case, and its cure: two springs in series with no sensor between them.
+"""An undetermined case and its remedies: two springs in series with no sensor between them.
 
-A flange couples two shafts and is too light to matter. Whatever is measured on the shafts sees only
-the sum of the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes
-softer. updyn says so, names the combination that is open and the one that is determined, and says
-what would cure it. Here a sensor on the flange, or one spring known from elsewhere.
+A flange of negligible mass couples two shafts. Measurements on the shafts depend only on the sum of
+the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes softer. The
+result states the undetermined combination, the determined one, and an advice for the experiment:
+here a sensor on the flange, or one spring known from another test.
 
 Run it with ``python examples/undetermined.py``.
 """
@@ -43,29 +43,26 @@ def measure(model: updyn.Model, responses: list[str]) -> updyn.FRF:
         model.scaled(TRUTH), np.linspace(5.0, 60.0, 111), responses, ["1:RZ"], quantity="mobility"
     )
     rng = np.random.default_rng(7)
-    noise = (
-        rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)
-    ) / np.sqrt(2.0)
-    return updyn.FRF(
-        exact.freq, exact.values * (1.0 + 0.01 * noise), responses, ["1:RZ"], "mobility"
-    )
+    real, imaginary = rng.normal(size=(2, *exact.values.shape)) / np.sqrt(2.0)
+    values = exact.values * (1.0 + 0.01 * (real + 1j * imaginary))
+    return updyn.FRF(exact.freq, values, responses, ["1:RZ"], "mobility")
 
 
 def show(title: str, result: updyn.UpdateResult) -> None:
-    """Print what matters of a result."""
+    """Print status, values and identifiability of a result."""
     ident = result.identifiability
     print(f"{title}\n  status: {result.status}, rank {ident.rank} of {ident.n_parameters}")
     for name, value in result.values.items():
         print(f"  {name} = {value:.4f}, standard deviation {result.std[name]:.2g}")
     for direction in ident.null_directions:
-        print("  open: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
+        print("  undetermined: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
     for direction in ident.determined_directions:
         print("  determined: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
     print(f"  advice: {ident.advice or 'none needed'}\n")
 
 
 def main() -> None:
-    """Show the undetermined combination, then two cures."""
+    """Show the undetermined combination, then two remedies."""
     model = drive()
     both = updyn.parameters(model, stiffness=["coupling*"])
 
@@ -73,11 +70,9 @@ def main() -> None:
     show("Sensors on motor and load", shafts)
     assert shafts.status == "not-identifiable"
     assert shafts.identifiability.rank == 1
-    # What is determined comes out right all the same: the sum of the compliances.
-    k1, k2 = (
-        2000.0 * shafts.values["coupling 1.stiffness"],
-        3000.0 * shafts.values["coupling 2.stiffness"],
-    )
+    # The determined combination, the sum of the compliances, is correct all the same.
+    k1 = 2000.0 * shafts.values["coupling 1.stiffness"]
+    k2 = 3000.0 * shafts.values["coupling 2.stiffness"]
     compliance = 1.0 / k1 + 1.0 / k2
     true = 1.0 / (2000.0 * 0.7) + 1.0 / (3000.0 * 1.2)
     print(f"  1/k1 + 1/k2 is {compliance:.4g} rad/(N m), true {true:.4g}\n")
